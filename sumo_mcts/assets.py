@@ -1,0 +1,29 @@
+"""Where the built-in networks, routes and configs lie: in a checkout or inside the installed package."""
+
+from pathlib import Path
+
+from sumo_mcts.config import ConfigError
+
+_HERE = Path(__file__).resolve().parent
+
+
+def root() -> Path:
+    """The folder that holds networks/, routes/ and configs/."""
+    installed = _HERE / "assets"
+    return installed if installed.is_dir() else _HERE.parent
+
+
+def scenario_names() -> list[str]:
+    """The built-in scenarios."""
+    return sorted(path.stem for path in (root() / "configs").glob("*.yaml"))
+
+
+def scenario_path(name_or_path: str) -> Path:
+    """The scenario file behind a built-in name or a path. Raises ConfigError."""
+    builtin = root() / "configs" / f"{name_or_path}.yaml"
+    if builtin.is_file():
+        return builtin
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    raise ConfigError(f"{name_or_path}: no such scenario; give a .yaml, a .sumocfg, or one of: {', '.join(scenario_names())}")

@@ -1,0 +1,360 @@
+"""What a scenario file may say: every key with its unit, its default and its bounds. Unknown keys are refused."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+SCHEMA_VERSION = 1
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class ConfigError(Exception):
+    """Wrong input, in one line that names the file, the key and what is allowed."""
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+
+class SumoConfig(_Section):
+    """The simulation: either a .sumocfg, or a network with routes."""
+
+    sumocfg: str | None = Field(None, description="a .sumocfg file; its settings stay as they are")
+    net: str | None = Field(None, description="network (.net.xml, .net.xml.gz)")
+    routes: tuple[str, ...] = Field((), description="route files")
+    additional: tuple[str, ...] = Field((), description="additional files: vehicle types, signal plans, stops")
+    step_length_s: Positive | None = Field(None, description="step of the simulation; default 0.1, with a sumocfg its own")
+    options: dict[str, str | int | float | bool] = Field({}, description="further SUMO options, without the dashes")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "SumoConfig":
+        if (self.sumocfg is None) == (self.net is None):
+            raise ValueError("give either sumocfg or net")
+        return self
+
+
+class EgoConfig(_Section):
+    """A vehicle that the planner drives."""
+
+    id: str = Field(description="vehicle id; `any`: the first suitable one that departs")
+    until: str | None = Field(None, description="the goal: the end of this edge; default the last of its route")
+
+
+class Depart(_Section):
+    """Where and how an actor enters."""
+
+    time_s: NonNegative = Field(0.0, description="when it enters")
+    lane: int = Field(0, ge=0, description="lane of the first edge, 0 = rightmost")
+    pos_m: NonNegative = Field(0.0, description="position of its front on the first edge")
+    speed_mps: NonNegative = Field(0.0, description="speed at entry")
+
+
+class Event(_Section):
+    """Something that a vehicle is told to do: when, and exactly one of change_lane, slow_to_mps, stop_for_s."""
+
+    at_s: NonNegative | None = Field(None, description="when: seconds after the actor's departure")
+    at_m: NonNegative | None = Field(None, description="or where: metres driven since its departure")
+    change_lane: Literal["left", "right"] | None = Field(None, description="change to the next lane on that side")
+    slow_to_mps: NonNegative | None = Field(None, description="reach this speed (also a higher one) and keep it")
+    stop_for_s: Positive | None = Field(None, description="brake to a stand, stand this long, go on at the speed it had")
+    accel_mps2: Positive = Field(2.5, description="acceleration with which the speed changes")
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> "Event":
+        if (self.at_s is None) == (self.at_m is None):
+            raise ValueError("give either at_s or at_m")
+        if sum(x is not None for x in (self.change_lane, self.slow_to_mps, self.stop_for_s)) != 1:
+            raise ValueError("give exactly one of change_lane, slow_to_mps, stop_for_s")
+        return self
+
+
+class Vary(_Section):
+    """How far a drawn scene may lie from the written one: uniform within +- these, times traffic.vary."""
+
+    pos_m: NonNegative = Field(0.0, description="departure position")
+    speed_mps: NonNegative = Field(0.0, description="departure speed and the speeds of its events")
+    time_s: NonNegative = Field(0.0, description="departure and event times")
+
+
+class Actor(_Section):
+    """A vehicle of the scene. `script` holds its speeds and lanes whatever happens; `sumo` drives like SUMO's own traffic."""
+
+    id: str = Field(min_length=1)
+    route: tuple[str, ...] = Field(min_length=1, description="edges")
+    depart: Depart = Depart()
+    driver: Literal["sumo", "script"] = "sumo"
+    max_speed_mps: Positive | None = Field(None, description="its own top speed; default its vehicle type's")
+    vtype: str = Field("DEFAULT_VEHTYPE", description="vehicle type")
+    events: tuple[Event, ...] = ()
+    vary: Vary = Vary()
+
+
+class VehicleEvent(Event):
+    """An event for a vehicle of the route files."""
+
+    vehicle: str
+
+
+class TrafficConfig(_Section):
+    """Vehicles and events that the scenario adds to the route files."""
+
+    actors: tuple[Actor, ...] = ()
+    events: tuple[VehicleEvent, ...] = ()
+    vary: Annotated[float, Field(ge=0, le=3)] = Field(1.0, description="scale of all `vary` entries; 0 = the fixed scene")
+
+
+class EpisodeConfig(_Section):
+    """When an episode ends."""
+
+    stop_time_s: Positive | None = Field(None, description="time limit after departure; default time_limit_s")
+    success_edge: str | None = Field(None, description="arrived as soon as the front is on this edge; default the end of the goal edge")
+    time_limit_s: Positive | None = Field(None, description="time limit after departure; default 3 x free-flow time + 120")
+    depart_limit_s: Positive = Field(3600.0, description="how long to wait for the ego's departure")
+
+
+class SensorConfig(_Section):
+    """What the planner may know."""
+
+    range_m: Positive = Field(120.0, description="sensor range")
+    signals: Literal["timing", "current"] = Field("timing", description="coming signal phases are broadcast, or only the present state is seen")
+
+
+class PredictionConfig(_Section):
+    """The forward-predicted copy of the traffic."""
+
+    name: Literal["idm", "constant_velocity", "script"] = Field("idm", description="script is an oracle: the scripts of a scripted scene")
+    step_s: Positive = Field(0.2, description="time between forecast states")
+    headway_s: Positive = Field(1.2, description="IDM time headway of the others")
+    min_gap_m: Positive = Field(2.0, description="IDM gap at standstill")
+    accel_mps2: Positive = Field(2.0, description="IDM acceleration of the others")
+    decel_mps2: Positive = Field(2.5, description="IDM comfortable deceleration of the others")
+    yield_decel_mps2: Positive = Field(2.5, description="an agent is expected to yield only if this deceleration suffices")
+    yield_gap_s: NonNegative = Field(2.0, description="time gap that a yielding agent accepts")
+    stays_after_s: NonNegative = Field(2.0, description="a vehicle that stood this long without a cause is expected to stay")
+
+
+class EgoModelConfig(_Section):
+    """How the ego may move, in the plan and in SUMO alike."""
+
+    jerk_mps3: Positive = Field(4.0, description="jerk of ordinary actions")
+    emergency_jerk_mps3: Positive = Field(20.0, description="jerk of braking beyond comfort_decel_mps2")
+    comfort_decel_mps2: Positive = Field(3.0, description="strongest braking with the ordinary jerk")
+    max_decel_mps2: Positive = Field(8.0, description="strongest braking at all; never beyond the vehicle type's emergencyDecel")
+    max_accel_mps2: Positive = Field(2.6, description="strongest acceleration; never beyond the vehicle type's accel")
+    approach_decel_mps2: Positive = Field(2.0, description="braking towards lower limits, stop lines and the end of a lane")
+    stop_gap_m: NonNegative = Field(1.0, description="distance to the stop line at standstill")
+
+
+class PlannerConfig(_Section):
+    """The search."""
+
+    name: Literal["mcts", "paper", "sumo", "constant"] = "mcts"
+    iterations: int = Field(1000, ge=1, le=10_000_000, description="iteration budget of one decision")
+    time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead (not reproducible)")
+    period_s: Positive = Field(0.5, description="decision period")
+    step_s: Positive = Field(1.0, description="duration of one action in the tree (the paper's T_1)")
+    look_ahead_steps: int = Field(4, ge=1, le=12, description="levels of the tree")
+    rollout_steps: int = Field(4, ge=0, le=24, description="further steps to the terminal state")
+    check_s: Positive = Field(0.2, description="time between collision checks")
+    accelerations_mps2: tuple[Finite, ...] = Field((-8.0, -4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.6), min_length=1, description="actions that keep the lane")
+    lane_change_accelerations_mps2: tuple[Finite, ...] = Field((-1.5, 0.0, 1.5), description="actions combined with a change left and right")
+    exploration: NonNegative = Field(0.5, description="const of the UCB equation, on costs normalised to 0..1")
+    deadline: bool = Field(False, description="drop decisions later than the deadline (not reproducible)")
+
+
+class PaperConfig(_Section):
+    """Planner `paper`: what the text leaves open. The readings are listed in docs/planner.md."""
+
+    step_s: Positive = Field(1.0, description="T_1")
+    look_ahead_steps: int = Field(2, ge=1, le=12)
+    rollout_steps: int = Field(1, ge=0, le=24)
+    exploration: NonNegative = Field(5.0, description="const of the UCB equation, on raw costs")
+    brake_probability: Share = Field(0.1, description="rollout: decelerate")
+    accelerate_probability: Share = Field(0.1, description="rollout: accelerate; otherwise keep")
+    accelerations_mps2: tuple[Finite, ...] = Field((-8.0, -5.0, -4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), min_length=1)
+    lane_change_accelerations_mps2: tuple[Finite, ...] = Field((0.0,))
+    weight_safety: NonNegative = Field(100.0, description="omega_s")
+    weight_comfort: NonNegative = Field(1.0, description="omega_c")
+    weight_passability: NonNegative = Field(1.0, description="omega_p")
+    weight_other: NonNegative = Field(1.0, description="omega_o")
+    safety_threshold_m: Positive = Field(5.0, description="d_thresh")
+    contact_cost: Positive = Field(10_000.0, description="stands for the infinite cost of contact")
+    jerk_factor: NonNegative = Field(1.0, description="k of C_c = k j^2, s^6/m^2")
+    goal_distance_m: Positive = Field(100.0, description="distance of the local goal")
+    goal_factor: NonNegative = Field(1.0, description="C_p1 per metre to the local goal")
+    junction_penalty: NonNegative = Field(20.0, description="C_p2 while the junction ahead is not passed")
+    lane_change_cost: NonNegative = Field(10.0, description="C_o,lc")
+    stop_cost: NonNegative = Field(5.0, description="C_o of standing")
+    turn_cost: NonNegative = Field(0.0, description="C_o of turning at a junction")
+    emergency_cost: NonNegative = Field(20.0, description="C_o of braking beyond comfort_decel_mps2")
+
+
+class CostConfig(_Section):
+    """The terms of J for planner `mcts`. One unit is one second of standing still."""
+
+    contact: Positive = Field(60.0, description="predicted contact now; falls linearly to half of it at the horizon")
+    speed_at_contact: NonNegative = Field(1.0, description="added per m/s of speed at contact")
+    headway_s: NonNegative = Field(1.2, description="time gap below which following costs")
+    headway_gap_m: NonNegative = Field(2.0, description="gap that belongs to it at standstill")
+    headway: NonNegative = Field(1.5, description="per second at no gap at all")
+    claim_s: NonNegative = Field(1.6, description="time for which an agent's way ahead belongs to it")
+    claim: NonNegative = Field(8.0, description="per second of standing in the way of an agent that will be there at once")
+    margin_m: NonNegative = Field(0.4, description="lateral distance below which passing costs")
+    margin: NonNegative = Field(1.0, description="per second of passing closer")
+    acceleration: NonNegative = Field(0.02, description="per second at 1 m/s2, quadratic")
+    jerk: NonNegative = Field(0.005, description="k of C_c = k j^2 per second, saturating at 10 m/s3")
+    braking: NonNegative = Field(0.1, description="per second and m/s2 of braking beyond comfort_decel_mps2, quadratic")
+    progress: NonNegative = Field(1.0, description="per second of standing where the limit could be driven")
+    route: NonNegative = Field(0.35, description="per second on a lane that the route leaves, at full urgency")
+    lane_change: NonNegative = Field(0.6, description="C_o,lc per change begun")
+    red: Positive = Field(100.0, description="entering on red")
+
+
+class ScenarioConfig(_Section):
+    """One scenario file."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="safe as a file name")
+    description: str = ""
+    sumo: SumoConfig
+    egos: tuple[EgoConfig, ...] = Field(min_length=1)
+    traffic: TrafficConfig = TrafficConfig()
+    episode: EpisodeConfig = EpisodeConfig()
+    sensor: SensorConfig = SensorConfig()
+    prediction: PredictionConfig = PredictionConfig()
+    ego_model: EgoModelConfig = EgoModelConfig()
+    planner: PlannerConfig = PlannerConfig()
+    paper: PaperConfig = PaperConfig()
+    cost: CostConfig = CostConfig()
+
+
+def load(path: Path, overrides: tuple[str, ...] = ()) -> ScenarioConfig:
+    """Read a scenario file; `overrides` are `a.b=c` assignments. Files that it names are made absolute. Raises ConfigError."""
+    data = _read(path, ())
+    return build(data, str(path), overrides)
+
+
+def build(data: dict[str, Any], origin: str, overrides: tuple[str, ...] = ()) -> ScenarioConfig:
+    """Check a scenario given as a mapping; `origin` stands in error messages. Raises ConfigError."""
+    for override in overrides:
+        _assign(data, override)
+    try:
+        return ScenarioConfig.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError(f"{origin}: {_first_problem(error)}") from None
+
+
+def digest(config: BaseModel) -> str:
+    """SHA-256 of the resolved configuration, file names without their folders."""
+    data = config.model_dump(mode="json")
+    sumo = data.get("sumo", {})
+    for key in ("sumocfg", "net"):
+        sumo[key] = Path(sumo[key]).name if sumo.get(key) else None
+    for key in ("routes", "additional"):
+        sumo[key] = [Path(p).name for p in sumo.get(key, [])]
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of a scenario file."""
+    return ScenarioConfig.model_json_schema()
+
+
+def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+    """The mapping in a file, laid over the one that its `base` names; relative file names belong to the file that states them."""
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: a scenario is a mapping of keys, see `sumo-mcts schema`")
+    _absolute_paths(data.get("sumo"), path.parent)
+    base = data.pop("base", None)
+    if base is None:
+        return data
+    base_path = (path.parent / str(base)).resolve()
+    if base_path in seen:
+        raise ConfigError(f"{path}: base: {base} leads back to itself")
+    return _overlay(_read(base_path, (*seen, path.resolve())), data)
+
+
+def _absolute_paths(sumo: object, folder: Path) -> None:
+    if not isinstance(sumo, dict):
+        return
+    for key in ("sumocfg", "net"):
+        if isinstance(sumo.get(key), str):
+            sumo[key] = str((folder / sumo[key]).resolve())
+    for key in ("routes", "additional"):
+        if isinstance(sumo.get(key), list):
+            sumo[key] = [str((folder / str(p)).resolve()) for p in sumo[key]]
+
+
+def _overlay(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Mappings are merged key by key; lists of mappings with an `id` entry by that id; anything else is replaced."""
+    result = dict(under)
+    for key, value in over.items():
+        below = under.get(key)
+        if isinstance(below, dict) and isinstance(value, dict):
+            result[key] = _overlay(below, value)
+        elif _has_ids(below) and _has_ids(value):
+            merged = {item["id"]: item for item in below}  # type: ignore[union-attr]  # _has_ids says it is a list
+            for item in value:
+                merged[item["id"]] = _overlay(merged.get(item["id"], {}), item)
+            result[key] = list(merged.values())
+        else:
+            result[key] = value
+    return result
+
+
+def _has_ids(value: object) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(item, dict) and "id" in item for item in value)
+
+
+def _assign(data: dict[str, Any], override: str) -> None:
+    key, sep, text = override.partition("=")
+    if not sep or not key:
+        raise ConfigError(f"--set {override}: write it as key.subkey=value")
+    *parents, last = key.split(".")
+    for parent in parents:
+        data = data.setdefault(parent, {})
+        if not isinstance(data, dict):
+            raise ConfigError(f"--set {override}: {parent} has no keys below it")
+    try:
+        data[last] = yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise ConfigError(f"--set {override}: the value is not valid YAML") from None
+
+
+def _first_problem(error: ValidationError) -> str:
+    problem = error.errors()[0]
+    key = ".".join(str(part) for part in problem["loc"]) or "scenario"
+    message = problem["msg"].removeprefix("Value error, ")
+    if problem["type"] == "extra_forbidden":
+        message = "unknown key" + _allowed_beside(problem["loc"])
+    elif problem["type"] != "missing" and not isinstance(problem["input"], dict):
+        message += f", got {problem['input']!r}"
+    more = len(error.errors()) - 1
+    return f"{key}: {message}" + (f" (and {more} more)" if more else "")
+
+
+def _allowed_beside(location: tuple[int | str, ...]) -> str:
+    """The keys allowed where an unknown one stood."""
+    model: Any = ScenarioConfig
+    for part in location[:-1]:
+        if isinstance(part, int):
+            continue
+        field = model.model_fields.get(part)
+        inner = [] if field is None else [t for t in (field.annotation, *getattr(field.annotation, "__args__", ())) if isinstance(t, type) and issubclass(t, BaseModel)]
+        if not inner:
+            return ""
+        model = inner[0]
+    return "; allowed: " + ", ".join(model.model_fields)
