@@ -108,6 +108,7 @@ class EgoState(NamedTuple):
     vclass: int  # index into VEHICLE_CLASSES
     route: tuple[int, ...]  # edges, from the present one to the goal
     changing: float  # lane change under way: progress 0..1, 0 = none
+    change_to: int  # lane that it moves to; the same as `lane` in the second half of the change
     change_from: int  # lane that it leaves
 
 

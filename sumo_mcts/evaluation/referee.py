@@ -1,0 +1,756 @@
+"""What really happened to one ego: its outcome, who was to blame, and which rules and which other drivers it bent.
+
+Judged from the frames that SUMO's states make up, once a simulation step, for any driver of the ego alike. Nothing here knows what a planner intended.
+"""
+
+from collections.abc import Iterable
+from math import ceil, cos, hypot, inf, isfinite, isnan, sin
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_mcts.evaluation.metrics import comfortable_share, events, jerks, rms
+from sumo_mcts.scene import GREEN, IGNORING, RED, Agents, Bools, EgoState, Floats, Frame, Ints, RoadMap, Signals
+
+ARRIVED, COLLISION, TELEPORTED, OFF_ROUTE, TIMEOUT, ERROR = "arrived", "collision", "teleported", "off_route", "timeout", "error"
+
+STANDING = 0.1  # m/s: slower counts as standing
+HARD_BRAKE = 4.5  # m/s2
+IMPOSED = (2.0, 3.0, 4.0)  # m/s2
+STOPPABLE_RED, STOPPABLE_YELLOW = 4.5, 3.0  # m/s2: whoever needed more to stop could not be asked to
+SPEEDING = 0.1  # m/s above the limit
+SUBSTEP = 0.4  # m of relative motion between two box tests
+JUMP = 1.5  # m sideways within one step: a change of lanes at once, not a way driven
+TOUCHING = 0.1  # m: a contact this close to the plane of a bumper is on it
+CHANGE_COUNTS_S = 3.0
+DRIFT = 0.02  # m sideways within one step: on the way into another lane
+BLOCKED_GAP, BLOCKED_SPEED = 5.0, 1.0  # m, m/s: a leader this close and this slow blocks whoever stands behind it
+PATH_S, MIN_PATH = 4.0, 10.0  # s, m of an agent's path on which an ego is in its way
+ENTERING_S = 2.0  # s of an ego's route that count as about to be entered
+REACH = 5.0  # m along the road by which two boxes may miss each other's stretch and still meet: rounded corners, lanes of unequal length
+_EPS = 1e-6
+
+
+class Goal(NamedTuple):
+    """Where the ego has to go, and until when."""
+
+    edges: tuple[int, ...]  # its route at departure: the first is where it departed, the last the goal
+    success_edge: int  # -1: arrived at the end of the goal edge; else as soon as the front is on this edge or on one after it
+    time_limit: float  # s after departure
+    free_flow: float  # s; nan unknown
+
+
+class Contact(NamedTuple):
+    """The first overlap of two boxes. Poses are x, y, heading."""
+
+    ego: tuple[float, float, float]
+    other: tuple[float, float, float]
+    exact: bool  # found on the way; else the boxes overlap where the step began or ended, and nobody knows where they first touched
+
+
+class _Drive(NamedTuple):
+    """How the front came from one lane position to the next."""
+
+    lanes: tuple[int, ...]  # lanes entered at their start, in order
+    lines: tuple[float, ...]  # m driven up to the start of each
+    changes: int  # lane changes on the way
+    distance: float  # m
+
+
+class _Stretch(NamedTuple):
+    """A part of a lane that the ego is on or comes over: positions on that lane, m."""
+
+    lane: int
+    begin: float
+    end: float
+    front: float  # where the ego's front is, as this lane counts; below 0: not on it yet
+
+
+def boxes_overlap(first: Floats, second: Floats) -> Bools:
+    """Whether oriented boxes overlap: first and second [..., 5] broadcast, each x, y, heading, half length, half width (m, rad); separating axes."""
+    dx, dy = second[..., 0] - first[..., 0], second[..., 1] - first[..., 1]
+    c1, s1, c2, s2 = np.cos(first[..., 2]), np.sin(first[..., 2]), np.cos(second[..., 2]), np.sin(second[..., 2])
+    along, across = np.abs(c1 * c2 + s1 * s2), np.abs(c1 * s2 - s1 * c2)
+    l1, w1, l2, w2 = first[..., 3], first[..., 4], second[..., 3], second[..., 4]
+    apart = np.abs(dx * c1 + dy * s1) >= l1 + l2 * along + w2 * across
+    apart |= np.abs(dy * c1 - dx * s1) >= w1 + l2 * across + w2 * along
+    apart |= np.abs(dx * c2 + dy * s2) >= l2 + l1 * along + w1 * across
+    apart |= np.abs(dy * c2 - dx * s2) >= w2 + l1 * across + w1 * along
+    return np.asarray(~apart, dtype=np.bool_)
+
+
+def between(before: Floats, after: Floats, t: Floats) -> Floats:
+    """Poses [..., 3] (x, y, heading) at t (0..1, broadcast) of a move from pose before to pose after.
+
+    Cubic with the headings as tangents: a chord would cut the corner by a metre where a step of 1 s is driven in a bend.
+    """
+    chord = after[..., :2] - before[..., :2]
+    length = np.sqrt(np.sum(chord * chord, axis=-1))
+    turn = _wrap(after[..., 2] - before[..., 2])
+    rest = t * (1.0 - t)
+    out = np.empty((*np.broadcast_shapes(before.shape[:-1], t.shape), 3))
+    for axis, way in ((0, np.cos), (1, np.sin)):
+        start, end = way(before[..., 2]) * length - chord[..., axis], way(after[..., 2]) * length - chord[..., axis]
+        out[..., axis] = before[..., axis] + t * chord[..., axis] + rest * ((1.0 - t) * start - t * end)
+    out[..., 2] = before[..., 2] + t * turn
+    return out
+
+
+def _stray(before: Floats, after: Floats) -> Floats:
+    """[...] bound, m, on how far the way of between() leaves the chord; poses [..., 3]."""
+    dx, dy = after[..., 0] - before[..., 0], after[..., 1] - before[..., 1]
+    length = np.sqrt(dx * dx + dy * dy)
+    skew = [length * length - length * (dx * np.cos(pose[..., 2]) + dy * np.sin(pose[..., 2])) for pose in (before, after)]
+    return np.asarray(4.0 / 27.0 * sum(np.sqrt(np.maximum(2.0 * each, 0.0)) for each in skew), dtype=np.float64)
+
+
+def jumped(before: Floats, after: Floats, reach: Floats) -> Bools:
+    """[N] whether a move between poses [N, 3] cannot have been driven: sideways by more than JUMP, or further than reach [N], m."""
+    dx, dy = after[..., 0] - before[..., 0], after[..., 1] - before[..., 1]
+    # along the mean heading, so that an arc does not look like a step aside
+    mean = before[..., 2] + 0.5 * _wrap(after[..., 2] - before[..., 2])
+    return np.asarray((np.abs(dy * np.cos(mean) - dx * np.sin(mean)) > JUMP) | (dx * dx + dy * dy > reach * reach), dtype=np.bool_)
+
+
+def needed_decel(v: float, distance: float) -> float:
+    """Deceleration, m/s2, that stops from v, m/s, within distance, m."""
+    return v * v / (2.0 * max(distance, 1e-3))
+
+
+def goal_reaching_edges(road: RoadMap, goal_edge: int, vclass: int) -> Bools:
+    """[edges] whether the goal edge can be reached from an edge along lanes that the vehicle class may use, lane changes free."""
+    allowed = np.ones(len(road.edge), np.bool_) if vclass == IGNORING else (road.classes >> np.uint64(vclass)) & np.uint64(1) == 1
+    origin = np.repeat(np.arange(len(road.edge)), np.diff(road.successor_offset))
+    usable = allowed[origin] & allowed[road.successor]
+    source, target = road.edge[origin[usable]], road.edge[road.successor[usable]]
+    order = np.argsort(target, kind="stable")
+    source = source[order]
+    first = np.searchsorted(target[order], np.arange(len(road.edge_ids) + 1))
+    reached = np.zeros(len(road.edge_ids), np.bool_)
+    reached[goal_edge] = True
+    todo = [goal_edge]
+    while todo:
+        edge = todo.pop()
+        for before in source[first[edge] : first[edge + 1]]:
+            if not reached[before]:
+                reached[before] = True
+                todo.append(int(before))
+    return reached
+
+
+def _wrap(angle: Floats) -> Floats:
+    """Angles folded into -pi..pi."""
+    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi, dtype=np.float64)
+
+
+def _successors(road: RoadMap, lane: int) -> list[int]:
+    return road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]].tolist()  # type: ignore[no-any-return]
+
+
+def _predecessors(road: RoadMap, lane: int) -> list[int]:
+    """Asked for so seldom that a search through all lanes is cheaper than an index."""
+    return (np.searchsorted(road.successor_offset, np.flatnonzero(road.successor == lane), side="right") - 1).tolist()  # type: ignore[no-any-return]
+
+
+def _spread(road: RoadMap, lane: int, s: float, back: float, ahead: float) -> dict[int, float]:
+    """Lanes within back and ahead, m, of a lane position: lane -> where it starts, m from that position, ahead positive."""
+    found = {lane: -s}
+    todo = [lane]
+    while todo:  # forward
+        here = todo.pop()
+        end = found[here] + float(road.length[here])
+        for lane_after in _successors(road, here) if end <= ahead else ():
+            if lane_after not in found:
+                found[lane_after] = end
+                todo.append(lane_after)
+    seen, todo = {lane}, [lane]
+    while todo:  # backward
+        here = todo.pop()
+        for lane_before in _predecessors(road, here) if found[here] >= -back else ():
+            if lane_before not in seen:
+                seen.add(lane_before)
+                found.setdefault(lane_before, found[here] - float(road.length[lane_before]))
+                todo.append(lane_before)
+    return found
+
+
+def can_meet(road: RoadMap, first: tuple[int, float, float], second: tuple[int, float, float]) -> bool:
+    """Whether two boxes that overlap in the plane are on the same level. Each: lane of the front (-1: none), its position, m, and the box's length, m."""
+    if first[0] < 0 or second[0] < 0:
+        return True
+    if second[0] in _conflicting(road, first[0]) or first[0] in _conflicting(road, second[0]):
+        return True
+    stretches: list[dict[int, tuple[float, float]]] = []
+    junctions: list[set[int]] = []
+    for lane, s, length in (first, second):
+        back, ahead = length + REACH, REACH
+        edges: dict[int, tuple[float, float]] = {}
+        inside: set[int] = set()
+        for there, start in _spread(road, lane, s, back, ahead).items():
+            low, high = edges.get(int(road.edge[there]), (inf, -inf))
+            edges[int(road.edge[there])] = (min(low, -back - start), max(high, ahead - start))
+            if road.junction[there] >= 0:
+                inside.add(int(road.junction[there]))
+        stretches.append(edges)
+        junctions.append(inside)
+    if junctions[0] & junctions[1]:
+        return True
+    # positions count too: a ramp may lead over the road that it comes from
+    return any(stretches[0][e][0] <= stretches[1][e][1] and stretches[1][e][0] <= stretches[0][e][1] for e in stretches[0].keys() & stretches[1].keys())
+
+
+def _conflicting(road: RoadMap, lane: int) -> NDArray[np.int32]:
+    return road.conflict_lane[road.conflict_offset[lane] : road.conflict_offset[lane + 1]]
+
+
+def driven(road: RoadMap, lane: int, s: float, onto: int, onto_s: float, reach: float) -> _Drive | None:
+    """How the front got from (lane, s) to (onto, onto_s) within reach, m, with the fewest lane changes; None: not along the lanes."""
+    if lane == onto:
+        return _Drive((), (), 0, onto_s - s) if abs(onto_s - s) <= reach else None
+    # breadth first in the number of lane changes; state: lane, m driven to its start, lanes entered and where
+    layer: list[tuple[int, float, tuple[int, ...], tuple[float, ...]]] = [(lane, -s, (), ())]
+    seen = {lane}
+    for changes in range(8):
+        k = 0
+        while k < len(layer):  # grows while it is read
+            here, start, lanes, lines = layer[k]
+            k += 1
+            if here == onto and start + onto_s <= reach:
+                return _Drive(lanes, lines, changes, start + onto_s)
+            end = start + float(road.length[here])
+            for after in _successors(road, here) if end <= reach else ():
+                if after not in seen:
+                    seen.add(after)
+                    layer.append((after, end, (*lanes, after), (*lines, end)))
+        beside = []
+        for here, start, lanes, lines in layer:
+            for other in (int(road.left[here]), int(road.right[here])):
+                if other >= 0 and other not in seen:
+                    seen.add(other)
+                    beside.append((other, start, lanes, lines))
+        layer = beside
+    return None
+
+
+def shows(signals: Signals, road: RoadMap, lane: int) -> int:
+    """What the signal before an internal lane shows now."""
+    return int(signals.state[signals.offset[road.signal[lane]] + road.link[lane], 0])
+
+
+def first_contact(before: Floats, after: Floats, other_before: Floats, other_after: Floats, half: Floats, other_half: Floats) -> Contact | None:
+    """The first overlap of two boxes while both move from pose before to pose after, [3] each; half [2]: half length and half width, m."""
+    chord = (after - before - other_after + other_before)[:2]
+    turned = abs(float(_wrap(after[2] - before[2]))) * hypot(*half) + abs(float(_wrap(other_after[2] - other_before[2]))) * hypot(*other_half)
+    t = np.linspace(0.0, 1.0, ceil((hypot(*chord) + turned) / SUBSTEP) + 1 + 1)
+    hit = boxes_overlap(_boxes(between(before, after, t), half), _boxes(between(other_before, other_after, t), other_half))
+    if not hit.any():
+        return None
+    k = int(np.argmax(hit))
+    low, high = float(t[max(k - 1, 0)]), float(t[k])
+    for _ in range(10 if k else 0):
+        middle = np.array(0.5 * (low + high))
+        if boxes_overlap(_boxes(between(before, after, middle), half), _boxes(between(other_before, other_after, middle), other_half)):
+            high = float(middle)
+        else:
+            low = float(middle)
+    end = np.array(high)
+    return Contact(_pose(between(before, after, end)), _pose(between(other_before, other_after, end)), k > 0)
+
+
+def _boxes(poses: Floats, half: Floats) -> Floats:
+    """Poses [..., 3] and half sizes [2] -> boxes [..., 5]."""
+    return np.concatenate([poses, np.broadcast_to(half, (*poses.shape[:-1], 2))], axis=-1)
+
+
+def _pose(values: Floats) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def touch_point(contact: Contact, half: Floats, other_half: Floats) -> tuple[float, float]:
+    """Middle of the overlap (x, y), m; the middle of the centres where there is no overlap."""
+    ring = _corners(contact.ego, half)
+    x, y, heading = contact.other
+    for k, reach in enumerate((other_half[0], other_half[1], other_half[0], other_half[1])):  # clip by each side of the other box
+        nx, ny = cos(heading + k * np.pi / 2), sin(heading + k * np.pi / 2)
+        inside = [reach - (px - x) * nx - (py - y) * ny for px, py in ring]
+        clipped = []
+        for i, (p, d) in enumerate(zip(ring, inside, strict=True)):
+            q, e = ring[i - 1], inside[i - 1]
+            if (d >= 0) != (e >= 0):
+                clipped.append((q[0] + (p[0] - q[0]) * e / (e - d), q[1] + (p[1] - q[1]) * e / (e - d)))
+            if d >= 0:
+                clipped.append(p)
+        ring = clipped
+    if not ring:
+        return 0.5 * (contact.ego[0] + x), 0.5 * (contact.ego[1] + y)
+    return sum(p[0] for p in ring) / len(ring), sum(p[1] for p in ring) / len(ring)
+
+
+def _corners(pose: tuple[float, float, float], half: Floats) -> list[tuple[float, float]]:
+    x, y, heading = pose
+    c, s = cos(heading), sin(heading)
+    return [(x + a * half[0] * c - b * half[1] * s, y + a * half[0] * s + b * half[1] * c) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+
+
+def _forward(pose: tuple[float, float, float], point: tuple[float, float]) -> float:
+    """How far a point lies ahead of the middle of a box, m."""
+    return (point[0] - pose[0]) * cos(pose[2]) + (point[1] - pose[1]) * sin(pose[2])
+
+
+class Referee:
+    """Judges one ego. Feed it every frame from the take-over on; it answers with the outcome once there is one."""
+
+    def __init__(self, road: RoadMap, goal: Goal, step: float, take_over: Frame | None = None) -> None:
+        """``step`` in s. take_over: the state in which the ego was taken over, right after its departure; else the first frame observed is it."""
+        self._road, self._goal, self._step = road, goal, step
+        self._outcome: str | None = None
+        self._error: str | None = None
+        self._at_fault: bool | None = None
+        self._last: Frame | None = None
+        self._departed = 0.0
+        self._finished: float | None = None
+        self._reaching: Bools = np.zeros(0, np.bool_)
+        # position on the route, as an index into goal.edges; the success edge may come twice on it, the last time counts
+        self._at = 0
+        self._success = max((k for k, edge in enumerate(goal.edges) if edge == goal.success_edge), default=-1)
+        self._on_goal = self._done = False
+        # one entry a state, from take-over on
+        self._v: list[float] = []
+        self._heading: list[float] = []
+        self._odometer: list[float] = []
+        self._speeding = 0
+        self._changes = 0
+        self._change_began = -inf
+        self._trail: list[int] = []  # lanes under the ego, the front's last
+        self._last_green: NDArray[np.int64] = np.zeros(0, np.int64)  # per signalled link: the state in which it last showed green
+        self._red = self._yellow = 0
+        self._red_junction = -1  # entered against red
+        self._red_runners: dict[str, int] = {}  # agent -> junction that it entered against red
+        self._collided: list[str] = []
+        self._imposed: list[tuple[float, float]] = []  # time, deceleration
+        self._ttc, self._pet, self._drac = inf, inf, -inf
+        if take_over is not None:
+            self._begin(take_over)
+
+    def fail(self, message: str) -> None:
+        """The run could not go on for a reason that the frames do not show. Changes nothing once there is an outcome."""
+        if self._outcome is None:
+            self._outcome, self._error = ERROR, message
+
+    def observe(self, frame: Frame) -> str | None:
+        """The outcome, from the step on in which the episode ended for this ego; until then None."""
+        if self._outcome is not None:
+            return self._outcome
+        before = self._last
+        hits: dict[str, Contact | None] = {}
+        if before is None:
+            self._begin(frame)
+            if frame.present:
+                hits = self._contacts(frame, frame, np.arange(len(frame.agents.ids), dtype=np.int32))
+        elif frame.present:
+            self._move(before, frame)
+            known = _match(before.agents.ids, frame.agents.ids)
+            self._note_red_runners(before, frame, known)
+            self._note_imposed_braking(before, frame, known)
+            hits = self._contacts(before, frame, known)
+        elif frame.arrived and before.ego.lane >= 0 and self._odometer:
+            # what is left of the last lane was driven before SUMO took the ego out
+            rest = float(self._road.length[before.ego.lane]) - before.ego.s
+            self._odometer[-1] += min(max(rest, 0.0), before.ego.v * self._step)
+        for name in frame.collisions:
+            hits.setdefault(name, None)
+        self._note_surrogates(frame)
+        self._outcome = self._judge(frame, bool(hits))
+        if self._outcome == COLLISION:
+            self._collided = sorted(hits)
+            self._at_fault = any(self._blame(before or frame, frame, name, contact) for name, contact in hits.items())
+        if self._outcome == ARRIVED:
+            self._finished = frame.time
+        self._last = frame
+        return self._outcome
+
+    def row(self) -> dict[str, Any]:
+        """The keys of an episode's row that states alone can tell; None where undefined."""
+        v, heading = np.array(self._v), np.array(self._heading)
+        decel = -np.diff(v) / self._step
+        hard = np.flatnonzero(decel > HARD_BRAKE + _EPS)
+        imposed = np.array([strength for _, strength in self._imposed])
+        found = events([time for time, _ in self._imposed], imposed.tolist(), self._step)
+        counted = {f"imposed_brakes_{limit:.0f}": sum(strength > limit + _EPS for strength in found) for limit in IMPOSED}
+        return {
+            "outcome": self._outcome,
+            "error": self._error,
+            "at_fault": self._at_fault,
+            "collisions": len(self._collided),
+            "travel_time_s": None if self._finished is None else self._finished - self._departed,
+            "free_flow_s": self._goal.free_flow if isfinite(self._goal.free_flow) else None,
+            "in_time": self._outcome == ARRIVED,
+            "distance_m": self._odometer[-1] if self._odometer else 0.0,
+            "stopped_s": float(np.sum(v[1:] < STANDING)) * self._step,
+            "max_decel_mps2": float(max(0.0, decel.max(initial=0.0))),
+            "hard_brakes": len(events((hard * self._step).tolist(), decel[hard].tolist(), self._step)),
+            "rms_jerk_mps3": rms(jerks(v, self._step)),
+            "comfortable_share": comfortable_share(v, heading, self._step),
+            "speeding_share": self._speeding / (len(v) - 1) if len(v) > 1 else None,
+            "lane_changes": self._changes,
+            "red_lights_run": self._red,
+            "yellow_run": self._yellow,
+            "imposed_max_decel_mps2": float(imposed.max(initial=0.0)),
+            **counted,
+            "min_ttc_s": self._ttc if isfinite(self._ttc) else None,
+            "min_pet_s": self._pet if isfinite(self._pet) else None,
+            "max_drac_mps2": self._drac if isfinite(self._drac) else None,
+        }
+
+    # --- the ego's way ---
+
+    def _begin(self, frame: Frame) -> None:
+        ego = frame.ego
+        self._last, self._departed = frame, frame.time
+        self._reaching = goal_reaching_edges(self._road, self._goal.edges[-1], ego.vclass)
+        if frame.present:
+            self._note_state(frame, 0.0)
+            self._trail = [ego.lane] if ego.lane >= 0 else []
+            self._change_began = frame.time if ego.changing > 0 else -inf
+            if ego.lane >= 0:
+                self._advance((ego.lane,))
+        self._note_surrogates(frame)
+
+    def _note_state(self, frame: Frame, odometer: float) -> None:
+        self._v.append(frame.ego.v)
+        self._heading.append(frame.ego.heading)
+        self._odometer.append(odometer)
+        if len(self._last_green) != len(frame.signals.state):
+            self._last_green = np.full(len(frame.signals.state), -1, np.int64)
+        if len(self._last_green):
+            self._last_green[frame.signals.state[:, 0] == GREEN] = len(self._v) - 1
+
+    def _move(self, before: Frame, frame: Frame) -> None:
+        """Takes the ego one step further: way driven, lane changes, lights, limits."""
+        was, ego, road = before.ego, frame.ego, self._road
+        drive = None
+        if was.lane >= 0 and ego.lane >= 0:
+            drive = driven(road, was.lane, was.s, ego.lane, ego.s, 1.5 * max(was.v, ego.v) * self._step + REACH)
+        if drive is None:  # off the lanes, or put somewhere else
+            drive = _Drive((), (), 0, ego.v * self._step)
+            self._trail = [ego.lane] if ego.lane >= 0 else []
+        elif drive.lanes or drive.changes:
+            self._trail = [*self._trail, *drive.lanes] if drive.lanes else self._trail
+            self._trail[-1:] = [ego.lane]
+        if ego.lane >= 0:
+            self._trim_trail(ego)
+            self._advance((*drive.lanes, ego.lane))
+            limit = float(road.speed[ego.lane]) * ego.speed_factor
+            self._speeding += ego.v > limit + SPEEDING + _EPS
+        began = ego.changing > 0 and (was.changing <= 0 or ego.changing < was.changing - _EPS)
+        at_once = drive.changes > 0 and ego.changing <= 0 and was.changing <= 0
+        if began or at_once:
+            self._change_began = frame.time
+        self._changes += drive.changes
+        for lane, line in zip(drive.lanes, drive.lines, strict=True):
+            if road.signal[lane] >= 0:
+                self._cross_stop_line(before, frame, lane, self._odometer[-1] + line)
+        self._note_state(frame, self._odometer[-1] + drive.distance)
+
+    def _trim_trail(self, ego: EgoState) -> None:
+        """Forgets the lanes that the ego's rear has left."""
+        start, k = -ego.s, len(self._trail) - 1
+        while k > 0 and start > -ego.length:
+            k -= 1
+            start -= float(self._road.length[self._trail[k]])
+        del self._trail[:k]
+
+    def _advance(self, lanes: Iterable[int]) -> None:
+        """Follows the route along the lanes that the front has come over, and sees whether the goal lies behind it."""
+        edges, success = self._goal.edges, self._goal.success_edge
+        for lane in lanes:
+            edge = int(self._road.edge[lane])
+            left_goal = self._on_goal and edge != edges[-1]
+            if edge in edges[self._at :]:
+                self._at = edges.index(edge, self._at)
+            self._on_goal = edge == edges[-1] and self._at == len(edges) - 1
+            if success < 0:
+                self._done |= left_goal
+            else:
+                self._done |= edge == success if self._success < 0 else self._at >= self._success
+
+    # --- lights ---
+
+    def _cross_stop_line(self, before: Frame, frame: Frame, lane: int, line: float) -> None:
+        """The front went over the stop line before internal lane ``lane``; ``line``: its distance from the take-over, m."""
+        road = self._road
+        earlier, later = shows(before.signals, road, lane), shows(frame.signals, road, lane)
+        if GREEN in (earlier, later):
+            return
+        link = int(frame.signals.offset[road.signal[lane]] + road.link[lane])
+        # the end of green, or take-over where it was not green since
+        then = max(0, int(self._last_green[link]))
+        needed = needed_decel(self._v[then], line - self._odometer[then])
+        # whoever stood in between has shown that stopping was possible
+        if min(self._v[then + 1 :], default=inf) < STANDING:
+            needed = 0.0
+        if earlier == RED and later == RED:
+            self._red_junction = int(road.junction[lane])
+            self._red += needed <= STOPPABLE_RED
+        else:
+            self._yellow += needed <= STOPPABLE_YELLOW
+
+    def _note_red_runners(self, before: Frame, frame: Frame, known: Ints) -> None:
+        """Agents that drive through red: the ego owes them no way."""
+        road, lanes = self._road, frame.agents.lane
+        if not len(self._last_green) or not len(lanes):
+            return
+        entered = (known >= 0) & (lanes >= 0) & (road.signal[lanes] >= 0)
+        for i in np.flatnonzero(entered):
+            lane = int(lanes[i])
+            if before.agents.lane[known[i]] != lane and shows(before.signals, road, lane) == RED == shows(frame.signals, road, lane):
+                self._red_runners[frame.agents.ids[i]] = int(road.junction[lane])
+
+    # --- braking of others ---
+
+    def _note_imposed_braking(self, before: Frame, frame: Frame, known: Ints) -> None:
+        """Looks at the agents that brake beyond the smallest threshold."""
+        if not len(known):
+            return
+        decel = np.where(known >= 0, (before.agents.v[known] - frame.agents.v) / self._step, 0.0)
+        braking = np.flatnonzero((decel > IMPOSED[0] + _EPS) & ~frame.agents.person)
+        if len(braking) == 0:
+            return
+        stretches = self._body(frame.ego) + self._coming(frame)
+        strengths = [
+            float(decel[i]) for i in braking if frame.leader[i] == frame.ego.id or self._in_the_way(frame, int(i), float(before.agents.v[known[i]]), stretches)
+        ]
+        if strengths:
+            self._imposed.append((frame.time, max(strengths)))
+
+    def _body(self, ego: EgoState) -> list[_Stretch]:
+        """The lanes under the ego: that of its front, those that its rear has not left, and during a lane change both."""
+        if ego.lane < 0:
+            return []
+        begin, end = ego.s - ego.length, ego.s
+        here = [_Stretch(lane, begin, end, ego.s) for lane in {ego.change_from, ego.change_to} - {ego.lane, -1}] if ego.changing > 0 else []
+        for k in range(len(self._trail) - 1, -1, -1):
+            here.append(_Stretch(self._trail[k], begin, end, begin + ego.length))
+            if begin >= 0 or k == 0:
+                break
+            end = float(self._road.length[self._trail[k - 1]])
+            begin += end
+        return here
+
+    def _coming(self, frame: Frame) -> list[_Stretch]:
+        """What the ego drives over within ENTERING_S at its present speed. A red light ends it."""
+        ego, road = frame.ego, self._road
+        lane, front, left = ego.lane, ego.s, ego.v * ENTERING_S
+        found: list[_Stretch] = []
+        while lane >= 0 and left > 0:
+            begin, length = max(front, 0.0), float(road.length[lane])
+            found.append(_Stretch(lane, begin, min(length, begin + left), front))
+            left -= length - begin
+            front -= length
+            lane = self._next_on_route(lane, ego.route)
+            if lane >= 0 and road.signal[lane] >= 0 and shows(frame.signals, road, lane) == RED:
+                break
+        return found
+
+    def _next_on_route(self, lane: int, route: tuple[int, ...]) -> int:
+        road = self._road
+        after = _successors(road, lane)
+        if road.internal[lane]:
+            return after[0] if after else -1
+        edge = int(road.edge[lane])
+        onto = route[route.index(edge) + 1] if edge in route[:-1] else -1
+        return next((lane_after for lane_after in after if road.edge[road.exit[lane_after]] == onto), -1)
+
+    def _in_the_way(self, frame: Frame, i: int, v: float, stretches: list[_Stretch]) -> bool:
+        """Whether the ego's stretches lie on the next PATH_S of agent i, which drove at v, m/s, or share a conflict area with them."""
+        road, agents = self._road, frame.agents
+        path = frame.paths[i].tolist() or [int(agents.lane[i])]
+        if path[0] < 0:
+            return False
+        reach, start = max(MIN_PATH, PATH_S * v), -float(agents.s[i])
+        for k, lane in enumerate(path):
+            # whoever brakes before its own red light does not brake for what lies behind it
+            if start > reach or (k and road.signal[lane] >= 0 and shows(frame.signals, road, lane) == RED):
+                return False
+            for stretch in stretches:
+                if stretch.lane != lane:
+                    if self._shares_conflict(frame.ego.v, stretch, lane, start, reach, v):
+                        return True
+                elif start + stretch.front > 0 and start + stretch.begin <= reach:  # in front of it, and near enough
+                    return True
+            start += float(road.length[lane])
+        return False
+
+    def _shares_conflict(self, ego_v: float, stretch: _Stretch, path: int, start: float, reach: float, v: float) -> bool:
+        """Whether an ego's stretch and lane ``path`` of an agent's way, which starts ``start`` m ahead of it, have a conflict area in common."""
+        road = self._road
+        for c in range(int(road.conflict_offset[stretch.lane]), int(road.conflict_offset[stretch.lane + 1])):
+            if road.conflict_lane[c] != path or stretch.end <= road.conflict_begin[c] or stretch.begin >= road.conflict_end[c]:
+                continue
+            near, far = start + float(road.conflict_other_begin[c]), start + float(road.conflict_other_end[c])
+            if far <= 0 or near > reach:
+                continue
+            # where both go on in one lane, whoever comes behind is no reason for the other to brake
+            left = max(0.0, float(road.conflict_end[c]) - stretch.front)
+            if not road.conflict_merge[c] or left <= far or left / max(ego_v, 1.0) <= far / max(v, 1.0):
+                return True
+        return False
+
+    # --- collisions ---
+
+    def _contacts(self, before: Frame, frame: Frame, known: Ints) -> dict[str, Contact | None]:
+        """Agents whose box the ego's met in this step; known [N]: index of each agent in the frame before, -1 new."""
+        agents, ego, was = frame.agents, frame.ego, before.ego
+        if not len(agents.ids):
+            return {}
+        half = np.array([ego.length / 2, ego.width / 2])
+        now, then = np.array([ego.x, ego.y, ego.heading]), np.array([was.x, was.y, was.heading])
+        radius = hypot(*half) + 0.5 * np.hypot(agents.length, agents.width)
+        # nobody who is further away can have come near: both ways, generously
+        far = radius + (max(ego.v, was.v) + np.maximum(agents.v, before.agents.v[known] if len(before.agents.v) else 0.0)) * self._step + REACH
+        near = np.flatnonzero((agents.x - ego.x) ** 2 + (agents.y - ego.y) ** 2 < far * far)
+        if len(near) == 0:
+            return {}
+        other = np.stack([agents.x[near], agents.y[near], agents.heading[near]], axis=1)
+        past = known[near]
+        earlier = other.copy()
+        seen = past >= 0
+        old = before.agents
+        earlier[seen] = np.stack([old.x[past[seen]], old.y[past[seen]], old.heading[past[seen]]], axis=1)
+        speed = agents.v[near].copy()
+        speed[seen] = np.maximum(speed[seen], old.v[past[seen]])
+        leap = ~seen | jumped(earlier, other, 1.5 * speed * self._step + 3.0)
+        if before is frame or jumped(then, now, np.array(1.5 * max(ego.v, was.v) * self._step + 3.0)):
+            leap[:] = True
+        # closest approach of the centres on straight ways, widened by what a cubic may stray from its chord
+        apart = earlier[:, :2] - then[:2]
+        move = (other[:, :2] - now[:2]) - apart
+        square = np.maximum(np.sum(move * move, axis=1), 1e-12)
+        t = np.where(leap, 1.0, np.clip(-np.sum(apart * move, axis=1) / square, 0.0, 1.0))
+        closest = apart + t[:, None] * move
+        stray = _stray(then, now) + _stray(earlier, other)
+        close = np.flatnonzero(np.sum(closest * closest, axis=1) < (radius[near] + np.where(leap, 0.0, stray)) ** 2)
+        hits: dict[str, Contact | None] = {}
+        for k in close:
+            i = int(near[k])
+            size = np.array([agents.length[i] / 2, agents.width[i] / 2])
+            if leap[k]:
+                touching = bool(boxes_overlap(_boxes(now, half), _boxes(other[k], size)))
+                contact = Contact(_pose(now), _pose(other[k]), False) if touching else None
+            else:
+                contact = first_contact(then, now, earlier[k], other[k], half, size)
+            if contact is not None and self._level(before, frame, i):
+                hits[agents.ids[i]] = contact
+        return hits
+
+    def _level(self, before: Frame, frame: Frame, i: int) -> bool:
+        """Whether the ego and agent i are where two vehicles can meet; what they drove in this step counts as body."""
+        ego, agents = frame.ego, frame.agents
+        if agents.person[i]:
+            return True
+        first = (ego.lane, ego.s, ego.length + max(ego.v, before.ego.v) * self._step)
+        return can_meet(self._road, first, (int(agents.lane[i]), float(agents.s[i]), float(agents.length[i] + agents.v[i] * self._step)))
+
+    def _blame(self, before: Frame, frame: Frame, name: str, contact: Contact | None) -> bool:
+        """Whether the ego is at fault in a collision with agent ``name``. Unclear counts as at fault."""
+        ego, agents = frame.ego, frame.agents
+        i = _find(agents.ids, name)
+        if i < 0 or not frame.present:
+            return True
+        j = _find(before.agents.ids, name)
+        moving = agents.v[i] >= STANDING or (j >= 0 and before.agents.v[j] >= STANDING)
+        if not moving or frame.time - self._change_began < CHANGE_COUNTS_S - _EPS:
+            return True
+        if self._against_right_of_way(frame, i) or self._stands_on_junction(frame, i):
+            return True
+        half, size = np.array([ego.length / 2, ego.width / 2]), np.array([agents.length[i] / 2, agents.width[i] / 2])
+        if contact is None:  # SUMO saw what the boxes do not show
+            contact = Contact((ego.x, ego.y, ego.heading), (float(agents.x[i]), float(agents.y[i]), float(agents.heading[i])), False)
+        point = touch_point(contact, half, size)
+        forward, its_forward = _forward(contact.ego, point), _forward(contact.other, point)
+        if not contact.exact:
+            # how deep they are in each other hides where they touched: clear only where the other came from behind
+            return not (forward <= -half[0] / 2 and its_forward >= size[0] / 2)
+        if forward >= half[0] - TOUCHING:
+            return True
+        # by its own lane change, or on the way of one
+        drifts = j >= 0 and _shifts(self._road, before.agents, j, agents, i)
+        return not (its_forward >= size[0] - TOUCHING or drifts)
+
+    def _against_right_of_way(self, frame: Frame, i: int) -> bool:
+        """Whether the ego is inside a junction that it entered against red, or inside a conflict area in which it has to let agent i pass."""
+        ego, agents, road = frame.ego, frame.agents, self._road
+        if ego.lane < 0:
+            return True
+        here = [(part.lane, part.begin - ego.v * self._step, part.end) for part in self._body(ego)]
+        inside = {int(road.junction[lane]) for lane, _, _ in here} - {-1}
+        if self._red_junction in inside or (agents.person[i] and inside):
+            return True
+        if agents.lane[i] < 0:
+            return False
+        margin = float(agents.v[i]) * self._step + 2.0
+        theirs = _spread(road, int(agents.lane[i]), float(agents.s[i]), float(agents.length[i]) + margin, margin)
+        runs_red = self._red_runners.get(agents.ids[i], -2)
+        for lane, begin, end in here:
+            for c in range(int(road.conflict_offset[lane]), int(road.conflict_offset[lane + 1])):
+                inside_area = begin < road.conflict_end[c] and end > road.conflict_begin[c]
+                if road.conflict_yields[c] and inside_area and int(road.conflict_lane[c]) in theirs and road.junction[lane] != runs_red:
+                    return True
+        return False
+
+    def _stands_on_junction(self, frame: Frame, i: int) -> bool:
+        """Whether the ego stands on a junction and nobody in front of it, other than agent i, is the reason."""
+        ego, agents, road = frame.ego, frame.agents, self._road
+        if ego.v >= STANDING or ego.lane < 0 or not any(road.internal[part.lane] for part in self._body(ego)):
+            return False
+        ahead = _spread(road, ego.lane, ego.s, 0.0, BLOCKED_GAP + float(agents.length.max(initial=0.0)))
+        for k in np.flatnonzero((agents.v < BLOCKED_SPEED) & ~agents.person):
+            front = ahead.get(int(agents.lane[k]), -inf) + float(agents.s[k])
+            if k != i and front > 0 and front - agents.length[k] <= BLOCKED_GAP:
+                return False
+        return True
+
+    # --- judgement ---
+
+    def _note_surrogates(self, frame: Frame) -> None:
+        self._ttc = self._ttc if isnan(frame.ttc) else min(self._ttc, frame.ttc)
+        self._pet = self._pet if isnan(frame.pet) else min(self._pet, frame.pet)
+        self._drac = self._drac if isnan(frame.drac) else max(self._drac, frame.drac)
+
+    def _judge(self, frame: Frame, hit: bool) -> str | None:
+        """The outcome in this step, precedence as measures.md lists them."""
+        lane = frame.ego.lane
+        arrived = frame.arrived or self._done
+        if not (frame.present or frame.arrived or frame.teleported or hit):
+            self._error = "vanished"
+            return ERROR
+        if hit:
+            return COLLISION
+        if frame.teleported:
+            return TELEPORTED
+        if frame.present and lane >= 0 and not arrived and not self._reaching[self._road.edge[lane]]:
+            return OFF_ROUTE
+        if frame.time - self._departed > self._goal.time_limit + _EPS:
+            return TIMEOUT
+        return ARRIVED if arrived else None
+
+
+def _match(before: tuple[str, ...], now: tuple[str, ...]) -> Ints:
+    """[len(now)] where each id stood before, -1 nowhere."""
+    if before == now:
+        return np.arange(len(now), dtype=np.int32)
+    place = {name: i for i, name in enumerate(before)}
+    return np.array([place.get(name, -1) for name in now], dtype=np.int32)
+
+
+def _find(ids: tuple[str, ...], name: str) -> int:
+    return ids.index(name) if name in ids else -1
+
+
+def _shifts(road: RoadMap, before: Agents, j: int, now: Agents, i: int) -> bool:
+    """Whether agent j of the frame before, i now, moved sideways on its road."""
+    was, lane = int(before.lane[j]), int(now.lane[i])
+    if was < 0 or lane < 0:
+        return False
+    return bool(abs(now.d[i] - before.d[j]) > DRIFT) if was == lane else bool(road.edge[was] == road.edge[lane])

@@ -1,0 +1,167 @@
+"""The four terms of J (paper, equation 1) for planner `mcts`. One unit is one second of standing still."""
+
+import math
+from typing import NamedTuple
+
+from sumo_mcts.model.ego import EgoParams, State, pose_of
+from sumo_mcts.model.geometry import boxes_touch
+from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.local import Local, chain_gap
+
+CLAIM_SAMPLES = 2
+REACH = 80.0  # m beyond which an agent is not looked at
+
+
+class CostParams(NamedTuple):
+    """Weights; see config.CostConfig for their meaning and units."""
+
+    contact: float
+    speed_at_contact: float
+    headway_s: float
+    headway_gap: float
+    headway: float
+    claim_s: float
+    claim: float
+    margin_m: float
+    margin: float
+    acceleration: float
+    jerk: float
+    braking: float
+    progress: float
+    blocking: float
+    route: float
+    lane_change: float
+    red: float
+    cut_in_decel: float
+
+
+class Meeting(NamedTuple):
+    """The ego among the others at one moment."""
+
+    contact: bool
+    rate: float  # safety cost per second
+    once: float  # safety cost of having moved in front of somebody
+    gap: float  # m to the leader, inf: none
+    leader_v: float  # m/s
+    followers: int  # bit i: agent i follows the ego and reacts to it
+
+
+@kernel
+def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int, back: float, index: int) -> Meeting:
+    """Contacts, headway and claims at forecast time `index`; the ego's pose lies `back` metres before `state`."""
+    x, y, cs, sn = pose_of(local.route, state, back)
+    now = min(index, local.pose.shape[0] - 1)
+    rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
+    for i in range(local.pose.shape[1]):
+        bx, by = local.pose[now, i, 0], local.pose[now, i, 1]
+        if not local.valid[now, i] or abs(bx - x) > REACH or abs(by - y) > REACH:
+            continue
+        node = local.node[now, i]
+        if node >= 0:
+            to_agent = _gap_ahead(local, state, back, node, local.s[now, i])
+            to_ego = _gap_behind(local, state, back, node, local.s[now, i])
+            if i < 63 and (followers >> i) & 1 and (to_agent < math.inf or to_ego < math.inf):
+                continue  # the table has it where it would be without the ego
+            if 0.0 <= to_agent < math.inf and to_agent - 2.0 * local.half_length[i] < gap:
+                gap, leader_v = to_agent - 2.0 * local.half_length[i], local.v[now, i]
+            if i < 63 and local.reacts[i] and 2.0 * p.half_length < to_ego < math.inf:
+                price = _cut_in(c, to_ego - 2.0 * p.half_length, local.v[now, i], state.v)
+                if price >= 0.0:
+                    followers |= 1 << i
+                    once += price
+                    continue
+        length, width = local.half_length[i], local.half_width[i]
+        close = p.half_length + length + p.half_width + width + c.margin_m
+        if abs(bx - x) < close and abs(by - y) < close:
+            bc, bs = local.pose[now, i, 2], local.pose[now, i, 3]
+            if boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, bc, bs, length, width):
+                return Meeting(True, rate, once, gap, leader_v, followers)
+            if boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
+                rate += c.margin
+        if not local.polite[i]:
+            rate += _claim(local, p, c, x, y, cs, sn, now, i)
+    wish = c.headway_gap + c.headway_s * state.v
+    if gap < wish:
+        rate += c.headway * (1.0 - max(gap, 0.0) / wish) ** 2
+    return Meeting(False, rate, once, gap, leader_v, followers)
+
+
+@kernel
+def _gap_ahead(local: Local, state: State, back: float, node: int, s: float) -> float:
+    """m from the ego's front to an agent's front, down the ego's lane or the other lane of its change; inf: not there."""
+    gap = chain_gap(local, state.node, state.s - back, node, s)
+    if state.other >= 0:
+        gap = min(gap, chain_gap(local, state.other, state.s - back, node, s))
+    return gap
+
+
+@kernel
+def _gap_behind(local: Local, state: State, back: float, node: int, s: float) -> float:
+    """m from an agent's front to the ego's front, down the agent's lane; inf: its lane does not lead to the ego."""
+    gap = chain_gap(local, node, s, state.node, state.s - back)
+    if state.other >= 0:
+        gap = min(gap, chain_gap(local, node, s, state.other, state.s - back))
+    return gap
+
+
+@kernel
+def _cut_in(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float:
+    """Cost of moving in front of a follower (gap m, speeds m/s): 0 at the gap that a careful driver needs (Krauss 1998), -1 where it could not cope."""
+    needed = 2.5 + follower_v + max(0.0, follower_v * follower_v - ego_v * ego_v) / (2.0 * 4.5)
+    if gap >= needed:
+        return 0.0
+    closing = max(0.0, follower_v - ego_v)
+    if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel * (gap - 1.0):
+        return -1.0
+    return c.claim * (1.0 - gap / needed)
+
+
+@kernel
+def _claim(local: Local, p: EgoParams, c: CostParams, x: float, y: float, cs: float, sn: float, now: int, i: int) -> float:
+    """Cost per second of standing where the agent will be within claim_s; the sooner, the dearer."""
+    reach = p.half_length + local.half_length[i] + p.half_width + local.half_width[i]
+    for k in range(1, CLAIM_SAMPLES + 1):
+        at = now + int(k * c.claim_s / CLAIM_SAMPLES / local.dt + 0.5)
+        if at >= local.pose.shape[0] or not local.valid[at, i]:
+            return 0.0
+        bx, by, bc, bs = local.pose[at, i]
+        if abs(bx - x) < reach and abs(by - y) < reach:
+            if boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, bc, bs, local.half_length[i], local.half_width[i]):
+                return c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
+    return 0.0
+
+
+@kernel
+def step_comfort(p: EgoParams, c: CostParams, before: State, after: State) -> float:
+    """C_c of one simulation step: k j^2, saturating, and braking and accelerating hard."""
+    jerk = (after.a - before.a) / p.step
+    beyond = max(0.0, -after.a - p.comfort_decel)
+    rate = c.jerk * min(jerk * jerk, 100.0) + c.acceleration * after.a * after.a + c.braking * beyond * beyond
+    return rate * p.step
+
+
+@kernel
+def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) -> float:
+    """C_p of one simulation step: time lost against the limit of the lane, on a lane that the route leaves, and standing inside a junction."""
+    limit = local.route.limit[after.node]
+    rate = c.progress * (1.0 - min(after.v, limit) / limit)
+    i = after.node - local.first
+    if 0 <= i < local.urgency.shape[0]:
+        rate += c.route * local.urgency[i]
+        if local.route.internal[after.node] and after.v < 1.0:
+            rate += c.blocking
+    return rate * p.step
+
+
+@kernel
+def terminal(local: Local, p: EgoParams, c: CostParams, state: State) -> float:
+    """What is still to come at the horizon: the time lost until the limit is reached."""
+    limit = local.route.limit[state.node]
+    missing = max(0.0, limit - state.v)
+    return c.progress * missing * missing / (2.0 * p.max_accel * limit)
+
+
+@kernel
+def contact_cost(c: CostParams, state: State, time: float, horizon: float) -> float:
+    """The loss of a contact: the later and the slower, the better, since there is time to find another way."""
+    return c.contact * (1.0 - 0.5 * min(time / horizon, 1.0)) + c.speed_at_contact * state.v

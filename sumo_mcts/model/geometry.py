@@ -1,0 +1,52 @@
+"""Polylines and oriented boxes."""
+
+import math
+
+from sumo_mcts.model.kernel import kernel
+from sumo_mcts.scene import Floats
+
+
+@kernel
+def point_at(points: Floats, arc: Floats, first: int, last: int, distance: float) -> tuple[float, float]:
+    """The point of the polyline points[first:last] [., 2] at an arc length; arc [.] are its vertices' arc lengths. Straight on beyond both ends."""
+    low, high = first, last - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if arc[middle] <= distance:
+            low = middle
+        else:
+            high = middle
+    span = arc[low + 1] - arc[low]
+    share = (distance - arc[low]) / span if span > 1e-9 else 0.0
+    return (
+        points[low, 0] + share * (points[low + 1, 0] - points[low, 0]),
+        points[low, 1] + share * (points[low + 1, 1] - points[low, 1]),
+    )
+
+
+@kernel
+def boxes_touch(
+    ax: float, ay: float, ac: float, asn: float, al: float, aw: float,
+    bx: float, by: float, bc: float, bsn: float, bl: float, bw: float,
+) -> bool:  # fmt: skip
+    """Whether two oriented boxes overlap: centre, cosine and sine of the heading, half length, half width (separating axes)."""
+    dx, dy = bx - ax, by - ay
+    cosine = abs(ac * bc + asn * bsn)
+    sine = abs(ac * bsn - asn * bc)
+    if abs(dx * ac + dy * asn) > al + bl * cosine + bw * sine:
+        return False
+    if abs(dy * ac - dx * asn) > aw + bl * sine + bw * cosine:
+        return False
+    if abs(dx * bc + dy * bsn) > bl + al * cosine + aw * sine:
+        return False
+    return abs(dy * bc - dx * bsn) <= bw + al * sine + aw * cosine
+
+
+@kernel
+def chord(front_x: float, front_y: float, rear_x: float, rear_y: float, cos_default: float, sin_default: float) -> tuple[float, float, float, float]:
+    """The pose (centre x, y, cos, sin) of a box whose front and rear bumper centres are given."""
+    dx, dy = front_x - rear_x, front_y - rear_y
+    norm = math.sqrt(dx * dx + dy * dy)
+    if norm < 1e-6:
+        return front_x, front_y, cos_default, sin_default
+    return 0.5 * (front_x + rear_x), 0.5 * (front_y + rear_y), dx / norm, dy / norm

@@ -1,0 +1,47 @@
+"""The one door to numba: every compiled function of the package is a `@kernel`."""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def cache_folder() -> Path:
+    """Where compiled code is kept: one folder for each state of the sources, since numba overlooks a change in another file."""
+    sources = sorted([*(_PACKAGE / "model").glob("*.py"), *(_PACKAGE / "planners").glob("*.py"), _PACKAGE / "scene.py"])
+    key = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    if not _writable(base):
+        base = Path(tempfile.gettempdir())
+    return base / "sumo_mcts" / f"kernels-{key}"
+
+
+def is_compiled() -> bool:
+    """Whether an earlier run left compiled kernels for these sources."""
+    return _CACHE.is_dir() and any(_CACHE.rglob("*.nbc"))
+
+
+def kernel(function: _F) -> _F:
+    """Compile with numba, cached on disk. With NUMBA_DISABLE_JIT=1 the same source runs as plain Python."""
+    previous = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_CACHE)
+    try:
+        return cast(_F, numba.njit(cache=True, fastmath=False, error_model="numpy")(function))
+    finally:
+        numba.config.CACHE_DIR = previous
+
+
+def _writable(folder: Path) -> bool:
+    while not folder.exists():
+        folder = folder.parent
+    return os.access(folder, os.W_OK)
+
+
+_CACHE = cache_folder()

@@ -1,0 +1,171 @@
+"""What the search reads in one cycle: the route's lanes, the coming signals and the forecast, in one tuple of arrays."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.route import RouteMap
+from sumo_mcts.scene import GREEN, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
+
+BACK = 100.0  # m of the route behind the ego where followers are seen
+VIEW = 400.0  # m of the route ahead that a search may see
+CHAIN = 250.0  # m over which one lane is followed into the next
+
+
+class Local(NamedTuple):
+    """W window nodes from `first` on; T forecast times; N agents."""
+
+    route: RouteMap
+    first: int  # first node of the window
+    closed: NDArray[np.uint8]  # [W, T] the stop line at the node's end may not be crossed
+    ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
+    urgency: Floats  # [W] 0..1, how soon the route leaves this lane
+    pose: Floats  # [T, N, 4]
+    v: Floats  # [T, N]
+    node: Ints  # [T, N] route node of the agent's front, -1: elsewhere
+    s: Floats  # [T, N]
+    valid: Bools  # [T, N]
+    half_length: Floats  # [N]
+    half_width: Floats  # [N]
+    reacts: Bools  # [N] brakes for an ego in front of it
+    polite: Bools  # [N] lets the ego pass
+    followers: int  # bit i: agent i is behind the ego in its lane and reacts: its contact is imposed braking
+    dt: float  # s between forecast times
+
+
+class State(NamedTuple):
+    """The ego in the tree."""
+
+    node: int  # lane of its front
+    s: float
+    v: float
+    a: float
+    progress: float  # of a lane change, 0 none; in the second half `node` is already the target
+    other: int  # the other lane of the change
+
+
+def ego_state(route: RouteMap, ego: EgoState) -> State | None:
+    """Where the ego stands on its route, None if it is on none of the route's lanes."""
+    leg = int(route.leg[-1]) + 1 - len(ego.route)
+    first = int(np.searchsorted(route.leg, leg))
+    node = _node_of(route, ego.lane, first)
+    if node < 0:
+        return None
+    other = -1
+    if ego.changing > 0.0:
+        other = _node_of(route, ego.change_from if ego.changing >= 0.5 else ego.change_to, first)
+    return State(node, ego.s, ego.v, ego.a, ego.changing if other >= 0 else 0.0, other)
+
+
+def window(route: RouteMap, leg: int, s: float) -> tuple[int, int]:
+    """[first, last): the nodes from BACK metres behind to VIEW metres ahead of position s on the route's edge `leg`."""
+    begins = np.searchsorted(route.leg, np.arange(route.leg[-1] + 1))
+    station = route.station[begins]
+    here = station[leg] + s
+    first = int(begins[max(0, int(np.searchsorted(station, here - BACK)) - 1)])
+    beyond = int(np.searchsorted(station, here + VIEW))
+    return first, int(begins[beyond]) if beyond < len(begins) else len(route.lane)
+
+
+def _node_of(route: RouteMap, lane: int, first: int) -> int:
+    found = np.flatnonzero(route.lane[first:] == lane)
+    return first + int(found[0]) if len(found) else -1
+
+
+def build_local(
+    road: RoadMap, route: RouteMap, state: State, scene: Scene, forecast: Forecast, hypothesis: int, cleared: frozenset[int], stop_decel: float
+) -> Local:
+    """The search's view of this cycle.
+
+    `cleared` holds the nodes at whose stop sign the ego has stood; `stop_decel` (m/s2) is the braking beyond which a yellow light is passed.
+    """
+    here = route.station[state.node] + state.s
+    first, last = window(route, int(route.leg[state.node]), state.s)
+    w = last - first
+    times = forecast.pose.shape[1]
+    view = slice(first, last)
+    lane_node = np.full(len(road.lane_ids), -1, np.int32)
+    lane_node[route.lane[view][::-1]] = np.arange(last - 1, first - 1, -1, dtype=np.int32)
+    lane = forecast.lane[hypothesis]
+    node = np.where(lane >= 0, lane_node[lane], -1).astype(np.int32)
+    ahead = _ahead(route.next, route.length, first, w)
+    valid = forecast.valid[hypothesis]
+    return Local(
+        route, first, _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel), ahead,
+        _urgency(route, view, here), forecast.pose[hypothesis], forecast.v[hypothesis], node, forecast.s[hypothesis], valid,
+        forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields,
+        _followers(node[0], forecast.s[hypothesis][0], forecast.reacts, ahead, state, first), forecast.dt,
+    )  # fmt: skip
+
+
+@kernel
+def _ahead(nxt: Ints, length: Floats, first: int, w: int) -> Floats:
+    ahead = np.full((w, w), np.inf)
+    for i in range(w):
+        ahead[i, i] = 0.0
+        distance, n = length[first + i], nxt[first + i]
+        while n >= first and n - first < w and distance < CHAIN:
+            ahead[i, n - first] = distance
+            distance += length[n]
+            n = nxt[n]
+    return ahead
+
+
+@kernel
+def _followers(node: Ints, s: Floats, reacts: Bools, ahead: Floats, state: State, first: int) -> int:
+    """Bit i: agent i reacts, and its lane leads to where the ego is, with the ego in front of it."""
+    result = 0
+    for i in range(min(len(node), 63)):
+        for target in (state.node, state.other):
+            if node[i] >= 0 and target >= 0 and reacts[i]:
+                gap = ahead[node[i] - first, target - first] + state.s - s[i]
+                if 0.0 < gap < np.inf:
+                    result |= 1 << i
+    return result
+
+
+def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
+    """[W] 1 where the lane is about to be lost, falling to 0 at 200 m for each change that is needed."""
+    room = np.maximum(route.station[view] + route.reach[view] - here, 1.0)
+    needed = np.abs(route.changes[view])
+    return np.where(needed > 0, np.clip(1.6 - room / (125.0 * np.maximum(needed, 1)), 0.0, 1.0) * (0.7 + 0.3 * np.minimum(needed, 3)), 0.0)
+
+
+def _closed(
+    route: RouteMap, first: int, w: int, signals: Signals, times: int, dt: float, state: State, here: float, cleared: frozenset[int], stop_decel: float
+) -> NDArray[np.uint8]:
+    """[W, T] red and yellow lights, and stop signs at which the ego has not stood yet."""
+    closed = np.zeros((w, times), np.uint8)
+    grid = np.arange(times) * dt
+    for i in np.flatnonzero(route.stop[first : first + w]):
+        n = first + int(i)
+        if route.signal[n] < 0:
+            closed[i] = n not in cleared
+            continue
+        shows = signal_states(signals, int(route.signal[n]), int(route.link[n]), grid)
+        closed[i] = shows != GREEN
+        distance = route.station[n] + route.length[n] - here
+        # Whom the change to yellow (or a switch nobody announced) catches too close to stop goes on: until the next green or the stop line.
+        if shows[0] != GREEN and state.v > 0.5 and 0.0 < distance < state.v**2 / (2.0 * stop_decel):
+            reopened = np.flatnonzero(shows == GREEN)
+            closed[i, : reopened[0] if len(reopened) else times] = 0
+    return closed
+
+
+def signal_states(signals: Signals, signal: int, link: int, grid: Floats) -> Ints:
+    """[T] what a link shows at these times from now; the last known phase stays."""
+    phase = np.minimum(np.searchsorted(signals.until[signal], grid, side="right"), signals.until.shape[1] - 1)
+    return np.asarray(signals.state[signals.offset[signal] + link][phase])
+
+
+@kernel
+def chain_gap(local: Local, node: int, s: float, other_node: int, other_s: float) -> float:
+    """m from (node, s) forward along the lane's chain to (other_node, other_s); inf where that is not on it."""
+    i, j = node - local.first, other_node - local.first
+    w = local.ahead.shape[0]
+    if i < 0 or j < 0 or i >= w or j >= w:
+        return math.inf
+    return float(local.ahead[i, j]) + other_s - s

@@ -1,0 +1,198 @@
+"""The lanes an ego may use along its route, laid out for the search: what follows, what lies beside, where it is allowed to be how fast."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_mcts.model.geometry import chord, point_at
+from sumo_mcts.model.kernel import kernel
+from sumo_mcts.scene import ALLWAY, IGNORING, STOP, Bools, Floats, Ints, RoadMap
+
+SPACING = 1.0  # m between the rows of the pose and speed tables
+END_GAP = 0.5  # m kept to the end of a lane that leads nowhere
+
+
+class RouteMap(NamedTuple):
+    """W lanes ("nodes") in driving order: `next` always lies later. R table rows. Computed once for a route."""
+
+    lane: Ints  # [W] lane of the RoadMap
+    leg: Ints  # [W] index of the route's edge; internal lanes: of the edge before
+    next: Ints  # [W] node driven next, -1: the end of the route or a dead end
+    left: Ints  # [W]
+    right: Ints  # [W]
+    length: Floats  # [W] m
+    limit: Floats  # [W] speed limit times the ego's speed factor, at most its own top speed, m/s
+    station: Floats  # [W] where it begins, m from the start of the route
+    changes: Ints  # [W] lane changes to the lane of this edge that leads furthest; positive: to the left
+    reach: Floats  # [W] m from the node's start to where the route is lost without a lane change; inf: never
+    stop: Bools  # [W] a stop line at its end: signal, stop sign
+    signal: Ints  # [W] signal of that stop line, -1 none
+    link: Ints  # [W]
+    sign: Bools  # [W] a stop sign: the ego has to stand there first
+    internal: Bools  # [W]
+    row: Ints  # [W+1] node i owns the table rows row[i]:row[i+1], one every SPACING m, the last at or beyond its end
+    pose: Floats  # [R, 4] centre x, y, cos, sin of the ego's box with its front there
+    cap: Floats  # [R] speed from which all lower limits and dead ends ahead are reached with approach_decel
+
+
+def route_map(road: RoadMap, edges: tuple[int, ...], vclass: int, length: float, speed_factor: float, max_speed: float, decel: float) -> RouteMap:
+    """Lay out the route for a vehicle of this class, length (m), speed factor and top speed (m/s); `decel` (m/s2) shapes `cap`."""
+    lanes, legs, following = _collect(road, edges, vclass)
+    w = len(lanes)
+    lane, leg = np.array(lanes, np.int32), np.array(legs, np.int32)
+    position = {(int(leg[i]), int(lane[i])): i for i in range(w)}
+    node_length = road.length[lane]
+    nxt, changes, reach = _continuations(road, lane, leg, following, node_length, len(edges))
+    left, right = (np.array([position.get((int(leg[i]), int(side[lane[i]])), -1) for i in range(w)], np.int32) for side in (road.left, road.right))
+    left[road.internal[lane]] = -1  # SUMO does not change lanes inside a junction
+    right[road.internal[lane]] = -1
+    limit = np.minimum(road.speed[lane] * speed_factor, max_speed)
+    has = nxt >= 0
+    entered = np.where(has, lane[nxt], 0)
+    signal = np.where(has, road.signal[entered], -1).astype(np.int32)
+    sign = has & np.isin(road.rule[entered], (STOP, ALLWAY)) & (signal < 0)
+    row = np.zeros(w + 1, np.int32)
+    row[1:] = np.cumsum(np.ceil(node_length / SPACING).astype(np.int32) + 1)
+    last = leg == len(edges) - 1
+    previous = np.full(w, -1, np.int32)
+    previous[nxt[nxt >= 0]] = np.flatnonzero(nxt >= 0)
+    return RouteMap(
+        lane, leg, nxt, left, right, node_length, limit, _stations(road, edges, lane, leg, nxt), changes, reach,
+        (signal >= 0) | sign, signal, np.where(has, road.link[entered], -1).astype(np.int32), sign, road.internal[lane].copy(), row,
+        _poses(road, lane, previous, row, node_length, length),
+        _caps(nxt, row, node_length, limit, last & ~road.internal[lane], decel),
+    )  # fmt: skip
+
+
+def _allowed(road: RoadMap, lane: int, vclass: int) -> bool:
+    return vclass == IGNORING or bool((int(road.classes[lane]) >> vclass) & 1)
+
+
+def _edge_lanes(road: RoadMap, edge: int, vclass: int) -> list[int]:
+    return [int(i) for i in np.flatnonzero(road.edge == edge) if _allowed(road, int(i), vclass)]
+
+
+def _collect(road: RoadMap, edges: tuple[int, ...], vclass: int) -> tuple[list[int], list[int], dict[tuple[int, int], list[list[int]]]]:
+    """All lanes of the route in driving order, their legs, and for each (leg, lane) its ways on: [internal lanes..., exit lane]."""
+    lanes: list[int] = []
+    legs: list[int] = []
+    following: dict[tuple[int, int], list[list[int]]] = {}
+    for leg, edge in enumerate(edges):
+        here = _edge_lanes(road, edge, vclass)
+        lanes += here
+        legs += [leg] * len(here)
+        if leg + 1 == len(edges):
+            break
+        target = {i for i in _edge_lanes(road, edges[leg + 1], vclass)}
+        for lane in here:
+            ways = []
+            for k in range(road.successor_offset[lane], road.successor_offset[lane + 1]):
+                way = _way(road, int(road.successor[k]))
+                if way[-1] in target and all(_allowed(road, i, vclass) for i in way):
+                    ways.append(way)
+                    lanes += way[:-1]
+                    legs += [leg] * (len(way) - 1)
+            following[leg, lane] = ways
+    return lanes, legs, following
+
+
+def _way(road: RoadMap, lane: int) -> list[int]:
+    """From the first lane of a connection to its exit lane."""
+    way = [lane]
+    while road.internal[way[-1]] and road.successor_offset[way[-1]] < road.successor_offset[way[-1] + 1] and len(way) < 8:
+        way.append(int(road.successor[road.successor_offset[way[-1]]]))
+    return way
+
+
+def _continuations(
+    road: RoadMap, lane: Ints, leg: Ints, following: dict[tuple[int, int], list[list[int]]], length: Floats, legs: int
+) -> tuple[Ints, Ints, Floats]:
+    """next, changes and reach of every node, as SUMO continues: the furthest way, then the fewest lane changes, then the rightmost."""
+    w = len(lane)
+    nxt, changes, reach = np.full(w, -1, np.int32), np.zeros(w, np.int32), np.zeros(w)
+    nodes = {(int(leg[i]), int(lane[i])): i for i in range(w)}
+    for k in range(legs - 1, -1, -1):
+        here = [i for i in np.flatnonzero(leg == k) if not road.internal[lane[i]]]
+        for i in here:
+            reach[i] = math.inf if k == legs - 1 else length[i]
+            best: tuple[float, int] | None = None
+            for way in following.get((k, int(lane[i])), []):
+                inner = [nodes[k, j] for j in way[:-1]]
+                target = nodes[k + 1, way[-1]]
+                beyond = float(sum(length[j] for j in inner)) + reach[target]
+                for a, b in zip(inner, [*inner[1:], target], strict=True):
+                    nxt[a] = b
+                for n, j in enumerate(inner):
+                    reach[j] = float(sum(length[m] for m in inner[n:])) + reach[target]
+                    changes[j] = changes[target]
+                rank = (beyond, -abs(int(changes[target])))
+                if best is None or rank > best:
+                    best, nxt[i] = rank, inner[0] if inner else target
+                    reach[i] = length[i] + beyond
+        if here:
+            furthest = max(reach[i] for i in here)
+            good = [int(road.index[lane[i]]) for i in here if reach[i] >= furthest - 1e-6]
+            for i in here:
+                changes[i] = min((g - int(road.index[lane[i]]) for g in good), key=abs)
+    return nxt, changes, reach
+
+
+def _stations(road: RoadMap, edges: tuple[int, ...], lane: Ints, leg: Ints, nxt: Ints) -> Floats:
+    """Where each node begins, m from the route's start; ways through a junction count as long as the longest of them."""
+    station = np.zeros(len(lane))
+    begin = 0.0
+    for k in range(len(edges)):
+        here = np.flatnonzero(leg == k)
+        ordinary = here[~road.internal[lane[here]]]
+        inner = here[road.internal[lane[here]]]
+        station[ordinary] = begin
+        edge_length = float(road.length[lane[ordinary]].max()) if len(ordinary) else 0.0
+        end = begin + edge_length
+        station[inner] = end
+        for i in inner:
+            after = nxt[i]
+            if after >= 0 and leg[after] == k:
+                station[after] = max(station[after], station[i] + road.length[lane[i]])
+        begin = max([end, *(station[i] + road.length[lane[i]] for i in inner)])
+    return station
+
+
+def _poses(road: RoadMap, lane: Ints, previous: Ints, row: Ints, length: Floats, vehicle: float) -> Floats:
+    pose = np.zeros((row[-1], 4))
+    scale = np.where(road.length > 0, road.shape_length / np.maximum(road.length, 1e-9), 1.0)
+    _fill_poses(pose, lane, previous, row, length, vehicle, road.points, road.point_s, road.point_offset, scale)
+    return pose
+
+
+@kernel
+def _fill_poses(
+    pose: Floats, lane: Ints, previous: Ints, row: Ints, length: Floats, vehicle: float, points: Floats, arc: Floats, offset: Ints, scale: Floats
+) -> None:
+    for i in range(len(lane)):
+        for k in range(row[i], row[i + 1]):
+            s = (k - row[i]) * SPACING
+            fx, fy = point_at(points, arc, offset[lane[i]], offset[lane[i] + 1], s * scale[lane[i]])
+            node, rear = i, s - vehicle
+            while rear < 0.0 and previous[node] >= 0:
+                node = previous[node]
+                rear += length[node]
+            rx, ry = point_at(points, arc, offset[lane[node]], offset[lane[node] + 1], rear * scale[lane[node]])
+            pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = chord(fx, fy, rx, ry, 1.0, 0.0)
+
+
+@kernel
+def _caps(nxt: Ints, row: Ints, length: Floats, limit: Floats, goal: Bools, decel: float) -> Floats:
+    """[R] backward over the nodes: v^2 = v_next^2 + 2 b d."""
+    cap = np.zeros(row[-1])
+    for i in range(len(nxt) - 1, -1, -1):
+        end = limit[i] if goal[i] else 0.0
+        distance = -END_GAP
+        if nxt[i] >= 0:
+            end, distance = min(limit[i], cap[row[nxt[i]]]), 0.0
+        elif goal[i]:
+            distance = 0.0
+        for k in range(row[i + 1] - 1, row[i] - 1, -1):
+            to_end = max(0.0, length[i] - (k - row[i]) * SPACING + distance)
+            cap[k] = min(limit[i], math.sqrt(end * end + 2.0 * decel * to_end))
+    return cap

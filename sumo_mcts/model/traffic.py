@@ -1,0 +1,449 @@
+"""How the others will move: the forward-predicted copy of the traffic.
+
+Every agent is led along its most likely lanes: the turn that its signals announce, else straight on, else the first way. `constant_velocity`
+keeps its speed; `idm` follows its leader, stops for red, yields where it must and lets a standing car stand; `script` reads what is scripted.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_mcts.model.geometry import chord, point_at
+from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.local import signal_states
+from sumo_mcts.scene import GREEN, LEFT, RIGHT, STRAIGHT, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene
+
+LANES = 14  # lanes of a path at most
+PATH = 200.0  # m of a path at most
+FOES = 24  # conflicts looked at for each agent
+
+
+class TrafficParams(NamedTuple):
+    """See config.PredictionConfig; SI units."""
+
+    step: float
+    headway: float
+    gap: float
+    accel: float
+    decel: float
+    yield_decel: float
+    yield_gap: float
+    stays_after: float
+    interacting: bool  # False: constant velocity
+
+
+class Paths(NamedTuple):
+    """A lanes paths for N vehicles."""
+
+    lane: Ints  # [N, LANES] -1 beyond the end
+    offset: Floats  # [N, LANES+1] where each lane begins, m from the start of the first
+    count: Ints  # [N]
+
+
+def predict(road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams, seconds: float, scripts: dict[int, "Scripted"]) -> Forecast:
+    """Every agent of the scene for `seconds`.
+
+    The ego drives along `ego_lanes` (the present one first) with the speeds `nominal` [K] at multiples of params.step, later by car following:
+    the table is conditional on that. `scripts` (an oracle) replaces the forecast of the agents that it names.
+    """
+    times = int(math.ceil(seconds / params.step)) + 1
+    agents, ego = scene.agents, scene.ego
+    paths = _paths(road, agents, ego, ego_lanes)
+    grid = np.arange(times) * params.step
+    x, v, polite = _drive(
+        road, params, paths, *_start(agents, ego), nominal, _red_lights(road, scene, paths, grid), _stays(agents, params), times,
+        _conflicts(road, paths) if params.interacting else None,
+    )  # fmt: skip
+    pose, lane, s, valid = _poses(road, agents, paths, x, v, times, params.step)
+    for i, script in scripts.items():
+        have = min(len(script.v), times)
+        pose[:have, i], v[:have, i + 1], lane[:have, i], s[:have, i] = script.pose[:have], script.v[:have], script.lane[:have], script.s[:have]
+        valid[:have, i], valid[have:, i] = script.valid[:have], False
+    reacts = ~agents.person
+    for i in scripts:
+        reacts[i], polite[i] = False, False
+    return Forecast(
+        params.step, np.ones(1), pose[None], v[:, 1:][None].copy(), lane[None], s[None], valid[None], agents.length / 2, agents.width / 2, reacts, polite
+    )
+
+
+class Scripted(NamedTuple):
+    """The coming states of a scripted agent at the forecast's times. K times."""
+
+    pose: Floats  # [K, 4]
+    v: Floats  # [K]
+    lane: Ints  # [K]
+    s: Floats  # [K]
+    valid: Bools  # [K]
+
+
+def _start(agents: Agents, ego: EgoState) -> tuple[Floats, Floats, Floats]:
+    """Position along the path, speed and length of the ego (row 0) and the agents."""
+    return np.concatenate([[ego.s], agents.s]), np.concatenate([[ego.v], agents.v]), np.concatenate([[ego.length], agents.length])
+
+
+def _stays(agents: Agents, params: TrafficParams) -> Bools:
+    """[N+1] whom nobody expects to move: it has stood for a while (why is looked at in _drive)."""
+    return np.concatenate([[False], (agents.standing_s >= params.stays_after) & params.interacting])
+
+
+def _paths(road: RoadMap, agents: Agents, ego: EgoState, ego_lanes: Ints) -> Paths:
+    n = len(agents.ids) + 1
+    lane = np.full((n, LANES), -1, np.int32)
+    offset = np.zeros((n, LANES + 1))
+    count = np.zeros(n, np.int32)
+    k = min(len(ego_lanes), LANES)
+    lane[0, :k] = ego_lanes[:k]
+    offset[0, 1 : k + 1] = np.cumsum(road.length[ego_lanes[:k]])
+    offset[0, k + 1 :] = offset[0, k]
+    count[0] = k
+    _likely(
+        lane, offset, count, agents.lane, agents.s, agents.blinker, road.successor_offset, road.successor, road.direction, road.length, road.internal,
+        road.index, road.exit, road.rule,
+    )  # fmt: skip
+    return Paths(lane, offset, count)
+
+
+@kernel
+def _likely(
+    path: Ints, offset: Floats, count: Ints, lane: Ints, s: Floats, blinker: Ints, first: Ints, successor: Ints, direction: Ints, length: Floats,
+    internal: Bools, index: Ints, exit_lane: Ints, rule: Ints,
+) -> None:  # fmt: skip
+    """The lanes each agent will most likely drive. The blinker speaks for the next turn only."""
+    for i in range(len(lane)):
+        row, here, side = i + 1, lane[i], blinker[i]
+        if here < 0:
+            continue
+        total, n = 0.0, 0
+        while here >= 0 and n < LANES and total - s[i] < PATH:
+            path[row, n] = here
+            total += length[here]
+            n += 1
+            offset[row, n] = total
+            best, rank, ways = -1, -1.0, first[here + 1] - first[here]
+            for k in range(first[here], first[here + 1]):
+                turn = direction[successor[k]]
+                worth = _turn_worth(turn, side)
+                if worth > rank:
+                    best, rank = successor[k], worth
+            if best >= 0 and internal[best] and not internal[here] and direction[best] != STRAIGHT:
+                side = 0
+            here = best if ways > 0 else -1
+        count[row] = n
+        for k in range(n + 1, LANES + 1):
+            offset[row, k] = total
+
+
+@kernel
+def _turn_worth(turn: int, side: int) -> float:
+    if side > 0:
+        return 3.0 if turn == LEFT else 2.0 if turn == STRAIGHT else 1.0 if turn == RIGHT else 0.5
+    if side < 0:
+        return 3.0 if turn == RIGHT else 2.0 if turn == STRAIGHT else 1.0 if turn == LEFT else 0.5
+    return 3.0 if turn == STRAIGHT else 2.0 if turn == RIGHT else 1.0 if turn == LEFT else 0.5
+
+
+def _red_lights(road: RoadMap, scene: Scene, paths: Paths, grid: Floats) -> Bools:
+    """[N+1, LANES, T] the way from the lane before into this lane of the path shows red or yellow."""
+    red = np.zeros((*paths.lane.shape, len(grid)), np.bool_)
+    known: dict[int, Bools] = {}
+    for i, k in zip(*np.nonzero((paths.lane >= 0) & (road.signal[paths.lane] >= 0)), strict=True):
+        lane = int(paths.lane[i, k])
+        if k == 0:
+            continue
+        if lane not in known:
+            known[lane] = signal_states(scene.signals, int(road.signal[lane]), int(road.link[lane]), grid) != GREEN
+        red[i, k] = known[lane]
+    return red
+
+
+def _conflicts(road: RoadMap, paths: Paths) -> tuple[Ints, Ints, Floats]:
+    """For each vehicle the others whose paths meet its own where it must yield or where lanes merge.
+
+    Returns foe [N+1, FOES] (-1 beyond the end), kind [N+1, FOES] (1: has to yield, 2: merge with equal right, 3: mutual) and
+    place [N+1, FOES, 4]: begin and end of the shared stretch on its own path and on the foe's, m; the begin of the lane entered is found again by search.
+    """
+    n = len(paths.lane)
+    foe = np.full((n, FOES), -1, np.int32)
+    kind = np.zeros((n, FOES), np.int32)
+    place = np.zeros((n, FOES, 4))
+    _find_conflicts(
+        foe, kind, place, paths.lane, paths.offset, paths.count, np.full(len(road.lane_ids), -1, np.int32), road.conflict_offset, road.conflict_lane,
+        road.conflict_begin, road.conflict_end, road.conflict_other_begin, road.conflict_other_end, road.conflict_merge, road.conflict_yields,
+    )  # fmt: skip
+    return foe, kind, place
+
+
+@kernel
+def _find_conflicts(
+    foe: Ints, kind: Ints, place: Floats, path: Ints, offset: Floats, count: Ints, mark: Ints, first: Ints, other: Ints, begin: Floats, end: Floats,
+    other_begin: Floats, other_end: Floats, merge: Bools, yields: Bools,
+) -> None:  # fmt: skip
+    n = len(path)
+    used = np.zeros(n, np.int32)
+    for j in range(n):
+        for k in range(count[j]):
+            mark[path[j, k]] = k
+        for i in range(n):
+            if i == j:
+                continue
+            for m in range(count[i]):
+                lane = path[i, m]
+                for e in range(first[lane], first[lane + 1]):
+                    k = mark[other[e]]
+                    if k < 0 or used[i] >= foe.shape[1]:
+                        continue
+                    back = False
+                    for r in range(first[other[e]], first[other[e] + 1]):
+                        if other[r] == lane:
+                            back = back or yields[r]
+                    if not yields[e] and not merge[e]:
+                        continue
+                    u = used[i]
+                    foe[i, u] = j
+                    kind[i, u] = (3 if back else 1) if yields[e] else 2 if not back else 0
+                    if kind[i, u] == 0:
+                        continue
+                    place[i, u, 0], place[i, u, 1] = offset[i, m] + begin[e], offset[i, m] + end[e]
+                    place[i, u, 2], place[i, u, 3] = offset[j, k] + other_begin[e], offset[j, k] + other_end[e]
+                    used[i] += 1
+        for k in range(count[j]):
+            mark[path[j, k]] = -1
+
+
+def _drive(
+    road: RoadMap, q: TrafficParams, paths: Paths, x: Floats, v: Floats, length: Floats, nominal: Floats, red: Bools, stays: Bools, times: int,
+    conflicts: tuple[Ints, Ints, Floats] | None,
+) -> tuple[Floats, Floats, Bools]:  # fmt: skip
+    """Positions along the paths [T, N+1], speeds [T, N+1], and which agents let the ego pass [N]."""
+    xs, vs = np.zeros((times, len(x))), np.zeros((times, len(x)))
+    xs[0], vs[0] = x, v
+    polite = np.zeros(len(x), np.bool_)
+    if conflicts is None:
+        xs[:] = x + np.arange(times)[:, None] * q.step * v
+        vs[:] = v
+        return xs, vs, polite[1:]
+    foe, kind, place = conflicts
+    _step_all(
+        xs, vs, polite, q, paths.lane, paths.offset, paths.count, length, nominal, red, stays, np.full(len(road.lane_ids), -1, np.int32), road.speed,
+        foe, kind, place, road.internal,
+    )  # fmt: skip
+    return xs, vs, polite[1:]
+
+
+@kernel
+def _step_all(
+    xs: Floats, vs: Floats, polite: Bools, q: TrafficParams, path: Ints, offset: Floats, count: Ints, length: Floats, nominal: Floats, red: Bools,
+    stays: Bools, mark: Ints, speed: Floats, foe: Ints, kind: Ints, place: Floats, internal: Bools,
+) -> None:  # fmt: skip
+    times, n = xs.shape
+    current = np.zeros(n, np.int32)
+    for t in range(times - 1):
+        x, v = xs[t], vs[t]
+        for i in range(n):
+            while current[i] < count[i] - 1 and x[i] > offset[i, current[i] + 1]:
+                current[i] += 1
+        for i in range(n):
+            if count[i] == 0:  # off the road, a pedestrian: straight on
+                xs[t + 1, i], vs[t + 1, i] = x[i] + v[i] * q.step, v[i]
+                continue
+            if i == 0 and t < len(nominal):
+                vs[t + 1, 0] = nominal[t]
+                xs[t + 1, 0] = x[0] + nominal[t] * q.step
+                continue
+            a = _free(q, path, offset, count, speed, i, current[i], x[i], v[i])
+            gap, leader_v = _leader(path, offset, count, length, mark, current, x, v, i)
+            if not math.isinf(gap):
+                a = min(a, _follow(q, v[i], gap, leader_v, a))
+            if stays[i] and v[i] < 0.1 and gap > 4.0 and not _red_ahead(red, current[i], count[i], i, 0, offset, x[i]):
+                xs[t + 1, i], vs[t + 1, i] = x[i], 0.0
+                continue
+            a = min(a, _red_accel(q, red, path, offset, count, current[i], i, t, x[i], v[i]))
+            a = min(a, _yield_accel(q, foe, kind, place, offset, current, length, xs, x, v, i, polite, path, internal))
+            speed_next = max(0.0, v[i] + max(a, -8.0) * q.step)
+            vs[t + 1, i] = speed_next
+            xs[t + 1, i] = x[i] + 0.5 * (v[i] + speed_next) * q.step
+
+
+@kernel
+def _free(q: TrafficParams, path: Ints, offset: Floats, count: Ints, speed: Floats, i: int, k: int, x: float, v: float) -> float:
+    """Acceleration on the empty road, with the lower limits of the coming lanes in view."""
+    wish = max(speed[path[i, k]], 1.0)
+    wish = max(wish, min(v, 1.2 * wish))  # whoever is faster has a reason of its own
+    a = q.accel * (1.0 - (v / wish) ** 4) if v < wish + 0.5 else -q.decel
+    for m in range(k + 1, count[i]):
+        distance = offset[i, m] - x
+        if distance > 60.0:
+            break
+        slow = speed[path[i, m]]
+        if slow < v and distance > 0.0:
+            a = min(a, (slow * slow - v * v) / (2.0 * max(distance, 1.0)) if v * v - slow * slow > distance * q.decel else a)
+    return a
+
+
+@kernel
+def _follow(q: TrafficParams, v: float, gap: float, leader_v: float, free: float) -> float:
+    """Car following (IDM; Treiber, Hennecke, Helbing 2000): the acceleration on the empty road less the interaction."""
+    wish = q.gap + max(0.0, v * q.headway + v * (v - leader_v) / (2.0 * math.sqrt(q.accel * q.decel)))
+    return free - q.accel * (wish / max(gap, 0.1)) ** 2
+
+
+@kernel
+def _leader(
+    path: Ints, offset: Floats, count: Ints, length: Floats, mark: Ints, current: Ints, x: Floats, v: Floats, i: int
+) -> tuple[float, float]:  # fmt: skip
+    """Gap (m) and speed of the nearest vehicle ahead on the path; a vehicle's tail counts on the lane it came from."""
+    for k in range(current[i], count[i]):
+        mark[path[i, k]] = k
+    gap, leader_v = math.inf, 0.0
+    for j in range(len(x)):
+        if j == i or count[j] == 0:
+            continue
+        k = current[j]
+        m = mark[path[j, k]]
+        place = x[j] - offset[j, k]
+        if m < 0 and k > 0 and place < length[j]:
+            m = mark[path[j, k - 1]]
+            place = x[j] - offset[j, k - 1]
+        if m < 0:
+            continue
+        distance = offset[i, m] + place - x[i]
+        if distance > 0.0 or (distance == 0.0 and j < i):
+            if distance - length[j] < gap:
+                gap, leader_v = distance - length[j], v[j]
+    for k in range(current[i], count[i]):
+        mark[path[i, k]] = -1
+    return gap, leader_v
+
+
+@kernel
+def _red_ahead(red: Bools, k: int, count: int, i: int, t: int, offset: Floats, x: float) -> bool:
+    for m in range(k + 1, count):
+        if offset[i, m] - x > 30.0:
+            return False
+        if red[i, m, t]:
+            return True
+    return False
+
+
+@kernel
+def _halt(q: TrafficParams, v: float, distance: float) -> float:
+    """Acceleration that stops `distance` m ahead; none where that takes more than 4.5 m/s2."""
+    if v * v > 9.0 * max(distance, 0.1):
+        return math.inf
+    wish = 1.0 + max(0.0, 0.5 * v + v * v / (2.0 * math.sqrt(q.accel * q.decel)))
+    return q.accel * (1.0 - (wish / max(distance, 0.1)) ** 2)
+
+
+@kernel
+def _red_accel(q: TrafficParams, red: Bools, path: Ints, offset: Floats, count: Ints, k: int, i: int, t: int, x: float, v: float) -> float:
+    for m in range(k + 1, count[i]):
+        distance = offset[i, m] - x
+        if distance > 80.0:
+            break
+        if red[i, m, t]:
+            return _halt(q, v, distance)
+    return math.inf
+
+
+@kernel
+def _yield_accel(
+    q: TrafficParams, foe: Ints, kind: Ints, place: Floats, offset: Floats, current: Ints, length: Floats, xs: Floats, x: Floats, v: Floats, i: int,
+    polite: Bools, path: Ints, internal: Bools,
+) -> float:  # fmt: skip
+    """Stop before a stretch that somebody with the right of way will use, or fall in behind whoever merges first."""
+    a = math.inf
+    for u in range(foe.shape[1]):
+        j = foe[i, u]
+        if j < 0:
+            break
+        to_begin, to_end = place[i, u, 0] - x[i], place[i, u, 1] - x[i]
+        foe_begin, foe_end = place[i, u, 2] - x[j], place[i, u, 3] - x[j]
+        if to_begin < 0.0 or to_begin > 60.0 or foe_end + length[j] < 0.0 or foe_begin > 90.0:
+            continue
+        mine, theirs = to_begin / max(v[i], 3.0), max(foe_begin, 0.0) / max(v[j], 1.0)
+        if kind[i, u] == 2:  # merge: the one that is nearer goes first, the other sees it as its leader
+            if to_end > foe_end and foe_begin < 30.0:
+                a = min(a, _follow(q, v[i], max(to_end - foe_end - length[j], 0.5), v[j], q.accel))
+            continue
+        if kind[i, u] == 3 and (mine < theirs or (mine == theirs and i < j)):
+            continue
+        if v[j] < 0.3 and foe_begin > 1.0:
+            continue  # it waits itself
+        leaves = (to_end + length[i]) / max(v[i], 3.0)
+        if theirs > leaves + q.yield_gap:
+            continue
+        stop = _halt(q, v[i], _stop_place(offset, current[i], i, x[i], place[i, u, 0], path, internal) - 1.0)
+        if math.isinf(stop):
+            continue
+        if j == 0:
+            if v[i] * v[i] > 2.0 * q.yield_decel * max(to_begin - 2.0, 0.1):
+                continue  # it could not let the ego pass in comfort: do not count on it
+            polite[i] = True
+        a = min(a, stop)
+    return a
+
+
+@kernel
+def _stop_place(offset: Floats, k: int, i: int, x: float, begin: float, path: Ints, internal: Bools) -> float:
+    """m to where vehicle i would wait: the entry of the junction, or, once inside, the shared stretch itself."""
+    if internal[path[i, k]]:
+        return begin - x
+    m = k + 1
+    while m < offset.shape[1] - 1 and offset[i, m] < begin:
+        if path[i, m] >= 0 and internal[path[i, m]]:
+            return offset[i, m] - x
+        m += 1
+    return begin - x
+
+
+def _poses(road: RoadMap, agents: Agents, paths: Paths, x: Floats, v: Floats, times: int, step: float) -> tuple[Floats, Ints, Floats, Bools]:
+    """Pose [T, N, 4], lane [T, N], s [T, N] and validity [T, N] of the agents from their positions along the paths [T, N+1]."""
+    n = len(agents.ids)
+    pose, lane, s, valid = np.zeros((times, n, 4)), np.full((times, n), -1, np.int32), np.zeros((times, n)), np.ones((times, n), np.bool_)
+    scale = road.shape_length / np.maximum(road.length, 1e-9)
+    _place(
+        pose, lane, s, valid, x, paths.lane, paths.offset, paths.count, agents.x, agents.y, agents.heading, agents.length, agents.d, agents.v, step,
+        road.points, road.point_s, road.point_offset, scale,
+    )  # fmt: skip
+    return pose, lane, s, valid
+
+
+@kernel
+def _place(
+    pose: Floats, lane: Ints, s: Floats, valid: Bools, x: Floats, path: Ints, offset: Floats, count: Ints, x0: Floats, y0: Floats, heading: Floats,
+    length: Floats, d: Floats, v0: Floats, step: float, points: Floats, arc: Floats, first: Ints, scale: Floats,
+) -> None:  # fmt: skip
+    times, n = lane.shape
+    for i in range(n):
+        row = i + 1
+        cs, sn = math.cos(heading[i]), math.sin(heading[i])
+        rear_x, rear_y = x0[i] - 0.5 * length[i] * cs, y0[i] - 0.5 * length[i] * sn
+        start = x[0, row]
+        k, kr = 0, 0
+        for t in range(times):
+            moved = x[t, row] - start
+            if count[row] == 0:
+                pose[t, i, 0], pose[t, i, 1], pose[t, i, 2], pose[t, i, 3] = x0[i] + moved * cs, y0[i] + moved * sn, cs, sn
+                continue
+            while k < count[row] - 1 and x[t, row] > offset[row, k + 1]:
+                k += 1
+            if x[t, row] > offset[row, count[row]] + 0.1 and count[row] < path.shape[1] and offset[row, count[row]] - start < PATH:
+                valid[t, i] = False  # beyond the end of the road
+            here = path[row, k]
+            lane[t, i], s[t, i] = here, x[t, row] - offset[row, k]
+            if t == 0:
+                pose[t, i, 0], pose[t, i, 1], pose[t, i, 2], pose[t, i, 3] = x0[i], y0[i], cs, sn
+                continue
+            fx, fy = point_at(points, arc, first[here], first[here + 1], s[t, i] * scale[here])
+            back = x[t, row] - length[i]
+            if back < 0.0:  # its rear is where it has already been: on the line from the rear to the front it has now
+                rx, ry = rear_x + moved * cs, rear_y + moved * sn
+            else:
+                while kr < count[row] - 1 and back > offset[row, kr + 1]:
+                    kr += 1
+                rx, ry = point_at(points, arc, first[path[row, kr]], first[path[row, kr] + 1], (back - offset[row, kr]) * scale[path[row, kr]])
+            px, py, pc, ps = chord(fx, fy, rx, ry, cs, sn)
+            aside = d[i] * math.exp(-t * step / 1.5)
+            pose[t, i, 0], pose[t, i, 1], pose[t, i, 2], pose[t, i, 3] = px - aside * ps, py + aside * pc, pc, ps

@@ -1,0 +1,39 @@
+"""What every planner is given, and what it has to return."""
+
+from typing import NamedTuple, Protocol
+
+from sumo_mcts.model.cost import CostParams
+from sumo_mcts.model.ego import EgoParams
+from sumo_mcts.model.local import State
+from sumo_mcts.model.route import RouteMap
+from sumo_mcts.scene import Decision, Forecast, RoadMap, Scene
+
+
+class Task(NamedTuple):
+    """What a planner gets once, when it takes the ego over (and again when the ego's route changes)."""
+
+    road: RoadMap
+    route: RouteMap
+    ego: EgoParams
+    cost: CostParams
+
+
+class Situation(NamedTuple):
+    """What a planner gets each cycle."""
+
+    scene: Scene
+    state: State
+    forecast: Forecast
+    cleared: frozenset[int]  # route nodes at whose stop sign the ego has stood
+
+
+class Planner(Protocol):
+    """From a situation to a decision. One object drives one ego for one episode."""
+
+    needs_forecast: bool
+
+    def start(self, task: Task, seed: int) -> None:
+        """Take the ego over."""
+
+    def plan(self, situation: Situation) -> Decision:
+        """Decide for the coming decision period."""

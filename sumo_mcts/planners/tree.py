@@ -1,0 +1,368 @@
+"""The tree as arrays, and the search in it: select, expand, simulate, back up. Compiled; the random generator is passed in."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from sumo_mcts.model.cost import CostParams, contact_cost, meet, step_comfort, step_passability, terminal
+from sumo_mcts.model.ego import FOLLOW, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of
+from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.local import Local, State
+from sumo_mcts.scene import Bools, Floats, Ints
+
+NONE = -1  # no child, no parent
+IMPOSSIBLE = -2  # an action that cannot be taken there, or leads to the same state as another
+ALIVE, LOST, ARRIVED = range(3)
+
+
+class SearchParams(NamedTuple):
+    """Times in steps of the simulation; see config.PlannerConfig."""
+
+    ply: int  # steps of one action
+    check: int  # steps between collision checks; 0: several checks within a step
+    checks_in_step: int  # then: how many
+    look_ahead: int  # levels of the tree
+    rollout: int  # further actions
+    exploration: float
+    horizon: float  # s
+
+
+class Tree(NamedTuple):
+    """M nodes, A actions. Node 0 is the root."""
+
+    parent: Ints  # [M]
+    child: Ints  # [M, A] NONE: untried, IMPOSSIBLE
+    level: Ints  # [M]
+    visits: Ints  # [M]
+    total: Floats  # [M] sum of the costs J backed up
+    best: Floats  # [M] lowest J found below
+    dead: Bools  # [M] nothing below is left to try: lost, arrived, or all children dead
+    end: Ints  # [M] ALIVE, LOST or ARRIVED
+    where: Ints  # [M, 2] State.node and State.other
+    motion: Floats  # [M, 4] State.s, v, a, progress
+    followers: Ints  # [M] int64
+    leader: Floats  # [M, 2] gap (m) and speed of the leader
+    cost: Floats  # [M, 4] safety, comfort, passability, other, from the root
+    plan: Floats  # [M] row 0 .. look_ahead + rollout: best sequence of accelerations below the root's children
+    used: Ints  # [1] nodes in use
+
+
+class Ply(NamedTuple):
+    """What came of one action."""
+
+    state: State
+    followers: int
+    gap: float
+    leader_v: float
+    safety: float
+    comfort: float
+    passability: float
+    end: int  # ALIVE, LOST, ARRIVED
+    loss: float  # where LOST
+
+
+def search_params(
+    step: float, forecast_dt: float, ply_s: float, check_s: float, look_ahead: int, rollout: int, exploration: float
+) -> SearchParams:
+    """Times in seconds to steps of the simulation; a step longer than the forecast's gets several checks."""
+    ply = max(1, round(ply_s / step))
+    check, checks = (0, max(1, round(step / forecast_dt))) if step > forecast_dt + 1e-9 else (max(1, round(check_s / step)), 1)
+    return SearchParams(ply, check, checks, look_ahead, rollout, exploration, (look_ahead + rollout) * ply * step)
+
+
+def new_tree(size: int, actions: int, plies: int) -> Tree:
+    """An empty tree for `size` nodes."""
+    return Tree(
+        np.full(size, NONE, np.int32), np.full((size, actions), NONE, np.int32), np.zeros(size, np.int32), np.zeros(size, np.int32),
+        np.zeros(size), np.full(size, np.inf), np.zeros(size, np.bool_), np.zeros(size, np.int32), np.full((size, 2), NONE, np.int32),
+        np.zeros((size, 4)), np.zeros(size, np.int64), np.zeros((size, 2)), np.zeros((size, 4)), np.full((actions + 1, plies), np.nan),
+        np.zeros(1, np.int32),
+    )  # fmt: skip
+
+
+@kernel
+def simulate(
+    local: Local, p: EgoParams, c: CostParams, q: SearchParams, state: State, followers: int, gap: float, leader_v: float, accel: float, at: int
+) -> Ply:
+    """One action from simulation step `at` on: q.ply steps towards `accel` (FOLLOW: car following), with checks against the forecast."""
+    safety, comfort, passability = 0.0, 0.0, 0.0
+    for k in range(q.ply):
+        time = (at + k) * p.step
+        wanted = follow_accel(p, state.v, local.route.limit[state.node], gap, leader_v) if accel > 50.0 else accel
+        before = state
+        state, event = advance(local, p, state, wanted, time)
+        comfort += step_comfort(p, c, before, state)
+        passability += step_passability(local, p, c, state)
+        if event == RED_LINE:
+            return Ply(state, followers, gap, leader_v, safety, comfort, passability, LOST, c.red + contact_cost(c, state, time, q.horizon))
+        if event == GOAL:
+            return Ply(state, followers, gap, leader_v, safety, comfort, passability, ARRIVED, 0.0)
+        gap += (leader_v - state.v) * p.step
+        checks = q.checks_in_step if q.check == 0 else (1 if (at + k + 1) % q.check == 0 else 0)
+        for r in range(checks):
+            share = (r + 1.0) / checks
+            back = (1.0 - share) * state.v * p.step if q.check == 0 else 0.0
+            moment = time + share * p.step
+            meeting = meet(local, p, c, state, followers, back, int(moment / local.dt + 0.5))
+            followers, gap, leader_v = meeting.followers, meeting.gap, meeting.leader_v
+            safety += meeting.rate * local.dt + meeting.once
+            if meeting.contact:
+                return Ply(state, followers, gap, leader_v, safety, comfort, passability, LOST, contact_cost(c, state, moment, q.horizon))
+    return Ply(state, followers, gap, leader_v, safety, comfort, passability, ALIVE, 0.0)
+
+
+@kernel
+def search(
+    tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats, root: State, iterations: int, rng: Generator
+) -> tuple[int, int]:
+    """Grow the tree from the state `root` by up to `iterations` passes. `actions` [A, 2]: acceleration, lane change.
+
+    Returns (passes that simulated to the horizon, passes that ended in a known terminal node). The lower its J, the better a node;
+    node values are the best J below (the model is deterministic, and a mean would punish nodes with many bad children: a standing ego).
+    """
+    if tree.used[0] == 0:
+        _plant(tree, local, p, c, root)
+    line = np.empty(tree.plan.shape[1])
+    done, known = 0, 0
+    while done + known < iterations and not tree.dead[0]:
+        node = _select(tree, q)
+        if tree.level[node] == q.look_ahead:
+            j = _rollout(tree, local, p, c, q, node, line, rng, tree.visits[node] == 0)
+            done += 1
+            _back_up(tree, actions, node, j, line)
+            continue
+        if tree.used[0] >= len(tree.parent):
+            break
+        child = _expand(tree, local, p, c, q, actions, node)
+        if child < 0:
+            if _exhausted(tree, node):
+                _bury(tree, node)
+            continue
+        if tree.end[child] != ALIVE:
+            known += 1
+            line[:] = np.nan
+            _back_up(tree, actions, child, tree.best[child], line)
+            _bury(tree, child)
+            continue
+        j = _rollout(tree, local, p, c, q, child, line, rng, True)
+        done += 1
+        _back_up(tree, actions, child, j, line)
+        if j > c.contact * 0.5 and done + known < iterations:  # car following ran into something: would braking have helped?
+            j = _rollout(tree, local, p, c, q, child, line, rng, False)
+            done += 1
+            _back_up(tree, actions, child, j, line)
+    return done, known
+
+
+@kernel
+def _plant(tree: Tree, local: Local, p: EgoParams, c: CostParams, root: State) -> None:
+    meeting = meet(local, p, c, root, local.followers, 0.0, 0)
+    _store(tree, 0, root, meeting.followers, meeting.gap, meeting.leader_v)
+    tree.used[0] = 1
+
+
+@kernel
+def _store(tree: Tree, i: int, state: State, followers: int, gap: float, leader_v: float) -> None:
+    tree.where[i, 0], tree.where[i, 1] = state.node, state.other
+    tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3] = state.s, state.v, state.a, state.progress
+    tree.followers[i] = followers
+    tree.leader[i, 0], tree.leader[i, 1] = gap, leader_v
+
+
+@kernel
+def state_of(tree: Tree, i: int) -> State:
+    """The ego's state in node i."""
+    return State(tree.where[i, 0], tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3], tree.where[i, 1])
+
+
+@kernel
+def _select(tree: Tree, q: SearchParams) -> int:
+    """Down from the root by UCB1 on best values, to a node with an untried action or on the last level."""
+    low = tree.best[0]
+    high = low + 1.0
+    for k in range(tree.child.shape[1]):
+        i = tree.child[0, k]
+        if i >= 0 and not tree.dead[i] and tree.best[i] > high:
+            high = tree.best[i]
+    node = 0
+    while tree.level[node] < q.look_ahead:
+        chosen, top = NONE, -math.inf
+        for k in range(tree.child.shape[1]):
+            i = tree.child[node, k]
+            if i == NONE:
+                return node
+            if i < 0 or tree.dead[i]:
+                continue
+            worth = -min((tree.best[i] - low) / (high - low), 1.0)
+            score = worth + q.exploration * math.sqrt(2.0 * math.log(tree.visits[node] + 1.0) / tree.visits[i])
+            if score > top:
+                chosen, top = i, score
+        if chosen == NONE:
+            return node
+        node = chosen
+    return node
+
+
+@kernel
+def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats, node: int) -> int:
+    """Try the next action of a node. Returns the new child, or IMPOSSIBLE."""
+    k = 0
+    while k < tree.child.shape[1] and tree.child[node, k] != NONE:
+        k += 1
+    if k == tree.child.shape[1]:
+        return IMPOSSIBLE
+    state, side = state_of(tree, node), int(actions[k, 1])
+    changed = 0.0
+    if side != 0:
+        if not can_change(local, p, state, side):
+            tree.child[node, k] = IMPOSSIBLE
+            return IMPOSSIBLE
+        state = begin_change(local, p, state, side)
+        changed = c.lane_change
+    ply = simulate(local, p, c, q, state, tree.followers[node], tree.leader[node, 0], tree.leader[node, 1], actions[k, 0], tree.level[node] * q.ply)
+    if side == 0 and _known(tree, node, k, ply.state):
+        tree.child[node, k] = IMPOSSIBLE
+        return IMPOSSIBLE
+    i = tree.used[0]
+    tree.used[0] += 1
+    tree.child[node, k], tree.parent[i], tree.level[i] = i, node, tree.level[node] + 1
+    _store(tree, i, ply.state, ply.followers, ply.gap, ply.leader_v)
+    tree.cost[i] = tree.cost[node] + np.array([ply.safety, ply.comfort, ply.passability, changed])
+    tree.end[i] = ply.end
+    if ply.end != ALIVE:
+        tree.best[i] = tree.cost[i].sum() + ply.loss
+    return i
+
+
+@kernel
+def _known(tree: Tree, node: int, action: int, state: State) -> bool:
+    """Whether an earlier action led to the same state: the road or the bounds left no choice."""
+    for k in range(action):
+        i = tree.child[node, k]
+        if i >= 0 and tree.where[i, 0] == state.node and tree.where[i, 1] == state.other:
+            if abs(tree.motion[i, 0] - state.s) < 1e-6 and abs(tree.motion[i, 1] - state.v) < 1e-6 and abs(tree.motion[i, 2] - state.a) < 1e-6:
+                return True
+    return False
+
+
+@kernel
+def _rollout(
+    tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, node: int, line: Floats, rng: Generator, first: bool
+) -> float:
+    """J of a continuation to the horizon; `line` receives its accelerations. The first from a node follows, later ones brake or keep first."""
+    state, followers = state_of(tree, node), tree.followers[node]
+    gap, leader_v = tree.leader[node, 0], tree.leader[node, 1]
+    level, last = tree.level[node], q.look_ahead + q.rollout
+    policy = 0 if first else 1 + int(rng.random() * 3.0)
+    turn = level + 1 + int(rng.random() * (last - level)) if policy == 3 else last
+    line[:] = np.nan
+    j = tree.cost[node].sum()
+    for k in range(level, last):
+        accel = FOLLOW
+        if policy == 1 or (policy == 3 and k >= turn):
+            accel = -p.approach_decel
+        elif policy == 2 and k == level:
+            accel = -0.5 * p.approach_decel
+        line[k] = accel
+        ply = simulate(local, p, c, q, state, followers, gap, leader_v, accel, k * q.ply)
+        j += ply.safety + ply.comfort + ply.passability
+        if ply.end == LOST:
+            return j + ply.loss
+        if ply.end == ARRIVED:
+            return j
+        state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
+    return j + terminal(local, p, c, state)
+
+
+@kernel
+def _back_up(tree: Tree, actions: Floats, node: int, j: float, line: Floats) -> None:
+    """Count a visit on the way to the root; keep the best J, and the sequence behind the best J of each root action."""
+    i = node
+    while i != NONE:
+        tree.visits[i] += 1
+        tree.total[i] += j
+        better = j < tree.best[i] or (tree.visits[i] == 1 and j <= tree.best[i])
+        tree.best[i] = min(tree.best[i], j)
+        if tree.level[i] == 1 and better:
+            k = _action_of(tree, 0, i)
+            tree.plan[k] = line
+            _trace_back(tree, actions, node, tree.plan[k])
+        i = tree.parent[i]
+
+
+@kernel
+def _action_of(tree: Tree, node: int, child: int) -> int:
+    for k in range(tree.child.shape[1]):
+        if tree.child[node, k] == child:
+            return k
+    return NONE
+
+
+@kernel
+def _trace_back(tree: Tree, actions: Floats, node: int, line: Floats) -> None:
+    """Fill the part of a sequence that lies in the tree with 1000 * lane change + acceleration."""
+    while tree.parent[node] != NONE:
+        k = _action_of(tree, tree.parent[node], node)
+        line[tree.level[node] - 1] = actions[k, 0] + 1000.0 * actions[k, 1]
+        node = tree.parent[node]
+
+
+@kernel
+def _exhausted(tree: Tree, node: int) -> bool:
+    for k in range(tree.child.shape[1]):
+        i = tree.child[node, k]
+        if i == NONE or (i >= 0 and not tree.dead[i]):
+            return False
+    return True
+
+
+@kernel
+def _bury(tree: Tree, node: int) -> None:
+    """Nothing is left to try below this node: it is dead, and so are its ancestors that have nothing else."""
+    tree.dead[node] = True
+    i = tree.parent[node]
+    while i != NONE and _exhausted(tree, i):
+        tree.dead[i] = True
+        i = tree.parent[i]
+
+
+
+@kernel
+def replay(
+    local: Local, p: EgoParams, c: CostParams, q: SearchParams, root: State, line: Floats, lanes: Ints, motion: Floats, pose: Floats, terms: Floats
+) -> int:
+    """Drive a sequence (as in Tree.plan) once more and write down every simulation step.
+
+    lanes [M] node, motion [M, 2] s and v, pose [M, 4]; terms [5] receives safety, comfort, passability, other and loss. Returns the number of
+    steps written: fewer than M where the sequence ends in a contact, at a red line or at the goal.
+    """
+    meeting = meet(local, p, c, root, local.followers, 0.0, 0)
+    state, followers, gap, leader_v = root, meeting.followers, meeting.gap, meeting.leader_v
+    one = SearchParams(1, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon)
+    terms[:] = 0.0
+    for n in range(len(line)):
+        if math.isnan(line[n]):
+            return n * q.ply
+        side = int(round(line[n] / 1000.0)) if abs(line[n]) > 500.0 else 0
+        accel = line[n] - 1000.0 * side
+        if side != 0:
+            if not can_change(local, p, state, side):
+                return n * q.ply
+            state = begin_change(local, p, state, side)
+            terms[3] += c.lane_change
+        for k in range(q.ply):
+            at = n * q.ply + k
+            ply = simulate(local, p, c, one, state, followers, gap, leader_v, accel, at)
+            state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
+            terms[0] += ply.safety
+            terms[1] += ply.comfort
+            terms[2] += ply.passability
+            lanes[at] = state.node
+            motion[at, 0], motion[at, 1] = state.s, state.v
+            pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local.route, state, 0.0)
+            terms[4] += ply.loss
+            if ply.end != ALIVE:
+                return at + 1
+    return len(line) * q.ply

@@ -1,0 +1,376 @@
+"""What an episode leaves behind: rows (JSON Lines, CSV), a manifest, and a trace of every cycle (npz, no pickle)."""
+
+import csv
+import hashlib
+import io
+import json
+import math
+import os
+import platform
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import metadata
+from itertools import pairwise
+from pathlib import Path
+from types import UnionType
+from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_mcts.scene import YIELD, Agents, Bools, Decision, EgoState, Floats, Forecast, Ints, RoadMap, Signals
+
+SCHEMA_VERSION = 1
+
+MANIFEST, ROWS, TABLE = "manifest.json", "episodes.jsonl", "episodes.csv"
+
+# The row, in the order of docs/measures.md.
+ROW_KEYS = (
+    "key", "scenario", "variant", "planner", "prediction", "ego", "seed", "outcome", "error", "at_fault", "inevitable", "collisions",
+    "travel_time_s", "free_flow_s", "in_time", "distance_m", "stopped_s", "max_decel_mps2", "hard_brakes", "rms_jerk_mps3", "comfortable_share",
+    "speeding_share", "lane_changes", "decision_flips", "red_lights_run", "yellow_run", "imposed_max_decel_mps2", "imposed_brakes_2",
+    "imposed_brakes_3", "imposed_brakes_4", "min_ttc_s", "min_pet_s", "max_drac_mps2", "failsafe_interventions", "iterations_per_decision",
+    "iterations", "cycles", "deadline_s", "deadline_misses", "plan_ms_p50", "plan_ms_p95", "plan_ms_p99", "plan_ms_max", "wall_s",
+    "realtime_factor", "trace_digest", "config_digest",
+)  # fmt: skip
+
+Row = dict[str, Any]
+
+
+class TraceError(Exception):
+    """A file that is not a whole trace of this format."""
+
+
+class CycleRecord(NamedTuple):
+    """One decision: what was known, what was expected, what was decided, and what came of it."""
+
+    time: float  # simulation time, s
+    step: float  # simulation step, s
+    ego: EgoState
+    agents: Agents
+    signals: Signals
+    forecast: Forecast
+    decision: Decision
+    plan_ms: float  # wall time from scene to decision, ms
+    commanded_speed: float  # at the end of this period, m/s; nan: none
+    executed_speed: float  # the state one decision period later, m/s; nan for the last cycle
+    commanded_lane: int  # global lane index at the end of this period; -1: none
+    executed_lane: int  # -1 for the last cycle
+    deviation: str  # why the executed state differs from the commanded one; "" it does not
+    note: str
+
+
+class Lanes(NamedTuple):
+    """The roads of one episode, for drawing. L lanes, P shape points, S stop lines."""
+
+    lane_ids: tuple[str, ...]
+    points: Floats  # [P, 2] m
+    offset: Ints  # [L+1] lane i owns points offset[i]:offset[i+1]
+    width: Floats  # [L] m
+    internal: Bools  # [L] inside a junction
+    route: Bools  # [L] on the ego's route
+    stop_lines: Floats  # [S, 4] x and y of both ends, m
+
+
+class Trace(NamedTuple):
+    """One episode of one ego, cycle by cycle."""
+
+    key: str
+    scenario: str
+    outcome: str
+    lanes: Lanes
+    cycles: tuple[CycleRecord, ...]
+
+
+# --- rows and manifest ---
+
+
+def row_defaults() -> Row:
+    """A row with every key, all unknown."""
+    return dict.fromkeys(ROW_KEYS)
+
+
+def episode_key(scenario: str, variant: str, seed: int, ego: str | None = None) -> str:
+    """scenario--variant--seed[--ego], safe as a file name; different episodes have different keys."""
+    parts = [scenario, variant, str(seed), *([] if ego is None else [ego])]
+    return "--".join(_safe(part) for part in parts)
+
+
+def append_row(folder: Path, row: Mapping[str, Any]) -> None:
+    """Add a row to episodes.jsonl; on disk when this returns. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    line = json_text({**row_defaults(), **row}, indent=None) + "\n"
+    with (folder / ROWS).open("a+b") as file:
+        # A killed process may have left half a line: it must not swallow this one.
+        if file.tell() and _last_byte(file) != b"\n":
+            line = "\n" + line
+        file.write(line.encode())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_rows(folder: Path) -> list[Row]:
+    """The rows of episodes.jsonl, without lines that a killed process left unfinished; none where there is no file."""
+    path = folder / ROWS
+    if not path.exists():
+        return []
+    return [row for line in path.read_text(encoding="utf-8", errors="replace").split("\n") if (row := _parsed(line)) is not None]
+
+
+def write_csv(folder: Path) -> None:
+    """episodes.csv from episodes.jsonl: unknown is an empty cell. Raises OSError."""
+    rows = read_rows(folder)
+    further = dict.fromkeys(key for row in rows for key in row if key not in ROW_KEYS)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, (*ROW_KEYS, *further), restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
+    write_whole(folder / TABLE, text.getvalue().encode(errors="backslashreplace"))
+
+
+def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
+    """manifest.json. Raises OSError."""
+    write_whole(folder / MANIFEST, (json_text({"schema_version": SCHEMA_VERSION, **manifest}) + "\n").encode())
+
+
+def versions() -> dict[str, str | None]:
+    """What this ran on; null where a package is not installed."""
+    packages = {"sumo_mcts": "sumo-mcts", "sumo": "libsumo", "numpy": "numpy", "numba": "numba"}
+    return {**{name: _version(package) for name, package in packages.items()}, "python": platform.python_version(), "platform": platform.platform()}
+
+
+def json_text(value: Any, indent: int | None = 2) -> str:
+    """JSON without NaN and Infinity: they become null. Takes numpy values, paths and tuples."""
+    return json.dumps(_plain(value), indent=indent, allow_nan=False)
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file wholly or not at all; creates the folder. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _safe(part: str) -> str:
+    """The text itself where it can stand in a file name; otherwise a readable form with a hash that keeps it unique."""
+    if len(part) <= 60 and re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.]*(-[A-Za-z0-9_.]+)*", part):
+        return part
+    readable = re.sub(r"[^A-Za-z0-9_]+", "_", part)[:40] or "_"
+    return f"{readable}-{hashlib.sha256(part.encode(errors='backslashreplace')).hexdigest()[:8]}"
+
+
+def _last_byte(file: io.BufferedRandom) -> bytes:
+    file.seek(-1, os.SEEK_END)
+    return file.read(1)
+
+
+def _parsed(line: str) -> Row | None:
+    try:
+        row = json.loads(line)
+    except json.JSONDecodeError:
+        return None
+    return row if isinstance(row, dict) else None
+
+
+def _cell(value: Any) -> Any:
+    if value is None:
+        return ""
+    return json.dumps(value) if isinstance(value, bool | list | dict) else value
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(item) for item in value]
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+# --- the roads of a trace ---
+
+
+def lanes_around(road: RoadMap, route: Sequence[int], where: Floats, distance: float) -> Lanes:
+    """The lanes with a part within `distance` m of the points `where` [K, 2]; `route`: edges of the ego."""
+    near = _near(road, where, distance)
+    keep = np.array([near[begin:end].any() for begin, end in pairwise(road.point_offset.tolist())], dtype=np.bool_)
+    chosen: list[int] = np.flatnonzero(keep).tolist()
+    shapes = [road.points[road.point_offset[i] : road.point_offset[i + 1]] for i in chosen]
+    on_route = np.isin(road.edge, np.asarray(route, dtype=np.int32)) & ~road.internal
+    return Lanes(
+        lane_ids=tuple(road.lane_ids[i] for i in chosen),
+        points=np.concatenate(shapes) if shapes else np.zeros((0, 2)),
+        offset=np.cumsum([0, *(len(shape) for shape in shapes)], dtype=np.int32),
+        width=road.width[chosen],
+        internal=road.internal[chosen],
+        route=(on_route | _between(road, route))[chosen],
+        stop_lines=np.array([_stop_line(road, i) for i in chosen if _stops(road, i)], dtype=np.float64).reshape(-1, 4),
+    )
+
+
+def _near(road: RoadMap, where: Floats, distance: float) -> Bools:
+    """[P] whether the piece of lane that begins at a shape point comes within reach of one of `where`."""
+    last = road.point_offset[1:] - 1
+    along = np.diff(road.points, axis=0, append=road.points[-1:])
+    along[last] = 0.0  # a lane's last point is joined to nothing
+    square = np.maximum((along**2).sum(axis=1), 1e-9)
+    near = np.zeros(len(road.points), dtype=np.bool_)
+    for place in where:  # one at a time, for memory's sake
+        to = place - road.points
+        share = np.clip((to * along).sum(axis=1) / square, 0.0, 1.0)
+        near |= ((to - share[:, None] * along) ** 2).sum(axis=1) <= distance**2
+    return near
+
+
+def _between(road: RoadMap, route: Sequence[int]) -> Bools:
+    """[L] internal lanes that lead from one edge of the route to the next."""
+    result = np.zeros(len(road.lane_ids), dtype=np.bool_)
+    for edge, following in pairwise(route):
+        for lane in np.flatnonzero((road.edge == edge) & ~road.internal).tolist():
+            for entered in _successors(road, lane):
+                inside = entered
+                while road.internal[inside] and road.edge[road.exit[inside]] == following and not result[inside]:
+                    result[inside] = True
+                    inside = _successors(road, inside)[0]
+    return result
+
+
+def _successors(road: RoadMap, lane: int) -> list[int]:
+    following: list[int] = road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]].tolist()
+    return following
+
+
+def _stops(road: RoadMap, lane: int) -> bool:
+    """Whether traffic may have to wait at the end of the lane: a signal, or a connection that has to yield."""
+    following = _successors(road, lane)
+    return not road.internal[lane] and bool(((road.signal[following] >= 0) | (road.rule[following] >= YIELD)).any())
+
+
+def _stop_line(road: RoadMap, lane: int) -> Floats:
+    """[4] both ends of the line across the lane's end."""
+    before, end = road.points[road.point_offset[lane + 1] - 2 : road.point_offset[lane + 1]]
+    along = (end - before) / max(float(np.linalg.norm(end - before)), 1e-9)
+    across = np.array([-along[1], along[0]]) * road.width[lane] / 2
+    return np.concatenate([end + across, end - across])
+
+
+# --- traces: every field of the tuples becomes a column over all cycles ---
+
+_FORMAT = 1
+Columns = dict[str, NDArray[Any]]
+
+_SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}
+# Large columns that are drawn and not computed with: single precision (0.5 mm at 5 km).
+_COARSE = ("forecast/pose", "forecast/v", "forecast/s", "plan/pose", "children/poses")
+
+
+def save_trace(path: Path, trace: Trace) -> None:
+    """Write a trace as one compressed npz. Raises OSError."""
+    columns: Columns = {"format": np.array(_FORMAT)}
+    _encode(Trace, [trace], "trace", columns)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **columns)
+    write_whole(path, buffer.getvalue())
+
+
+def load_trace(path: Path) -> Trace:
+    """Read a trace. Raises TraceError where the file is broken or of another format, OSError where it cannot be read."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            columns = {name: archive[name] for name in archive.files}
+        if int(columns["format"]) != _FORMAT:
+            raise TraceError(f"{path}: written in trace format {int(columns['format'])}, this version reads {_FORMAT}")
+        trace: Trace = _decode(Trace, 1, "trace", columns)[0]
+    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, TypeError, KeyError, IndexError) as error:
+        raise TraceError(f"{path}: not a whole trace: {' '.join(str(error).split())}") from None
+    return trace
+
+
+def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> None:
+    """Add the columns of `values`, all of the annotated type `kind`."""
+    origin, args = get_origin(kind), get_args(kind)
+    if kind in _SCALARS:
+        columns[path] = np.array(values, dtype=_SCALARS[kind])
+    elif origin is np.ndarray:
+        _encode(tuple[int, ...], [value.shape for value in values], path + "#shape", columns)
+        flat: list[NDArray[Any]] = [np.ravel(value).astype(_stored(kind, path)) for value in values]
+        columns[path] = np.concatenate(flat) if flat else np.zeros(0, dtype=_stored(kind, path))
+    elif origin is tuple:
+        columns[path + "#count"] = np.array([len(value) for value in values], dtype=np.int32)
+        _encode(args[0], [item for value in values for item in value], path, columns)
+    elif origin in (Union, UnionType):
+        tags = [next(i for i, member in enumerate(args) if isinstance(value, member)) for value in values]
+        columns[path + "#tag"] = np.array(tags, dtype=np.int8)
+        for i, member in _members(args):
+            _encode(member, [value for value, tag in zip(values, tags, strict=True) if tag == i], f"{path}/{member.__name__}", columns)
+    else:
+        for field, annotation in get_type_hints(kind).items():
+            _encode(annotation, [getattr(value, field) for value in values], f"{path}/{field}", columns)
+
+
+def _decode(kind: Any, count: int, path: str, columns: Columns) -> list[Any]:
+    """`count` values of the annotated type `kind` from their columns; the mirror of _encode."""
+    origin, args = get_origin(kind), get_args(kind)
+    if kind in _SCALARS:
+        return _exactly(columns[path].tolist(), count, path)
+    if origin is np.ndarray:
+        shapes = _decode(tuple[int, ...], count, path + "#shape", columns)
+        whole: NDArray[Any] = columns[path].astype(_element(kind))
+        return [part.reshape(shape) for part, shape in zip(_split(whole, [math.prod(shape) for shape in shapes], path), shapes, strict=True)]
+    if origin is tuple:
+        lengths = _exactly(columns[path + "#count"].tolist(), count, path)
+        return [tuple(part) for part in _split(_decode(args[0], sum(lengths), path, columns), lengths, path)]
+    if origin in (Union, UnionType):
+        tags = _exactly(columns[path + "#tag"].tolist(), count, path)
+        values = {i: iter(_decode(member, tags.count(i), f"{path}/{member.__name__}", columns)) for i, member in _members(args)}
+        return [next(values[tag]) if tag in values else None for tag in tags]
+    fields = [_decode(annotation, count, f"{path}/{field}", columns) for field, annotation in get_type_hints(kind).items()]
+    return [kind(*value) for value in zip(*fields, strict=True)] if fields else [kind() for _ in range(count)]
+
+
+def _members(args: tuple[Any, ...]) -> Iterator[tuple[int, Any]]:
+    """The members of a union with something to store, with their tags."""
+    return ((i, member) for i, member in enumerate(args) if member is not type(None))
+
+
+def _element(kind: Any) -> type:
+    """The element type of an annotated array."""
+    element: type = get_args(get_args(kind)[1])[0]
+    return element
+
+
+def _stored(kind: Any, path: str) -> type:
+    return np.float32 if path.endswith(_COARSE) else _element(kind)
+
+
+def _exactly(values: list[Any], count: int, path: str) -> list[Any]:
+    if len(values) != count:
+        raise ValueError(f"{path} has {len(values)} entries, not {count}")
+    return values
+
+
+def _split(flat: Any, lengths: Sequence[int], path: str) -> list[Any]:
+    """Cut a list or an array into parts of these lengths."""
+    bounds = np.cumsum([0, *lengths]).tolist()
+    if bounds[-1] != len(flat):
+        raise ValueError(f"{path} has {len(flat)} entries, not {bounds[-1]}")
+    return [flat[begin:end] for begin, end in pairwise(bounds)]

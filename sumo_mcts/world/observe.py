@@ -1,0 +1,271 @@
+"""From the running simulation to a Scene (what the planner may know) and a Frame (what the referee judges by)."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sumo_mcts.scene import GREEN, IGNORING, RED, REFEREE_RANGE, VEHICLE_CLASSES, YELLOW, Agents, EgoState, Floats, Frame, Ints, RoadMap, Scene, Signals
+from sumo_mcts.world.roadmap import lane_index
+from sumo_mcts.world.simulation import import_libsumo, step_length
+
+PHASES = 8  # coming phases that are broadcast
+SIGNAL_RANGE = 500.0  # m within which signals are read
+LEADER_RANGE = 100.0  # m within which an agent's leader is asked for
+BRAKING = -1.5  # m/s2 beyond which the referee wants to know why
+_SHOWS = {"G": GREEN, "g": GREEN, "o": GREEN, "O": GREEN, "s": GREEN, "y": YELLOW, "Y": YELLOW, "r": RED, "u": RED}
+
+
+class Change(NamedTuple):
+    """A lane change of the ego under way, as the one who commanded it knows."""
+
+    progress: float = 0.0
+    source: int = -1
+    target: int = -1
+
+
+class VehicleType(NamedTuple):
+    """What does not change about a vehicle."""
+
+    length: float
+    width: float
+    max_accel: float
+    decel: float
+    emergency_decel: float
+    max_speed: float
+    speed_factor: float
+    vclass: int
+
+
+class Observer:
+    """Reads one simulation. Keeps what needs memory: for how long agents have stood, and the signals' programs."""
+
+    def __init__(self, road: RoadMap) -> None:
+        self._libsumo: Any = import_libsumo()
+        self._road = road
+        self._lanes = lane_index(road)
+        self._edges = {edge: i for i, edge in enumerate(road.edge_ids)}
+        self._types: dict[str, VehicleType] = {}
+        self._standing: dict[str, float] = {}
+        self._signals = _SignalReader(self._libsumo, road)
+        self.step = step_length()
+
+    def present(self, vehicle: str) -> bool:
+        """Whether a vehicle is on the road."""
+        return vehicle in self._libsumo.vehicle.getIDList()
+
+    def scene(self, ego: str, change: Change, sensor_range: float, timing: bool) -> Scene:
+        """What the planner may know now."""
+        state = self.ego(ego, change)
+        time = float(self._libsumo.simulation.getTime())
+        return Scene(time, self.step, state, self._agents(ego, state.x, state.y, sensor_range, time), self._signals.read(state.x, state.y, time, PHASES if timing else 1))
+
+    def frame(self, ego: str, change: Change, last: Frame | None, judged: bool) -> Frame:
+        """What SUMO reports of the last step; `judged`: an SSM device watches the ego."""
+        sumo = self._libsumo
+        time = float(sumo.simulation.getTime())
+        present = self.present(ego)
+        if not present and last is None:
+            raise LookupError(ego)
+        state = self.ego(ego, change) if present or last is None else last.ego
+        agents = self._agents(ego, state.x, state.y, REFEREE_RANGE, time)
+        leader, paths = self._why_brakes(agents)
+        hits = [c for c in sumo.simulation.getCollisions() if ego in (c.collider, c.victim)]
+        ttc, drac, pet = self._surrogates(ego) if judged and present else (math.nan,) * 3
+        return Frame(
+            time, state, present, agents, self._signals.read(state.x, state.y, time, 1), leader, paths,
+            tuple(c.victim if c.collider == ego else c.collider for c in hits), hits[0].type if hits else "",
+            ego in sumo.simulation.getStartingTeleportIDList(), ego in sumo.simulation.getArrivedIDList(), ttc, pet, drac,
+        )  # fmt: skip
+
+    def ego(self, vehicle: str, change: Change) -> EgoState:
+        """The ego as its own sensors know it."""
+        get = self._libsumo.vehicle
+        kind = self._type(vehicle)
+        x, y = get.getPosition(vehicle)
+        heading = _heading(get.getAngle(vehicle))
+        route = get.getRoute(vehicle)
+        edges = tuple(self._edges.get(edge, -1) for edge in route[max(get.getRouteIndex(vehicle), 0) :])
+        return EgoState(
+            vehicle, x - 0.5 * kind.length * math.cos(heading), y - 0.5 * kind.length * math.sin(heading), heading, get.getSpeed(vehicle),
+            get.getAcceleration(vehicle), self._lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle),
+            get.getLateralLanePosition(vehicle), kind.length, kind.width, kind.max_accel, kind.decel, kind.emergency_decel, kind.max_speed,
+            kind.speed_factor, kind.vclass, edges, change.progress, change.target, change.source,
+        )  # fmt: skip
+
+    def _agents(self, ego: str, x: float, y: float, reach: float, time: float) -> Agents:
+        get = self._libsumo.vehicle
+        ids = get.getIDList()
+        near = []
+        for vehicle in ids:
+            if vehicle != ego:
+                px, py = get.getPosition(vehicle)
+                if (px - x) ** 2 + (py - y) ** 2 <= reach * reach:
+                    near.append((vehicle, px, py))
+        people = []
+        persons = self._libsumo.person
+        for person in persons.getIDList():
+            px, py = persons.getPosition(person)
+            if (px - x) ** 2 + (py - y) ** 2 <= reach * reach and not persons.getVehicle(person):
+                people.append((person, px, py))
+        rows = [self._vehicle_row(v, px, py, time) for v, px, py in near] + [self._person_row(p, px, py, time) for p, px, py in people]
+        rows.sort(key=lambda row: str(row[0]))
+        return _columns(rows)
+
+    def _vehicle_row(self, vehicle: str, px: float, py: float, time: float) -> tuple[Any, ...]:
+        get = self._libsumo.vehicle
+        kind = self._type(vehicle)
+        heading = _heading(get.getAngle(vehicle))
+        v = get.getSpeed(vehicle)
+        signals = get.getSignals(vehicle)
+        return (
+            vehicle, px - 0.5 * kind.length * math.cos(heading), py - 0.5 * kind.length * math.sin(heading), heading, v, get.getAcceleration(vehicle),
+            kind.length, kind.width, self._lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle), get.getLateralLanePosition(vehicle),
+            (-1 if signals & 1 else 1 if signals & 2 else 0), self._stood(vehicle, v, time), False,
+        )  # fmt: skip
+
+    def _person_row(self, person: str, px: float, py: float, time: float) -> tuple[Any, ...]:
+        get = self._libsumo.person
+        v = get.getSpeed(person)
+        length, width = max(get.getLength(person), 0.3), max(get.getWidth(person), 0.5)
+        return (person, px, py, _heading(get.getAngle(person)), v, 0.0, length, width, -1, 0.0, 0.0, 0, self._stood(person, v, time), True)
+
+    def _stood(self, name: str, v: float, time: float) -> float:
+        """For how long it has stood, s."""
+        if v > 0.1:
+            self._standing.pop(name, None)
+            return 0.0
+        return time - self._standing.setdefault(name, time)
+
+    def _type(self, vehicle: str) -> VehicleType:
+        kind = self._types.get(vehicle)
+        if kind is None:
+            get = self._libsumo.vehicle
+            name = get.getVehicleClass(vehicle)
+            vclass = VEHICLE_CLASSES.index(name) if name in VEHICLE_CLASSES else IGNORING
+            kind = VehicleType(
+                get.getLength(vehicle), get.getWidth(vehicle), get.getAccel(vehicle), get.getDecel(vehicle), get.getEmergencyDecel(vehicle),
+                get.getMaxSpeed(vehicle), get.getSpeedFactor(vehicle), vclass,
+            )  # fmt: skip
+            self._types[vehicle] = kind
+        return kind
+
+    def _why_brakes(self, agents: Agents) -> tuple[tuple[str, ...], tuple[Ints, ...]]:
+        """For agents that brake: the leader that SUMO names, and the lanes they are really going to take."""
+        leader, paths = [""] * len(agents.ids), [_NO_LANES] * len(agents.ids)
+        for i in np.flatnonzero((agents.a < BRAKING) & ~agents.person & (agents.lane >= 0)):
+            found = self._libsumo.vehicle.getLeader(agents.ids[i], LEADER_RANGE)
+            leader[i] = found[0] if found else ""
+            paths[i] = self._path(agents.ids[i], int(agents.lane[i]))
+        return tuple(leader), tuple(paths)
+
+    def _path(self, vehicle: str, lane: int) -> Ints:
+        lanes = [lane]
+        for link in self._libsumo.vehicle.getNextLinks(vehicle):
+            lanes += self._chain(self._lanes.get(link[4], -1))
+            if link[0] in self._lanes:
+                lanes.append(self._lanes[link[0]])
+        return np.array(lanes, np.int32)
+
+    def _chain(self, lane: int) -> list[int]:
+        """The internal lanes of a connection from its first one on."""
+        road, chain = self._road, []
+        while lane >= 0 and road.internal[lane] and len(chain) < 8:
+            chain.append(lane)
+            first = road.successor_offset[lane]
+            lane = int(road.successor[first]) if first < road.successor_offset[lane + 1] else -1
+        return chain
+
+    def _surrogates(self, ego: str) -> tuple[float, float, float]:
+        """TTC (s), DRAC (m/s2), PET (s) of the ego's SSM device at this moment; nan where undefined."""
+        get = self._libsumo.vehicle.getParameter
+        return _number(get(ego, "device.ssm.minTTC")), _number(get(ego, "device.ssm.maxDRAC")), _number(get(ego, "device.ssm.minPET"))
+
+
+_NO_LANES: Ints = np.zeros(0, np.int32)
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        return math.nan
+    return value if abs(value) < 1e6 else math.nan
+
+
+def _heading(angle: float) -> float:
+    """SUMO's degrees clockwise from north to radians counter-clockwise from east, in (-pi, pi]."""
+    heading = math.radians(90.0 - angle)
+    return heading + 2 * math.pi if heading <= -math.pi else heading
+
+
+def _columns(rows: list[tuple[Any, ...]]) -> Agents:
+    names, *columns = zip(*rows, strict=True) if rows else ((),) * 14
+    x, y, heading, v, a, length, width, lane, s, d, blinker, standing, person = columns
+    floats: list[Floats] = [np.array(c, np.float64) for c in (x, y, heading, v, a, length, width)]
+    return Agents(
+        tuple(names), *floats, np.array(lane, np.int32), np.array(s, np.float64), np.array(d, np.float64), np.array(blinker, np.int32),
+        np.array(standing, np.float64), np.array(person, np.bool_),
+    )  # fmt: skip
+
+
+class _SignalReader:
+    """The state of the signals near a place, and their coming phases."""
+
+    def __init__(self, libsumo: Any, road: RoadMap) -> None:
+        self._get = libsumo.trafficlight
+        self._ids = road.signal_ids
+        known = set(self._get.getIDList())
+        links = [int(road.link[road.signal == q].max(initial=-1)) + 1 for q in range(len(road.signal_ids))]
+        self._offset = np.concatenate([[0], np.cumsum(links)]).astype(np.int32)
+        self._place = [_place(road, q) for q in range(len(road.signal_ids))]
+        self._known = [name in known for name in road.signal_ids]
+        self._programs: dict[tuple[int, str], list[Any]] = {}
+
+    def read(self, x: float, y: float, time: float, phases: int) -> Signals:
+        """Signals within SIGNAL_RANGE of a place; those further away read as green."""
+        state = np.full((int(self._offset[-1]), phases), GREEN, np.int32)
+        until = np.full((len(self._ids), phases), np.inf)
+        for q, name in enumerate(self._ids):
+            px, py = self._place[q]
+            if self._known[q] and (px - x) ** 2 + (py - y) ** 2 < SIGNAL_RANGE**2:
+                self._fill(q, name, time, state[self._offset[q] : self._offset[q + 1]], until[q])
+        return Signals(self._offset, state, until)
+
+    def _fill(self, q: int, name: str, time: float, state: Ints, until: Floats) -> None:
+        _show(self._get.getRedYellowGreenState(name), state[:, 0])
+        if len(until) == 1:
+            return
+        until[0] = self._get.getNextSwitch(name) - time
+        program = self._program(q, name)
+        index = self._get.getPhase(name)
+        for k in range(1, len(until)):
+            if not 0 <= index < len(program):
+                state[:, k], until[k - 1] = state[:, k - 1], np.inf
+                continue
+            phase = program[index]
+            index = phase.next[0] if phase.next and phase.next[0] >= 0 else (index + 1) % len(program)
+            _show(program[index].state, state[:, k])
+            until[k] = until[k - 1] + program[index].duration
+
+    def _program(self, q: int, name: str) -> list[Any]:
+        current = self._get.getProgram(name)
+        if (q, current) not in self._programs:
+            logics = {logic.programID: list(logic.phases) for logic in self._get.getAllProgramLogics(name)}
+            self._programs[q, current] = logics.get(current, [])
+        return self._programs[q, current]
+
+
+def _show(letters: str, column: Ints) -> None:
+    """What each link shows, into a column of Signals.state."""
+    for i in range(min(len(letters), len(column))):
+        column[i] = _SHOWS.get(letters[i], GREEN)
+
+
+def _place(road: RoadMap, signal: int) -> tuple[float, float]:
+    """Where a signal stands: the mean start of its links, m."""
+    lanes = np.flatnonzero(road.signal == signal)
+    if not len(lanes):
+        return math.inf, math.inf
+    points = road.points[road.point_offset[lanes]]
+    return float(points[:, 0].mean()), float(points[:, 1].mean())

@@ -1,0 +1,369 @@
+"""From a SUMO network file to scene.RoadMap: lanes, connections, right of way, and where the paths through a junction meet."""
+
+import os
+import zlib
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import Any, NamedTuple
+from xml.sax import SAXException
+
+import numpy as np
+import sumolib  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from sumo_mcts.config import ConfigError
+from sumo_mcts.scene import (
+    ALLWAY,
+    LEFT,
+    PRIORITY,
+    RIGHT,
+    STOP,
+    STRAIGHT,
+    TURN,
+    VEHICLE_CLASSES,
+    YIELD,
+    ZIPPER,
+    Bools,
+    Floats,
+    Ints,
+    RoadMap,
+)
+
+REACH = 2.2  # m: foes whose centre lines come closer than this share the road
+TOUCH = 1.9  # m: the same where SUMO sees no foes: two cars of 1.8 m just pass
+SIDE_BY_SIDE = 0.75  # ... but never more than this share of the distance at which the two lanes would lie next to each other
+APART = 5.0  # m: two meetings of the same two paths count as one when less lies between them
+SAMPLING = 0.5  # m between the points at which two centre lines are compared
+TINY = 0.01  # m: the length given to a lane whose shape has none, so that it has a heading
+
+_DIRECTIONS = {"s": STRAIGHT, "l": LEFT, "L": LEFT, "r": RIGHT, "R": RIGHT, "t": TURN, "T": TURN}
+_RULES = {"m": YIELD, "=": YIELD, "o": YIELD, "s": STOP, "w": ALLWAY, "Z": ZIPPER}
+_ON_FOOT = ("walkingarea", "crossing")
+_BROKEN = (OSError, EOFError, zlib.error, SAXException, ValueError, LookupError, AttributeError, TypeError)
+
+
+class _Link(NamedTuple):
+    """One way across a junction: ordinary lane `origin` to ordinary lane `exit` along the internal lanes of `chain`."""
+
+    origin: int
+    exit: int
+    chain: tuple[int, ...]  # empty where the network has no internal lanes
+    edges: tuple[str, str]  # those of origin and exit
+    junction: int
+    duty: int  # bit k set: lets link k of the junction pass
+    foes: int  # bit k set: SUMO holds that it meets link k
+    number: int  # its own bit in the duties of the others, -1 unknown
+    direction: int
+    rule: int
+    signal: int
+    signal_link: int
+    classes: int  # bit mask over VEHICLE_CLASSES
+
+
+class _Path(NamedTuple):
+    """One internal lane, sampled. n points."""
+
+    lane: int
+    link: _Link
+    last: bool  # the next lane is an ordinary one
+    width: float  # m
+    points: Floats  # [n, 2] m
+    s: Floats  # [n] SUMO lane positions, m
+    low: Floats  # [2] corner of the bounding box, m
+    high: Floats  # [2] m
+
+
+class _Conflict(NamedTuple):
+    """Where path `lane` meets path `other`; the field names of RoadMap without their prefix."""
+
+    lane: int
+    other: int
+    begin: float
+    end: float
+    other_begin: float
+    other_end: float
+    merge: bool
+    yields: bool
+
+
+def read_roadmap(net_file: str) -> RoadMap:
+    """The network in `net_file` (.net.xml or .net.xml.gz) as arrays; lanes in the order of the file. ConfigError where it cannot be read."""
+    if not os.path.isfile(net_file):
+        raise ConfigError(f"{net_file}: no such network file")
+    try:
+        road = _convert(sumolib.net.readNet(net_file, withInternal=True))
+    except _BROKEN as error:
+        # sumolib fails in many ways on a file that is not what it expects
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ConfigError(f"{net_file}: not a readable SUMO network ({reason})") from error
+    if not road.lane_ids:
+        raise ConfigError(f"{net_file}: not a SUMO network with lanes")
+    return road
+
+
+def lane_index(road: RoadMap) -> dict[str, int]:
+    """Lane id -> index."""
+    return {name: i for i, name in enumerate(road.lane_ids)}
+
+
+def lane_shape(road: RoadMap, lane: int) -> Floats:
+    """Centre line of a lane: [n, 2], m, n >= 2."""
+    return road.points[road.point_offset[lane] : road.point_offset[lane + 1]]
+
+
+def _convert(net: Any) -> RoadMap:
+    edges = list(net.getEdges())
+    lanes = [lane for edge in edges for lane in edge.getLanes()]
+    ids = [f"{edge.getID()}_{i}" for edge in edges for i in range(len(edge.getLanes()))]
+    number = {name: i for i, name in enumerate(ids)}
+    junction_number = {node.getID(): i for i, node in enumerate(net.getNodes())}
+    edge = np.repeat(np.arange(len(edges), dtype=np.int32), [len(edge.getLanes()) for edge in edges])
+    internal = np.array([lane.getEdge().isSpecial() for lane in lanes], dtype=np.bool_)
+    junction = [junction_number[lane.getEdge().getFromNode().getID()] if inside else -1 for lane, inside in zip(lanes, internal, strict=True)]
+    length = np.array([lane.getLength() for lane in lanes], dtype=np.float64)
+    width = np.array([lane.getWidth() for lane in lanes], dtype=np.float64)
+
+    signal_ids, links = _read_links(net, number, junction_number)
+    following = [_following(lane, number) for lane in lanes]
+    offset, points, point_s = _flatten(_shapes(lanes, following))
+    exit_lane = np.arange(len(lanes), dtype=np.int32)
+    direction, rule = np.full((2, len(lanes)), [[STRAIGHT], [PRIORITY]], dtype=np.int32)
+    signal, signal_link = np.full((2, len(lanes)), -1, dtype=np.int32)
+    classes = np.array([_mask(frozenset(lane.getPermissions())) for lane in lanes], dtype=np.uint64)
+    for link in links:
+        chain, first = list(link.chain), list(link.chain[:1])
+        exit_lane[chain] = link.exit
+        direction[chain] = link.direction
+        classes[chain] &= np.uint64(link.classes)
+        rule[first] = link.rule
+        signal[first] = link.signal
+        signal_link[first] = link.signal_link
+
+    paths = [_path(lane, link, width[lane], length[lane], points[offset[lane] : offset[lane + 1]]) for link in links for lane in link.chain]
+    conflicts = sorted(_conflicts(paths))
+    field = _Conflict(*zip(*conflicts, strict=True)) if conflicts else _Conflict(*([],) * len(_Conflict._fields))  # type: ignore[arg-type]
+    return RoadMap(
+        lane_ids=tuple(ids),
+        edge_ids=tuple(edge.getID() for edge in edges),
+        junction_ids=tuple(junction_number),
+        signal_ids=signal_ids,
+        edge=edge,
+        index=np.array([i for edge in edges for i in range(len(edge.getLanes()))], dtype=np.int32),
+        internal=internal,
+        length=length,
+        shape_length=point_s[offset[1:] - 1],
+        width=width,
+        speed=np.array([lane.getSpeed() for lane in lanes], dtype=np.float64),
+        classes=classes,
+        left=_neighbours(edge, 1),
+        right=_neighbours(edge, -1),
+        point_offset=offset,
+        points=points,
+        point_s=point_s,
+        successor_offset=_offsets([len(lanes_after) for lanes_after in following]),
+        successor=np.array([lane for lanes_after in following for lane in lanes_after], dtype=np.int32),
+        exit=exit_lane,
+        direction=direction,
+        junction=np.array(junction, dtype=np.int32),
+        rule=rule,
+        signal=signal,
+        link=signal_link,
+        conflict_offset=_offsets(np.bincount(np.array(field.lane, dtype=np.int64), minlength=len(lanes)).tolist()),
+        conflict_lane=np.array(field.other, dtype=np.int32),
+        conflict_begin=np.array(field.begin, dtype=np.float64),
+        conflict_end=np.array(field.end, dtype=np.float64),
+        conflict_other_begin=np.array(field.other_begin, dtype=np.float64),
+        conflict_other_end=np.array(field.other_end, dtype=np.float64),
+        conflict_merge=np.array(field.merge, dtype=np.bool_),
+        conflict_yields=np.array(field.yields, dtype=np.bool_),
+    )
+
+
+# --- lanes ---
+
+
+@cache
+def _mask(allowed: frozenset[str]) -> int:
+    """Bit mask over VEHICLE_CLASSES of the classes named."""
+    return sum(1 << i for i, name in enumerate(VEHICLE_CLASSES) if name in allowed or "all" in allowed)
+
+
+def _offsets(counts: Sequence[int]) -> Ints:
+    """[n] counts -> [n+1] where each share begins and the last ends."""
+    return np.concatenate(([0], np.cumsum(counts))).astype(np.int32)
+
+
+def _neighbours(edge: Ints, step: int) -> Ints:
+    """[L] the lane `step` places further on the same edge, or -1; lanes of an edge stand together."""
+    there = np.arange(len(edge), dtype=np.int32) + step
+    inside = (there >= 0) & (there < len(edge))
+    there[~inside] = 0
+    return np.where(inside & (edge[there] == edge), there, -1).astype(np.int32)
+
+
+def _connections(lane: Any) -> list[Any]:
+    """The ways on from a lane that vehicles may take."""
+    if lane.getEdge().getFunction() in _ON_FOOT:
+        return []
+    return [connection for connection in lane.getOutgoing() if connection.getTo().getFunction() not in _ON_FOOT]
+
+
+def _next_id(connection: Any) -> str:
+    """The lane driven next: the internal one where there is one."""
+    return str(connection.getViaLaneID() or connection.getToLane().getID())
+
+
+def _following(lane: Any, number: dict[str, int]) -> list[int]:
+    return [number[_next_id(connection)] for connection in _connections(lane)]
+
+
+def _shapes(lanes: Sequence[Any], following: Sequence[Sequence[int]]) -> list[Floats]:
+    """Centre line of each lane, [n >= 2, 2] m, no two consecutive points equal."""
+    shapes = [_distinct(np.array(lane.getShape(), dtype=np.float64).reshape(-1, 2)) for lane in lanes]
+    return [shape if len(shape) > 1 else _stretched(shape, [shapes[i] for i in after]) for shape, after in zip(shapes, following, strict=True)]
+
+
+def _distinct(shape: Floats) -> Floats:
+    keep = np.ones(len(shape), dtype=np.bool_)
+    keep[1:] = np.any(shape[1:] != shape[:-1], axis=1)
+    return shape[keep]
+
+
+def _stretched(point: Floats, after: Sequence[Floats]) -> Floats:
+    """A very short line from the only point of a lane, in the direction in which the road goes on; east where nothing tells."""
+    way = next((shape[1] - shape[0] for shape in after if len(shape) > 1), np.array([1.0, 0.0]))
+    return np.concatenate((point, point + TINY * way / np.linalg.norm(way)))
+
+
+def _flatten(shapes: Sequence[Floats]) -> tuple[Ints, Floats, Floats]:
+    """Offsets [L+1], points [P, 2] and arc length of each point along its lane [P], m."""
+    arcs = [np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1)))) for shape in shapes]
+    return _offsets([len(shape) for shape in shapes]), np.concatenate(shapes or [np.zeros((0, 2))]), np.concatenate(arcs or [np.zeros(0)])
+
+
+# --- connections and right of way ---
+
+
+def _read_links(net: Any, number: dict[str, int], junction_number: dict[str, int]) -> tuple[tuple[str, ...], list[_Link]]:
+    """Signal ids in the order of their first link, and every way across a junction."""
+    signals: dict[str, int] = {}
+    links: list[_Link] = []
+    for edge in net.getEdges(withInternal=False):
+        node = edge.getToNode()
+        # intLanes names the last internal lane of each link, in the order of the right-of-way matrix
+        place = {lane: i for i, lane in enumerate(node.getInternal() or ())}
+        # bit strings are read from the right, which is what int() does; sumolib keeps them private
+        duty = {i: int(bits, 2) for i, bits in node._prohibits.items()}
+        foes = {i: int(bits, 2) for i, bits in node._foes.items()}
+        for connection in (connection for lane in edge.getLanes() for connection in _connections(lane)):
+            chain = _chain(net, connection)
+            own = next((place[lane] for lane in reversed(chain) if lane in place), -1)
+            signal = connection.getTLSID()
+            links.append(
+                _Link(
+                    origin=number[connection.getFromLane().getID()],
+                    exit=number[connection.getToLane().getID()],
+                    chain=tuple(number[lane] for lane in chain),
+                    edges=(edge.getID(), connection.getTo().getID()),
+                    junction=junction_number[node.getID()],
+                    duty=duty.get(own, 0),
+                    foes=foes.get(own, 0),
+                    number=own,
+                    direction=_DIRECTIONS.get(connection.getDirection(), STRAIGHT),
+                    rule=_rule(connection, duty.get(own, 0)),
+                    signal=signals.setdefault(signal, len(signals)) if signal else -1,
+                    signal_link=connection.getTLLinkIndex() if signal else -1,
+                    classes=_mask(frozenset(connection._allowed)),
+                )
+            )
+    return tuple(signals), links
+
+
+def _chain(net: Any, connection: Any) -> tuple[str, ...]:
+    """Ids of the internal lanes that a connection leads over; two where a left turn may wait inside the junction."""
+    chain: list[str] = []
+    while connection.getViaLaneID():
+        chain.append(connection.getViaLaneID())
+        (connection,) = net.getLane(chain[-1]).getOutgoing()
+    return tuple(chain)
+
+
+def _rule(connection: Any, duty: int) -> int:
+    """How the connection is entered. Under a signal its letter says little: what counts is whether it has anybody to let pass."""
+    if connection.getTLSID():
+        return YIELD if duty else PRIORITY
+    return _RULES.get(connection.getState(), PRIORITY)
+
+
+# --- where paths meet ---
+
+
+def _path(lane: int, link: _Link, width: float, length: float, shape: Floats) -> _Path:
+    """An internal lane sampled at most SAMPLING apart; shape [n, 2] m, no two consecutive points equal."""
+    arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))))
+    at = np.linspace(0.0, arc[-1], int(np.ceil(arc[-1] / SAMPLING)) + 1)
+    points = np.column_stack((np.interp(at, arc, shape[:, 0]), np.interp(at, arc, shape[:, 1])))
+    return _Path(lane, link, lane == link.chain[-1], width, points, at * (length / arc[-1]), points.min(axis=0), points.max(axis=0))
+
+
+def _conflicts(paths: Sequence[_Path]) -> Iterable[_Conflict]:
+    """Both directions of every pair of paths that meet. Paths of different junctions never do: one may be a bridge over the other."""
+    junctions: defaultdict[int, list[_Path]] = defaultdict(list)
+    for path in paths:
+        junctions[path.link.junction].append(path)
+    for members in junctions.values():
+        for a, b in _near(members):
+            yield from _meet(a, b)
+
+
+def _near(paths: Sequence[_Path]) -> Iterable[tuple[_Path, _Path]]:
+    """Pairs of paths from different lanes whose bounding boxes come within REACH."""
+    low = np.array([path.low for path in paths]) - REACH
+    high = np.array([path.high for path in paths])
+    origin = np.array([path.link.origin for path in paths])
+    target = np.array([path.link.exit for path in paths])
+    close = np.all((low[:, None] <= high[None]) & (low[None] <= high[:, None]), axis=2) | (target[:, None] == target[None])
+    for i, k in np.argwhere(np.triu(close & (origin[:, None] != origin[None]))):
+        yield paths[i], paths[k]
+
+
+def _has(bits: int, number: int) -> bool:
+    """Whether the bit of a link is set; an unknown link (-1) has none."""
+    return number >= 0 and bool(bits >> number & 1)
+
+
+def _meet(a: _Path, b: _Path) -> Iterable[_Conflict]:
+    """The stretches that two paths share, from either side; nothing where they keep clear of each other."""
+    merge = a.link.exit == b.link.exit
+    if not merge and _abreast(a, b):
+        return
+    foes = merge or _has(a.link.foes, b.link.number) or _has(b.link.foes, a.link.number)
+    reach = min(REACH if foes else TOUCH, SIDE_BY_SIDE * (a.width + b.width) / 2)
+    gap = a.points[:, None] - b.points[None]
+    close = np.einsum("ijk,ijk->ij", gap, gap) < reach * reach
+    if merge and a.last and b.last:
+        close[-1, -1] = True  # their ends touch, whatever the shapes say
+    for rows in _runs(close.any(axis=1), a.s):
+        a_begin, a_end = _extent(rows, a.s)
+        b_begin, b_end = _extent(np.flatnonzero(close[rows].any(axis=0)), b.s)
+        yield _Conflict(a.lane, b.lane, a_begin, a_end, b_begin, b_end, merge, _has(a.link.duty, b.link.number))
+        yield _Conflict(b.lane, a.lane, b_begin, b_end, a_begin, a_end, merge, _has(b.link.duty, a.link.number))
+
+
+def _abreast(a: _Path, b: _Path) -> bool:
+    """Whether two paths lead from one edge to another without changing sides: lanes beside each other, however closely they are drawn."""
+    origin, target = a.link.origin - b.link.origin, a.link.exit - b.link.exit
+    return a.link.edges == b.link.edges and origin * target > 0
+
+
+def _runs(close: Bools, s: Floats) -> list[NDArray[np.intp]]:
+    """The samples [n] that are close, cut where more than APART lies between two of them; s [n] m."""
+    rows = np.flatnonzero(close)
+    return [run for run in np.split(rows, np.flatnonzero(np.diff(s[rows]) > APART) + 1) if len(run)]
+
+
+def _extent(rows: NDArray[np.intp], s: Floats) -> tuple[float, float]:
+    """From the first to the last of the samples `rows`, widened by the half step that sampling may have missed; s [n] m."""
+    half = float(s[1] - s[0]) / 2
+    return max(0.0, float(s[rows[0]]) - half), min(float(s[-1]), float(s[rows[-1]]) + half)

@@ -1,0 +1,282 @@
+"""What an episode leaves behind comes back as it was written, and half-written files are told from whole ones."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+import pytest
+from helpers_trace import busy_trace, crossing_trace
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sumo_mcts import records
+from sumo_mcts.scene import Decision, EgoState, Follow, Release, RoadMap
+
+MEASURES = Path("docs/measures.md")
+
+
+def random_value(kind: Any, rng: np.random.Generator, path: str = "") -> Any:
+    """Any value of an annotated type: empty and odd-shaped arrays, nan and inf, strings beyond ASCII."""
+    origin, args = get_origin(kind), get_args(kind)
+    if kind is float:
+        return float(rng.choice([rng.normal() * 1e4, np.nan, np.inf, -np.inf, 0.0]))
+    if kind is int:
+        return int(rng.integers(-(2**40), 2**40))
+    if kind is bool:
+        return bool(rng.integers(2))
+    if kind is str:
+        return str(rng.choice(["", "ego", "fußgänger→1", 'a,b\n"c"', "x" * 70]))
+    if origin is np.ndarray:
+        shape = rng.integers(0, 4, size=rng.integers(1, 4))
+        values = rng.normal(size=shape) * 1000
+        if issubclass(get_args(args[1])[0], np.floating):
+            values = np.where(rng.random(shape) < 0.1, np.inf, values)
+            return values.astype(np.float32).astype(np.float64) if path.endswith(records._COARSE) else values
+        return values.astype(get_args(args[1])[0])
+    if origin is tuple:
+        return tuple(random_value(args[0], rng, path) for _ in range(rng.integers(4)))
+    if origin is UnionType:
+        member = args[rng.integers(len(args))]
+        return None if member is type(None) else random_value(member, rng, f"{path}/{member.__name__}")
+    return kind(*(random_value(annotation, rng, f"{path}/{field}") for field, annotation in get_type_hints(kind).items()))
+
+
+def assert_same(a: Any, b: Any, path: str = "trace") -> None:
+    """Equal in types, structure, shapes, element types and every value."""
+    assert type(a) is type(b), path
+    if isinstance(a, np.ndarray):
+        assert a.dtype == b.dtype, path
+        np.testing.assert_array_equal(a, b, err_msg=path)
+    elif isinstance(a, tuple):
+        assert len(a) == len(b), path
+        for i, (x, y) in enumerate(zip(a, b, strict=True)):
+            assert_same(x, y, f"{path}/{getattr(a, '_fields', range(len(a)))[i]}")
+    elif isinstance(a, float) and np.isnan(a):
+        assert np.isnan(b), path
+    else:
+        assert a == b, path
+
+
+@given(seed=st.integers(0, 2**32))
+@settings(max_examples=30, deadline=None)
+def test_a_trace_of_anything_comes_back(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    trace = random_value(records.Trace, np.random.default_rng(seed))
+    path = tmp_path_factory.mktemp("trace") / "t.npz"
+    records.save_trace(path, trace)
+    assert_same(records.load_trace(path), trace)
+
+
+def test_a_trace_without_cycles_comes_back(tmp_path: Path) -> None:
+    trace = crossing_trace()._replace(cycles=())
+    records.save_trace(tmp_path / "t.npz", trace)
+    assert_same(records.load_trace(tmp_path / "t.npz"), trace)
+
+
+def test_the_ego_keeps_double_precision_and_the_forecast_half_a_millimetre(tmp_path: Path) -> None:
+    trace = crossing_trace()
+    records.save_trace(tmp_path / "t.npz", trace)
+    back = records.load_trace(tmp_path / "t.npz")
+    for before, after in zip(trace.cycles, back.cycles, strict=True):
+        assert_same(after.ego, before.ego)
+        assert_same(after.agents, before.agents)
+        np.testing.assert_allclose(after.forecast.pose, before.forecast.pose, atol=5e-4)
+        assert after.forecast.pose.dtype == np.float64
+    assert isinstance(back.cycles[-1].decision.command, Release)
+    assert isinstance(back.cycles[0].decision.command, Follow)
+    assert back.cycles[-1].decision.plan is None
+    assert back.cycles[-1].executed_lane == -1
+
+
+def test_a_long_trace_is_small(tmp_path: Path) -> None:
+    records.save_trace(tmp_path / "t.npz", busy_trace())
+    assert (tmp_path / "t.npz").stat().st_size < 4_000_000
+
+
+def test_the_same_trace_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a.npz", "b.npz"):
+        records.save_trace(tmp_path / name, crossing_trace())
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
+def test_a_truncated_trace_is_refused_by_name(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "cut.npz"
+    records.save_trace(path, crossing_trace())
+    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+    with pytest.raises(records.TraceError, match=r"cut\.npz: not a whole trace") as caught:
+        records.load_trace(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_flipped_bits_in_a_trace_are_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "t.npz"
+    records.save_trace(path, crossing_trace())
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    path.write_bytes(bytes(content))
+    with pytest.raises(records.TraceError):
+        records.load_trace(path)
+
+
+def test_other_files_are_not_traces(tmp_path: Path) -> None:
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    (tmp_path / "text.npz").write_text("no archive")
+    np.savez(tmp_path / "future.npz", format=np.array(99))
+    for name in ("other.npz", "array.npy", "text.npz"):
+        with pytest.raises(records.TraceError, match="not a whole trace"):
+            records.load_trace(tmp_path / name)
+    with pytest.raises(records.TraceError, match="trace format 99"):
+        records.load_trace(tmp_path / "future.npz")
+    with pytest.raises(FileNotFoundError):
+        records.load_trace(tmp_path / "none.npz")
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "t.npz"
+    path.write_bytes(b"old")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        records.save_trace(path, crossing_trace())
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["t.npz"]
+
+
+@pytest.mark.parametrize("write", [lambda f: records.append_row(f, {}), records.write_csv, lambda f: records.write_manifest(f, {})])
+def test_a_folder_that_cannot_be_is_an_os_error(tmp_path: Path, write: Any) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(OSError, match="file"):
+        write(tmp_path / "file" / "out")
+
+
+def test_rows_have_every_key_in_order_and_no_nan(tmp_path: Path) -> None:
+    records.append_row(tmp_path, {"key": "k", "min_ttc_s": float("nan"), "max_drac_mps2": np.float64("inf"), "seed": np.int64(3), "in_time": np.True_})
+    row = json.loads((tmp_path / records.ROWS).read_text(), parse_constant=pytest.fail)
+    assert tuple(row) == records.ROW_KEYS
+    assert (row["min_ttc_s"], row["max_drac_mps2"], row["seed"], row["in_time"], row["outcome"]) == (None, None, 3, True, None)
+
+
+def test_row_keys_are_those_of_the_documentation() -> None:
+    if not MEASURES.exists():
+        pytest.skip("docs/measures.md is not written yet")
+    text = MEASURES.read_text(encoding="utf-8")
+    assert [key for key in records.ROW_KEYS if key not in text] == []
+
+
+def test_a_row_after_a_torn_line_is_whole(tmp_path: Path) -> None:
+    records.append_row(tmp_path, {"key": "a"})
+    with (tmp_path / records.ROWS).open("a") as file:
+        file.write('{"key": "tor')
+    records.append_row(tmp_path, {"key": "b"})
+    assert [row["key"] for row in records.read_rows(tmp_path)] == ["a", "b"]
+
+
+def test_a_row_cut_within_a_letter_is_skipped(tmp_path: Path) -> None:
+    with (tmp_path / records.ROWS).open("wb") as file:
+        file.write('{"key": "ä"}\n{"key": "ä'.encode()[:-1])
+    assert [row["key"] for row in records.read_rows(tmp_path)] == ["ä"]
+
+
+def test_line_breaks_of_other_alphabets_do_not_split_a_row(tmp_path: Path) -> None:
+    records.append_row(tmp_path, {"key": "a", "error": "one\u2028two\x85three\nfour"})
+    assert [row["error"] for row in records.read_rows(tmp_path)] == ["one\u2028two\x85three\nfour"]
+
+
+def test_csv_has_the_rows_of_the_jsonl(tmp_path: Path) -> None:
+    records.append_row(tmp_path, {"key": "a", "at_fault": False, "min_ttc_s": 1.5, "error": 'said "no", twice'})
+    records.append_row(tmp_path, {"key": "b", "further": 1})
+    records.write_csv(tmp_path)
+    with (tmp_path / records.TABLE).open(newline="", encoding="utf-8") as file:
+        table = list(csv.DictReader(file))
+    assert list(table[0]) == [*records.ROW_KEYS, "further"]
+    assert (table[0]["at_fault"], table[0]["min_ttc_s"], table[0]["error"], table[0]["outcome"]) == ("false", "1.5", 'said "no", twice', "")
+    assert (table[1]["key"], table[1]["further"]) == ("b", "1")
+
+
+def test_csv_without_rows_is_a_header(tmp_path: Path) -> None:
+    records.write_csv(tmp_path)
+    assert (tmp_path / records.TABLE).read_text() == ",".join(records.ROW_KEYS) + "\n"
+
+
+def test_manifest_is_plain_json(tmp_path: Path) -> None:
+    records.write_manifest(tmp_path / "new" / "out", {"when": Path("x"), "values": np.array([1.0, np.nan]), "versions": records.versions()})
+    manifest = json.loads((tmp_path / "new" / "out" / records.MANIFEST).read_text())
+    assert manifest["schema_version"] == records.SCHEMA_VERSION
+    assert manifest["values"] == [1.0, None]
+    assert manifest["versions"]["numpy"] == np.__version__
+
+
+def test_versions_do_not_load_sumo() -> None:
+    code = "import sys, sumo_mcts.records as r; r.versions(); print([m for m in ('libsumo', 'sumolib', 'pydantic', 'numba') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+
+
+def test_ordinary_keys_stay_readable() -> None:
+    assert records.episode_key("unprotected-left-turn", "mcts_1000.idm", 7) == "unprotected-left-turn--mcts_1000.idm--7"
+    assert records.episode_key("a", "b", 7, "veh.0") == "a--b--7--veh.0"
+
+
+_NAMES = st.text(max_size=100) | st.text(alphabet="a-_./", max_size=4)
+
+
+@given(a=st.tuples(_NAMES, _NAMES, st.integers(), st.none() | _NAMES), b=st.tuples(_NAMES, _NAMES, st.integers(), st.none() | _NAMES))
+def test_keys_are_safe_and_tell_episodes_apart(a: tuple[str, str, int, str | None], b: tuple[str, str, int, str | None]) -> None:
+    key = records.episode_key(*a)
+    assert (key == records.episode_key(*b)) == (a == b)
+    assert len(key) <= 240
+    assert key.isascii()
+    assert not set(key) & set('/\\:*?"<>| \0')
+    assert not key.startswith((".", "-"))
+
+
+def _grid() -> RoadMap:
+    """An approach of two lanes, an internal lane from each (the left one signalled), and an exit of one lane far away."""
+    shapes: list[list[tuple[float, float]]] = [
+        [(0, -3.2), (50, -3.2)],
+        [(0, 0), (50, 0)],
+        [(50, -3.2), (60, -3.2)],
+        [(50, 0), (55, 0), (60, -3.2)],
+        [(60, -3.2), (90, -3.2)],
+    ]
+    points = np.array([point for shape in shapes for point in shape], dtype=np.float64)
+    ints: dict[str, list[int]] = {
+        "edge": [0, 0, 1, 1, 2], "exit": [0, 1, 4, 4, 4], "rule": [0, 0, 0, 0, 0], "signal": [-1, -1, -1, 0, -1],
+        "point_offset": [0, 2, 4, 6, 9, 11], "successor_offset": [0, 1, 2, 3, 4, 4], "successor": [2, 3, 4, 4],
+    }  # fmt: skip
+    given: dict[str, Any] = {
+        "lane_ids": ("a_0", "a_1", ":j_0_0", ":j_0_1", "b_0"),
+        "internal": np.array([False, False, True, True, False]),
+        "width": np.full(5, 3.2),
+    }
+    arrays = {name: np.array(values, dtype=np.int32) for name, values in ints.items()}
+    return RoadMap(**dict.fromkeys(RoadMap._fields) | {"points": points, **arrays, **given})  # type: ignore[arg-type]
+
+
+def test_the_lanes_near_the_ego_are_kept_with_route_and_stop_lines() -> None:
+    lanes = records.lanes_around(_grid(), (0, 2), np.array([[45.0, 0.0]]), 20.0)
+    assert lanes.lane_ids == ("a_0", "a_1", ":j_0_0", ":j_0_1", "b_0")
+    assert lanes.offset.tolist() == [0, 2, 4, 6, 9, 11]
+    assert lanes.route.tolist() == [True] * 5
+    np.testing.assert_allclose(lanes.stop_lines, [[50, 1.6, 50, -1.6]])
+    assert records.lanes_around(_grid(), (0,), np.array([[90.0, 0.0]]), 5.0).lane_ids == ("b_0",)
+    assert records.lanes_around(_grid(), (0,), np.array([[25.0, 3.0]]), 5.0).lane_ids == ("a_1",)  # in the middle of a long straight piece
+    assert records.lanes_around(_grid(), (0,), np.array([[900.0, 0.0]]), 5.0).lane_ids == ()
+
+
+def test_every_field_of_a_cycle_is_storable() -> None:
+    """A new field in scene.py of a kind that the trace cannot hold shows here, not at the end of an episode."""
+    columns: records.Columns = {}
+    records._encode(records.Trace, [crossing_trace()], "trace", columns)
+    assert {name.split("#")[0] for name in columns} >= {f"trace/cycles/ego/{field}" for field in EgoState._fields}
+    assert {name.split("#")[0].split("/")[3] for name in columns if name.startswith("trace/cycles/decision/")} == set(Decision._fields)
+    assert all(column.dtype != object for column in columns.values())
