@@ -1,6 +1,7 @@
 """Small road maps and frames made by hand, for tests that need no SUMO."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from math import atan2, cos, hypot, nan, pi, sin
 from typing import NamedTuple
 
@@ -12,10 +13,10 @@ ALL_CLASSES = 2**33 - 1
 
 
 class Lane(NamedTuple):
-    """One lane of a map to be built; its id is EDGE_INDEX."""
+    """One lane of a map to be built; its id is EDGE_NUMBER."""
 
     edge: str
-    index: int
+    number: int  # within the edge, 0 = rightmost
     points: Sequence[tuple[float, float]]
     after: Sequence[str] = ()  # ids of the lanes driven next
     speed: float = 15.0
@@ -43,7 +44,7 @@ class Conflict(NamedTuple):
 
 def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
     """A RoadMap of the lanes, in their order; lane lengths are those of the shapes."""
-    ids = [f"{lane.edge}_{lane.index}" for lane in lanes]
+    ids = [f"{lane.edge}_{lane.number}" for lane in lanes]
     number = {name: i for i, name in enumerate(ids)}
     edges, junctions = list(dict.fromkeys(lane.edge for lane in lanes)), list(dict.fromkeys(lane.junction for lane in lanes if lane.junction))
     signals = list(dict.fromkeys(lane.signal for lane in lanes if lane.signal))
@@ -54,7 +55,7 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
     def leads_to(lane: Lane) -> int:
         while lane.junction and lane.after:
             lane = lanes[number[lane.after[0]]]
-        return number[f"{lane.edge}_{lane.index}"]
+        return number[f"{lane.edge}_{lane.number}"]
 
     both = [*conflicts, *(Conflict(c.other, c.other_begin, c.other_end, c.lane, c.begin, c.end, c.merge, c.yields) for c in conflicts)]
     both.sort(key=lambda c: number[c.lane])
@@ -64,15 +65,15 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
         junction_ids=tuple(junctions),
         signal_ids=tuple(signals),
         edge=_ints(edges.index(lane.edge) for lane in lanes),
-        index=_ints(lane.index for lane in lanes),
+        index=_ints(lane.number for lane in lanes),
         internal=np.array([bool(lane.junction) for lane in lanes]),
         length=length,
         shape_length=length.copy(),
         width=np.array([lane.width for lane in lanes]),
         speed=np.array([lane.speed for lane in lanes]),
         classes=np.array([lane.classes for lane in lanes], dtype=np.uint64),
-        left=_ints(number.get(f"{lane.edge}_{lane.index + 1}", -1) for lane in lanes),
-        right=_ints(number.get(f"{lane.edge}_{lane.index - 1}", -1) for lane in lanes),
+        left=_ints(number.get(f"{lane.edge}_{lane.number + 1}", -1) for lane in lanes),
+        right=_ints(number.get(f"{lane.edge}_{lane.number - 1}", -1) for lane in lanes),
         point_offset=_offsets(len(shape) for shape in shapes),
         points=np.concatenate(shapes),
         point_s=np.concatenate(arcs),
@@ -95,12 +96,12 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
     )
 
 
-def _ints(values: object) -> Ints:
-    return np.array(list(values), dtype=np.int32)  # type: ignore[call-overload,no-any-return]
+def _ints(values: Iterable[int]) -> Ints:
+    return np.array(list(values), dtype=np.int32)
 
 
-def _offsets(counts: object) -> Ints:
-    return np.concatenate([[0], np.cumsum(list(counts))]).astype(np.int32)  # type: ignore[call-overload,no-any-return]
+def _offsets(counts: Iterable[int]) -> Ints:
+    return np.concatenate([[0], np.cumsum(list(counts))]).astype(np.int32)
 
 
 def straight_road(length: float = 200.0, speed: float = 15.0) -> RoadMap:
@@ -138,7 +139,7 @@ def crossing(signal: str = "", bridge: bool = True) -> RoadMap:
     ]
     if bridge:
         lanes.append(Lane("br", 0, ((50, -100), (50, 100))))
-    turn = sum(hypot(q[0] - p[0], q[1] - p[1]) for p, q in zip(left, left[1:], strict=False))
+    turn = sum(hypot(q[0] - p[0], q[1] - p[1]) for p, q in pairwise(left))
     return build(
         lanes,
         [

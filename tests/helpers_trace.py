@@ -26,6 +26,28 @@ def crossing_trace(cycles: int = 36, others: int = 8, key: str = "crossing--mcts
 
 
 @cache
+def highway_trace(cycles: int = 30) -> Trace:
+    """Three lanes to the east; the ego changes to the left behind a slower vehicle. Too long for one window."""
+    w = LANE_WIDTH
+    path = np.array([[0.0, 0.5 * w], [150.0, 0.5 * w], [160.0, 0.6 * w], [215.0, 1.4 * w], [225.0, 1.5 * w], [1000.0, 1.5 * w]])
+    speeds = np.full(round(cycles * PERIOD / STEP) + 60, 25.0)
+    along = np.concatenate([[62.0], 62.0 + np.cumsum(speeds) * STEP])
+    rows = [_line((0.0, (lane + 0.5) * w), (1000.0, (lane + 0.5) * w)) for lane in range(3)]
+    actors = [(rows[i % 3], 40.0 + 47.0 * i, (19.0, 26.0, 31.0)[i % 3], 12.0 if i == 3 else 4.6, f"car.{i:02d}") for i in range(9)]
+    records = tuple(_cycle(i, cycles, path, along, speeds, actors) for i in range(cycles))
+    lanes = Lanes(
+        lane_ids=tuple(f"motorway_{lane}" for lane in range(3)),
+        points=np.concatenate(rows),
+        offset=np.array([0, 2, 4, 6], dtype=np.int32),
+        width=np.full(3, w),
+        internal=np.zeros(3, dtype=np.bool_),
+        route=np.ones(3, dtype=np.bool_),
+        stop_lines=np.zeros((0, 4)),
+    )
+    return Trace("highway--mcts--1", "highway", "collision", lanes, records)
+
+
+@cache
 def busy_trace(cycles: int = 120, others: int = 30) -> Trace:
     """As much as an episode of a minute leaves behind: forecasts of 30 agents that turn and brake, each differently."""
     rng = np.random.default_rng(1)
@@ -124,7 +146,7 @@ def _forecast(actors: list[tuple[Path, float, float, float, str]], agents: Agent
         v=np.tile(agents.v, (1, len(times), 1)),
         lane=np.tile(agents.lane, (1, len(times), 1)),
         s=along[None],
-        valid=(along < 2 * ARM)[None],
+        valid=(along < [_length(actor[0]) for actor in present])[None],
         half_length=agents.length / 2,
         half_width=agents.width / 2,
         reacts=np.zeros(len(present), dtype=np.bool_),
@@ -134,7 +156,7 @@ def _forecast(actors: list[tuple[Path, float, float, float, str]], agents: Agent
 
 def _agents(actors: list[tuple[Path, float, float, float, str]], time: float) -> Agents:
     """Those between the ends of their road now."""
-    here = sorted((a for a in actors if 0 <= a[1] + a[2] * time <= 2 * ARM), key=lambda actor: actor[4])
+    here = sorted((a for a in actors if 0 <= a[1] + a[2] * time <= _length(a[0])), key=lambda actor: actor[4])
     count = len(here)
     poses = np.array([_pose(path, start + v * time) for path, start, v, _, _ in here]).reshape(count, 3)
     return Agents(
@@ -164,7 +186,7 @@ def _actors(count: int) -> list[tuple[Path, float, float, float, str]]:
     result = []
     for i in range(count):
         path = (south, south, north, west)[i % 4]
-        start = (75.0, 47.0, 95.0, -60.0)[i % 4] - 55.0 * (i // 4)
+        start = (75.0, 47.0, 95.0, -60.0)[i % 4] - 80.0 * (i // 4)
         result.append((path, start, float(rng.uniform(8.5, 9.5)), 9.0 if i == 1 else float(rng.uniform(4.2, 5.0)), f"car.{i:02d}"))
     return result
 
@@ -187,6 +209,10 @@ def _left_turn() -> Path:
     radius = BOX + 0.5 * w
     arc = np.stack([-BOX + radius * np.cos(angle), -BOX + radius * np.sin(angle)], axis=1)
     return np.concatenate([[[0.5 * w, -ARM]], arc, [[-ARM, 0.5 * w]]])
+
+
+def _length(path: Path) -> float:
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def _line(start: tuple[float, float], end: tuple[float, float]) -> Path:

@@ -513,14 +513,13 @@ class Referee:
         """Looks at the agents that brake beyond the smallest threshold."""
         if not len(known):
             return
-        decel = np.where(known >= 0, (before.agents.v[known] - frame.agents.v) / self._step, 0.0)
+        was = np.append(before.agents.v, 0.0)[known]  # a newcomer (-1) finds the 0
+        decel = np.where(known >= 0, (was - frame.agents.v) / self._step, 0.0)
         braking = np.flatnonzero((decel > IMPOSED[0] + _EPS) & ~frame.agents.person)
         if len(braking) == 0:
             return
         stretches = self._body(frame.ego) + self._coming(frame)
-        strengths = [
-            float(decel[i]) for i in braking if frame.leader[i] == frame.ego.id or self._in_the_way(frame, int(i), float(before.agents.v[known[i]]), stretches)
-        ]
+        strengths = [float(decel[i]) for i in braking if frame.leader[i] == frame.ego.id or self._in_the_way(frame, int(i), float(was[i]), stretches)]
         if strengths:
             self._imposed.append((frame.time, max(strengths)))
 
@@ -607,8 +606,9 @@ class Referee:
         half = np.array([ego.length / 2, ego.width / 2])
         now, then = np.array([ego.x, ego.y, ego.heading]), np.array([was.x, was.y, was.heading])
         radius = hypot(*half) + 0.5 * np.hypot(agents.length, agents.width)
-        # nobody who is further away can have come near: both ways, generously
-        far = radius + (max(ego.v, was.v) + np.maximum(agents.v, before.agents.v[known] if len(before.agents.v) else 0.0)) * self._step + REACH
+        # whoever was driven here within the step came from no further away
+        fastest = max(ego.v, was.v) + np.maximum(agents.v, np.append(before.agents.v, 0.0)[known])
+        far = radius + 1.1 * fastest * self._step + 0.5
         near = np.flatnonzero((agents.x - ego.x) ** 2 + (agents.y - ego.y) ** 2 < far * far)
         if len(near) == 0:
             return {}

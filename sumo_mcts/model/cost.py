@@ -6,7 +6,8 @@ from typing import NamedTuple
 from sumo_mcts.model.ego import EgoParams, State, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import Local, chain_gap
+from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, POLITE, REACTS, SIN, Local, S, V, X, Y, chain_gap
+from sumo_mcts.model.route import INTERNAL, LIMIT
 
 CLAIM_SAMPLES = 2
 REACH = 80.0  # m beyond which an agent is not looked at
@@ -49,36 +50,35 @@ class Meeting(NamedTuple):
 @kernel
 def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int, back: float, index: int) -> Meeting:
     """Contacts, headway and claims at forecast time `index`; the ego's pose lies `back` metres before `state`."""
-    x, y, cs, sn = pose_of(local.route, state, back)
-    now = min(index, local.pose.shape[0] - 1)
+    x, y, cs, sn = pose_of(local.node, local.row, state, back)
+    now = min(index, local.agent.shape[0] - 1)
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
-    for i in range(local.pose.shape[1]):
-        bx, by = local.pose[now, i, 0], local.pose[now, i, 1]
-        if not local.valid[now, i] or abs(bx - x) > REACH or abs(by - y) > REACH:
+    for i in range(local.agent.shape[1]):
+        bx, by, node = local.agent[now, i, X], local.agent[now, i, Y], int(local.agent[now, i, NODE])
+        if node == GONE or abs(bx - x) > REACH or abs(by - y) > REACH:
             continue
-        node = local.node[now, i]
+        length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
         if node >= 0:
-            to_agent = _gap_ahead(local, state, back, node, local.s[now, i])
-            to_ego = _gap_behind(local, state, back, node, local.s[now, i])
+            to_agent = _gap_ahead(local, state, back, node, local.agent[now, i, S])
+            to_ego = _gap_behind(local, state, back, node, local.agent[now, i, S])
             if i < 63 and (followers >> i) & 1 and (to_agent < math.inf or to_ego < math.inf):
                 continue  # the table has it where it would be without the ego
-            if 0.0 <= to_agent < math.inf and to_agent - 2.0 * local.half_length[i] < gap:
-                gap, leader_v = to_agent - 2.0 * local.half_length[i], local.v[now, i]
-            if i < 63 and local.reacts[i] and 2.0 * p.half_length < to_ego < math.inf:
-                price = _cut_in(c, to_ego - 2.0 * p.half_length, local.v[now, i], state.v)
+            if 0.0 <= to_agent < math.inf and to_agent - 2.0 * length < gap:
+                gap, leader_v = to_agent - 2.0 * length, local.agent[now, i, V]
+            if i < 63 and local.trait[i, REACTS] > 0.0 and 2.0 * p.half_length < to_ego < math.inf:
+                price = _cut_in(c, to_ego - 2.0 * p.half_length, local.agent[now, i, V], state.v)
                 if price >= 0.0:
                     followers |= 1 << i
                     once += price
                     continue
-        length, width = local.half_length[i], local.half_width[i]
         close = p.half_length + length + p.half_width + width + c.margin_m
         if abs(bx - x) < close and abs(by - y) < close:
-            bc, bs = local.pose[now, i, 2], local.pose[now, i, 3]
+            bc, bs = local.agent[now, i, COS], local.agent[now, i, SIN]
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, bc, bs, length, width):
                 return Meeting(True, rate, once, gap, leader_v, followers)
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
                 rate += c.margin
-        if not local.polite[i]:
+        if local.trait[i, POLITE] == 0.0:
             rate += _claim(local, p, c, x, y, cs, sn, now, i)
     wish = c.headway_gap + c.headway_s * state.v
     if gap < wish:
@@ -119,14 +119,17 @@ def _cut_in(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float
 @kernel
 def _claim(local: Local, p: EgoParams, c: CostParams, x: float, y: float, cs: float, sn: float, now: int, i: int) -> float:
     """Cost per second of standing where the agent will be within claim_s; the sooner, the dearer."""
-    reach = p.half_length + local.half_length[i] + p.half_width + local.half_width[i]
+    length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
+    reach = p.half_length + length + p.half_width + width
     for k in range(1, CLAIM_SAMPLES + 1):
         at = now + int(k * c.claim_s / CLAIM_SAMPLES / local.dt + 0.5)
-        if at >= local.pose.shape[0] or not local.valid[at, i]:
+        if at >= local.agent.shape[0] or local.agent[at, i, NODE] == GONE:
             return 0.0
-        bx, by, bc, bs = local.pose[at, i]
+        bx, by = local.agent[at, i, X], local.agent[at, i, Y]
         if abs(bx - x) < reach and abs(by - y) < reach:
-            if boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, bc, bs, local.half_length[i], local.half_width[i]):
+            if boxes_touch(
+                x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width
+            ):
                 return c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
     return 0.0
 
@@ -143,12 +146,12 @@ def step_comfort(p: EgoParams, c: CostParams, before: State, after: State) -> fl
 @kernel
 def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) -> float:
     """C_p of one simulation step: time lost against the limit of the lane, on a lane that the route leaves, and standing inside a junction."""
-    limit = local.route.limit[after.node]
+    limit = local.node[after.node, LIMIT]
     rate = c.progress * (1.0 - min(after.v, limit) / limit)
     i = after.node - local.first
     if 0 <= i < local.urgency.shape[0]:
         rate += c.route * local.urgency[i]
-        if local.route.internal[after.node] and after.v < 1.0:
+        if local.node[after.node, INTERNAL] > 0.0 and after.v < 1.0:
             rate += c.blocking
     return rate * p.step
 
@@ -156,7 +159,7 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
 @kernel
 def terminal(local: Local, p: EgoParams, c: CostParams, state: State) -> float:
     """What is still to come at the horizon: the time lost until the limit is reached."""
-    limit = local.route.limit[state.node]
+    limit = local.node[state.node, LIMIT]
     missing = max(0.0, limit - state.v)
     return c.progress * missing * missing / (2.0 * p.max_accel * limit)
 

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import Local, State
-from sumo_mcts.model.route import SPACING, RouteMap
+from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, REACH, RIGHT_NODE, SPACING, STOP_LINE
+from sumo_mcts.scene import Floats
 
 LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows
 FOLLOW = 99.0  # in place of an acceleration: car following
@@ -38,13 +39,13 @@ def advance(local: Local, p: EgoParams, state: State, accel: float, time: float)
     Returns the new state and FREE, RED_LINE (crossed a closed stop line) or GOAL (beyond the end of the route).
     """
     v, dt = state.v, p.step
-    allowed = min(_cap(local.route, state.node, state.s + v * LOOK_AHEAD), _line_cap(local, p, state, time))
+    allowed = min(_cap(local, state.node, state.s + v * LOOK_AHEAD), _line_cap(local, p, state, time))
     wanted = min(accel, max((allowed - v) / LOOK_AHEAD, -p.max_decel))
     wanted = min(max(wanted, -p.max_decel), p.max_accel)
     jerk = p.emergency_jerk if min(wanted, state.a) < -p.comfort_decel else p.jerk
     a = min(max(wanted, state.a - jerk * dt), state.a + jerk * dt)
     speed = max(0.0, v + a * dt)
-    speed = min(speed, max(_cap(local.route, state.node, state.s), v - p.max_decel * dt))
+    speed = min(speed, max(_cap(local, state.node, state.s), v - p.max_decel * dt))
     a = (speed - v) / dt
     moved = 0.5 * (v + speed) * dt if p.ballistic else speed * dt
     return _move(local, p, state, moved, speed, a, time + dt)
@@ -53,21 +54,20 @@ def advance(local: Local, p: EgoParams, state: State, accel: float, time: float)
 @kernel
 def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, a: float, time: float) -> tuple[State, int]:
     """Along the lane and into the next ones; a lane change goes on."""
-    route = local.route
     node, other, s, progress, event = state.node, state.other, state.s + moved, state.progress, FREE
-    while s > route.length[node]:
+    while s > local.node[node, LENGTH]:
         if is_closed(local, node, time):
             event = RED_LINE
-        follow = route.next[node]
+        follow = int(local.node[node, NEXT])
         if follow < 0:
-            if math.isinf(route.reach[node]):
-                return State(node, route.length[node], speed, a, 0.0, -1), GOAL
-            s, speed, a = route.length[node], 0.0, 0.0  # SUMO holds a vehicle at the end of a lane that leads nowhere
+            if math.isinf(local.node[node, REACH]):
+                return State(node, local.node[node, LENGTH], speed, a, 0.0, -1), GOAL
+            s, speed, a = local.node[node, LENGTH], 0.0, 0.0  # SUMO holds a vehicle at the end of a lane that leads nowhere
             break
-        s -= route.length[node]
+        s -= local.node[node, LENGTH]
         node = follow
         if other >= 0:
-            other = route.next[other]
+            other = int(local.node[other, NEXT])
         if other < 0 or other == node:
             other, progress = -1, 0.0
     if progress > 0.0:
@@ -85,56 +85,56 @@ def can_change(local: Local, p: EgoParams, state: State, side: int) -> bool:
     """Whether a change to the left (+1) or right (-1) may begin: a lane is there, and long enough for the change to take place on it."""
     if state.progress > 0.0:
         return False
-    target = local.route.left[state.node] if side > 0 else local.route.right[state.node]
-    return target >= 0 and state.s + state.v * 0.5 * p.change_duration + 0.5 < local.route.length[state.node]
+    target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
+    return target >= 0 and state.s + state.v * 0.5 * p.change_duration + 0.5 < local.node[state.node, LENGTH]
 
 
 @kernel
 def begin_change(local: Local, p: EgoParams, state: State, side: int) -> State:
     """The state right after a change was begun; without a duration SUMO jumps at once."""
-    target = local.route.left[state.node] if side > 0 else local.route.right[state.node]
+    target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
     if p.change_duration <= 0.0:
         return State(target, state.s, state.v, state.a, 0.0, -1)
     return State(state.node, state.s, state.v, state.a, 1e-6, target)
 
 
 @kernel
-def pose_of(route: RouteMap, state: State, back: float) -> tuple[float, float, float, float]:
-    """Centre x, y, cos and sin of the heading, `back` metres before the state (for states inside a step)."""
-    x, y, c, n = _lane_pose(route, state.node, state.s - back)
+def pose_of(node: Floats, row: Floats, state: State, back: float) -> tuple[float, float, float, float]:
+    """Centre x, y, cos and sin of the heading, `back` metres before the state (for states inside a step); tables as in Local."""
+    x, y, c, n = _lane_pose(node, row, state.node, state.s - back)
     if state.progress <= 0.0 or state.other < 0:
         return x, y, c, n
     share = state.progress if state.progress < 0.5 else 1.0 - state.progress
-    ox, oy, _, _ = _lane_pose(route, state.other, state.s - back)
+    ox, oy, _, _ = _lane_pose(node, row, state.other, state.s - back)
     return x + share * (ox - x), y + share * (oy - y), c, n
 
 
 @kernel
-def _lane_pose(route: RouteMap, node: int, s: float) -> tuple[float, float, float, float]:
-    first, last = route.row[node], route.row[node + 1] - 1
+def _lane_pose(table: Floats, row: Floats, node: int, s: float) -> tuple[float, float, float, float]:
+    first, last = int(table[node, FIRST_ROW]), int(table[node, LAST_ROW])
     position = max(s, 0.0) / SPACING
     k = min(int(position), last - first - 1)
     share = position - k
-    a, b = route.pose[first + k], route.pose[first + k + 1]
-    c, n = a[2] + share * (b[2] - a[2]), a[3] + share * (b[3] - a[3])
+    k += first
+    c, n = row[k, 2] + share * (row[k + 1, 2] - row[k, 2]), row[k, 3] + share * (row[k + 1, 3] - row[k, 3])
     norm = math.sqrt(c * c + n * n)
-    x, y = a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
+    x, y = row[k, 0] + share * (row[k + 1, 0] - row[k, 0]), row[k, 1] + share * (row[k + 1, 1] - row[k, 1])
     if s < 0.0:  # still with its front on the lane before
         x, y = x + s * c / norm, y + s * n / norm
     return x, y, c / norm, n / norm
 
 
 @kernel
-def _cap(route: RouteMap, node: int, s: float) -> float:
+def _cap(local: Local, node: int, s: float) -> float:
     """The speed from which everything ahead can be met with approach_decel, m/s."""
-    while s > route.length[node] and route.next[node] >= 0:
-        s -= route.length[node]
-        node = route.next[node]
-    first, last = route.row[node], route.row[node + 1] - 1
+    while s > local.node[node, LENGTH] and local.node[node, NEXT] >= 0:
+        s -= local.node[node, LENGTH]
+        node = int(local.node[node, NEXT])
+    first, last = int(local.node[node, FIRST_ROW]), int(local.node[node, LAST_ROW])
     position = s / SPACING
     k = min(int(position), last - first - 1)
     share = min(position - k, 1.0)
-    return float(route.cap[first + k] + share * (route.cap[first + k + 1] - route.cap[first + k]))
+    return float(local.row[first + k, 4] + share * (local.row[first + k + 1, 4] - local.row[first + k, 4]))
 
 
 @kernel
@@ -143,13 +143,13 @@ def _line_cap(local: Local, p: EgoParams, state: State, time: float) -> float:
     node, distance = state.node, -state.s
     limit = state.v * state.v / (2.0 * p.approach_decel) + state.v + 10.0
     while node >= 0 and distance < limit:
-        distance += local.route.length[node]
+        distance += local.node[node, LENGTH]
         if is_closed(local, node, time):
             if state.v * state.v > 2.0 * p.max_decel * (distance + 0.1):
                 return math.inf
             room = distance - p.stop_gap - state.v * LOOK_AHEAD
             return math.sqrt(2.0 * p.approach_decel * room) if room > 0.0 else max(0.0, 0.5 * (distance - p.stop_gap))
-        node = local.route.next[node]
+        node = int(local.node[node, NEXT])
     return math.inf
 
 
@@ -157,7 +157,7 @@ def _line_cap(local: Local, p: EgoParams, state: State, time: float) -> float:
 def is_closed(local: Local, node: int, time: float) -> bool:
     """Whether the stop line at the node's end may not be crossed at `time` (s from now)."""
     i = node - local.first
-    if i < 0 or i >= local.closed.shape[0] or not local.route.stop[node]:
+    if i < 0 or i >= local.closed.shape[0] or local.node[node, STOP_LINE] == 0.0:
         return False
     return local.closed[i, min(int(time / local.dt + 0.5), local.closed.shape[1] - 1)] != 0
 

@@ -50,3 +50,30 @@ def chord(front_x: float, front_y: float, rear_x: float, rear_y: float, cos_defa
     if norm < 1e-6:
         return front_x, front_y, cos_default, sin_default
     return 0.5 * (front_x + rear_x), 0.5 * (front_y + rear_y), dx / norm, dy / norm
+
+
+@kernel
+def box_distance(
+    ax: float, ay: float, ac: float, asn: float, al: float, aw: float,
+    bx: float, by: float, bc: float, bsn: float, bl: float, bw: float,
+) -> float:  # fmt: skip
+    """Distance between two oriented boxes, m; 0 where they overlap: the nearest corner of either to the other."""
+    if boxes_touch(ax, ay, ac, asn, al, aw, bx, by, bc, bsn, bl, bw):
+        return 0.0
+    return min(_corner_distance(ax, ay, ac, asn, al, aw, bx, by, bc, bsn, bl, bw), _corner_distance(bx, by, bc, bsn, bl, bw, ax, ay, ac, asn, al, aw))
+
+
+@kernel
+def _corner_distance(
+    ax: float, ay: float, ac: float, asn: float, al: float, aw: float,
+    bx: float, by: float, bc: float, bsn: float, bl: float, bw: float,
+) -> float:  # fmt: skip
+    """From box a to the nearest corner of box b."""
+    nearest = math.inf
+    for corner in range(4):
+        u, v = (bl if corner < 2 else -bl), (bw if corner % 2 == 0 else -bw)
+        x, y = bx + u * bc - v * bsn - ax, by + u * bsn + v * bc - ay
+        dx = max(abs(x * ac + y * asn) - al, 0.0)
+        dy = max(abs(y * ac - x * asn) - aw, 0.0)
+        nearest = min(nearest, math.sqrt(dx * dx + dy * dy))
+    return nearest

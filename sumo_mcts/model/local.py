@@ -7,33 +7,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.route import RouteMap
+from sumo_mcts.model.route import Indices, RouteMap
 from sumo_mcts.scene import GREEN, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
 BACK = 100.0  # m of the route behind the ego where followers are seen
 VIEW = 400.0  # m of the route ahead that a search may see
+GONE = -2  # Local.agent's NODE of an agent that is not there
 CHAIN = 250.0  # m over which one lane is followed into the next
 
 
 class Local(NamedTuple):
-    """W window nodes from `first` on; T forecast times; N agents."""
+    """What compiled code reads. W window nodes from `first` on; T forecast times; N agents. Few arrays: each costs at every call."""
 
-    route: RouteMap
-    first: int  # first node of the window
+    node: Floats  # RouteMap.table, of the whole route
+    row: Floats  # RouteMap.rows
     closed: NDArray[np.uint8]  # [W, T] the stop line at the node's end may not be crossed
     ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
     urgency: Floats  # [W] 0..1, how soon the route leaves this lane
-    pose: Floats  # [T, N, 4]
-    v: Floats  # [T, N]
-    node: Ints  # [T, N] route node of the agent's front, -1: elsewhere
-    s: Floats  # [T, N]
-    valid: Bools  # [T, N]
-    half_length: Floats  # [N]
-    half_width: Floats  # [N]
-    reacts: Bools  # [N] brakes for an ego in front of it
-    polite: Bools  # [N] lets the ego pass
+    agent: Floats  # [T, N, 7] X .. S below
+    trait: Floats  # [N, 4] HALF_LENGTH .. POLITE below
+    first: int  # first node of the window
     followers: int  # bit i: agent i is behind the ego in its lane and reacts: its contact is imposed braking
     dt: float  # s between forecast times
+
+
+# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, -2: not there any more), lane position.
+X, Y, COS, SIN, V, NODE, S = range(7)
+# Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass.
+HALF_LENGTH, HALF_WIDTH, REACTS, POLITE = range(4)
 
 
 class State(NamedTuple):
@@ -87,22 +88,23 @@ def build_local(
     w = last - first
     times = forecast.pose.shape[1]
     view = slice(first, last)
-    lane_node = np.full(len(road.lane_ids), -1, np.int32)
-    lane_node[route.lane[view][::-1]] = np.arange(last - 1, first - 1, -1, dtype=np.int32)
+    lane_node = np.full(len(road.lane_ids), -1, np.int64)
+    lane_node[route.lane[view][::-1]] = np.arange(last - 1, first - 1, -1, dtype=np.int64)
     lane = forecast.lane[hypothesis]
-    node = np.where(lane >= 0, lane_node[lane], -1).astype(np.int32)
+    node = np.where(lane >= 0, lane_node[lane], -1).astype(np.int64)
     ahead = _ahead(route.next, route.length, first, w)
-    valid = forecast.valid[hypothesis]
+    node[~forecast.valid[hypothesis]] = GONE
+    s = forecast.s[hypothesis]
     return Local(
-        route, first, _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel), ahead,
-        _urgency(route, view, here), forecast.pose[hypothesis], forecast.v[hypothesis], node, forecast.s[hypothesis], valid,
-        forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields,
-        _followers(node[0], forecast.s[hypothesis][0], forecast.reacts, ahead, state, first), forecast.dt,
+        route.table, route.rows, _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel), ahead,
+        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], forecast.v[hypothesis], node, s]),
+        np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields]).astype(np.float64), first,
+        _followers(node[0], s[0], forecast.reacts, ahead, state, first), forecast.dt,
     )  # fmt: skip
 
 
 @kernel
-def _ahead(nxt: Ints, length: Floats, first: int, w: int) -> Floats:
+def _ahead(nxt: Indices, length: Floats, first: int, w: int) -> Floats:
     ahead = np.full((w, w), np.inf)
     for i in range(w):
         ahead[i, i] = 0.0
@@ -115,7 +117,7 @@ def _ahead(nxt: Ints, length: Floats, first: int, w: int) -> Floats:
 
 
 @kernel
-def _followers(node: Ints, s: Floats, reacts: Bools, ahead: Floats, state: State, first: int) -> int:
+def _followers(node: Indices, s: Floats, reacts: Bools, ahead: Floats, state: State, first: int) -> int:
     """Bit i: agent i reacts, and its lane leads to where the ego is, with the ego in front of it."""
     result = 0
     for i in range(min(len(node), 63)):

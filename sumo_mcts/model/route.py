@@ -4,64 +4,74 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_mcts.model.geometry import chord, point_at
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.scene import ALLWAY, IGNORING, STOP, Bools, Floats, Ints, RoadMap
+from sumo_mcts.scene import ALLWAY, IGNORING, STOP, Bools, Floats, RoadMap
 
+Indices = NDArray[np.int64]
 SPACING = 1.0  # m between the rows of the pose and speed tables
+# Columns of RouteMap.table: compiled code is handed one array, since every array in a tuple costs at every call.
+NEXT, LEFT_NODE, RIGHT_NODE, LENGTH, LIMIT, STATION, REACH, STOP_LINE, INTERNAL, FIRST_ROW, LAST_ROW = range(11)
 END_GAP = 0.5  # m kept to the end of a lane that leads nowhere
 
 
 class RouteMap(NamedTuple):
-    """W lanes ("nodes") in driving order: `next` always lies later. R table rows. Computed once for a route."""
+    """W lanes ("nodes") in driving order: `next` always lies later. R table rows. Computed once for a route. Indices are 64 bit
+    wide throughout the search, so that compiled states have one type."""
 
-    lane: Ints  # [W] lane of the RoadMap
-    leg: Ints  # [W] index of the route's edge; internal lanes: of the edge before
-    next: Ints  # [W] node driven next, -1: the end of the route or a dead end
-    left: Ints  # [W]
-    right: Ints  # [W]
+    lane: Indices  # [W] lane of the RoadMap
+    leg: Indices  # [W] index of the route's edge; internal lanes: of the edge before
+    next: Indices  # [W] node driven next, -1: the end of the route or a dead end
+    left: Indices  # [W]
+    right: Indices  # [W]
     length: Floats  # [W] m
     limit: Floats  # [W] speed limit times the ego's speed factor, at most its own top speed, m/s
     station: Floats  # [W] where it begins, m from the start of the route
-    changes: Ints  # [W] lane changes to the lane of this edge that leads furthest; positive: to the left
+    changes: Indices  # [W] lane changes to the lane of this edge that leads furthest; positive: to the left
     reach: Floats  # [W] m from the node's start to where the route is lost without a lane change; inf: never
     stop: Bools  # [W] a stop line at its end: signal, stop sign
-    signal: Ints  # [W] signal of that stop line, -1 none
-    link: Ints  # [W]
+    signal: Indices  # [W] signal of that stop line, -1 none
+    link: Indices  # [W]
     sign: Bools  # [W] a stop sign: the ego has to stand there first
     internal: Bools  # [W]
-    row: Ints  # [W+1] node i owns the table rows row[i]:row[i+1], one every SPACING m, the last at or beyond its end
+    row: Indices  # [W+1] node i owns the table rows row[i]:row[i+1], one every SPACING m, the last at or beyond its end
     pose: Floats  # [R, 4] centre x, y, cos, sin of the ego's box with its front there
     cap: Floats  # [R] speed from which all lower limits and dead ends ahead are reached with approach_decel
+    table: Floats  # [W, 11] next .. station, reach, stop, internal, and the first and last row, once more, for compiled code
+    rows: Floats  # [R, 5] pose and cap, likewise
 
 
 def route_map(road: RoadMap, edges: tuple[int, ...], vclass: int, length: float, speed_factor: float, max_speed: float, decel: float) -> RouteMap:
     """Lay out the route for a vehicle of this class, length (m), speed factor and top speed (m/s); `decel` (m/s2) shapes `cap`."""
     lanes, legs, following = _collect(road, edges, vclass)
     w = len(lanes)
-    lane, leg = np.array(lanes, np.int32), np.array(legs, np.int32)
+    lane, leg = np.array(lanes, np.int64), np.array(legs, np.int64)
     position = {(int(leg[i]), int(lane[i])): i for i in range(w)}
     node_length = road.length[lane]
     nxt, changes, reach = _continuations(road, lane, leg, following, node_length, len(edges))
-    left, right = (np.array([position.get((int(leg[i]), int(side[lane[i]])), -1) for i in range(w)], np.int32) for side in (road.left, road.right))
+    left, right = (np.array([position.get((int(leg[i]), int(side[lane[i]])), -1) for i in range(w)], np.int64) for side in (road.left, road.right))
     left[road.internal[lane]] = -1  # SUMO does not change lanes inside a junction
     right[road.internal[lane]] = -1
     limit = np.minimum(road.speed[lane] * speed_factor, max_speed)
     has = nxt >= 0
     entered = np.where(has, lane[nxt], 0)
-    signal = np.where(has, road.signal[entered], -1).astype(np.int32)
+    signal = np.where(has, road.signal[entered], -1).astype(np.int64)
     sign = has & np.isin(road.rule[entered], (STOP, ALLWAY)) & (signal < 0)
-    row = np.zeros(w + 1, np.int32)
-    row[1:] = np.cumsum(np.ceil(node_length / SPACING).astype(np.int32) + 1)
+    row = np.zeros(w + 1, np.int64)
+    row[1:] = np.cumsum(np.ceil(node_length / SPACING).astype(np.int64) + 1)
     last = leg == len(edges) - 1
-    previous = np.full(w, -1, np.int32)
+    previous = np.full(w, -1, np.int64)
     previous[nxt[nxt >= 0]] = np.flatnonzero(nxt >= 0)
+    station, stop, internal = _stations(road, edges, lane, leg, nxt), (signal >= 0) | sign, road.internal[lane].copy()
+    pose = _poses(road, lane, previous, row, node_length, length)
+    cap = _caps(nxt, row, node_length, limit, last & ~internal, decel)
     return RouteMap(
-        lane, leg, nxt, left, right, node_length, limit, _stations(road, edges, lane, leg, nxt), changes, reach,
-        (signal >= 0) | sign, signal, np.where(has, road.link[entered], -1).astype(np.int32), sign, road.internal[lane].copy(), row,
-        _poses(road, lane, previous, row, node_length, length),
-        _caps(nxt, row, node_length, limit, last & ~road.internal[lane], decel),
+        lane, leg, nxt, left, right, node_length, limit, station, changes, reach, stop, signal,
+        np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
+        np.column_stack([nxt, left, right, node_length, limit, station, reach, stop, internal, row[:-1], row[1:] - 1]).astype(np.float64),
+        np.column_stack([pose, cap]),
     )  # fmt: skip
 
 
@@ -106,11 +116,11 @@ def _way(road: RoadMap, lane: int) -> list[int]:
 
 
 def _continuations(
-    road: RoadMap, lane: Ints, leg: Ints, following: dict[tuple[int, int], list[list[int]]], length: Floats, legs: int
-) -> tuple[Ints, Ints, Floats]:
+    road: RoadMap, lane: Indices, leg: Indices, following: dict[tuple[int, int], list[list[int]]], length: Floats, legs: int
+) -> tuple[Indices, Indices, Floats]:
     """next, changes and reach of every node, as SUMO continues: the furthest way, then the fewest lane changes, then the rightmost."""
     w = len(lane)
-    nxt, changes, reach = np.full(w, -1, np.int32), np.zeros(w, np.int32), np.zeros(w)
+    nxt, changes, reach = np.full(w, -1, np.int64), np.zeros(w, np.int64), np.zeros(w)
     nodes = {(int(leg[i]), int(lane[i])): i for i in range(w)}
     for k in range(legs - 1, -1, -1):
         here = [i for i in np.flatnonzero(leg == k) if not road.internal[lane[i]]]
@@ -138,7 +148,7 @@ def _continuations(
     return nxt, changes, reach
 
 
-def _stations(road: RoadMap, edges: tuple[int, ...], lane: Ints, leg: Ints, nxt: Ints) -> Floats:
+def _stations(road: RoadMap, edges: tuple[int, ...], lane: Indices, leg: Indices, nxt: Indices) -> Floats:
     """Where each node begins, m from the route's start; ways through a junction count as long as the longest of them."""
     station = np.zeros(len(lane))
     begin = 0.0
@@ -158,7 +168,7 @@ def _stations(road: RoadMap, edges: tuple[int, ...], lane: Ints, leg: Ints, nxt:
     return station
 
 
-def _poses(road: RoadMap, lane: Ints, previous: Ints, row: Ints, length: Floats, vehicle: float) -> Floats:
+def _poses(road: RoadMap, lane: Indices, previous: Indices, row: Indices, length: Floats, vehicle: float) -> Floats:
     pose = np.zeros((row[-1], 4))
     scale = np.where(road.length > 0, road.shape_length / np.maximum(road.length, 1e-9), 1.0)
     _fill_poses(pose, lane, previous, row, length, vehicle, road.points, road.point_s, road.point_offset, scale)
@@ -167,7 +177,7 @@ def _poses(road: RoadMap, lane: Ints, previous: Ints, row: Ints, length: Floats,
 
 @kernel
 def _fill_poses(
-    pose: Floats, lane: Ints, previous: Ints, row: Ints, length: Floats, vehicle: float, points: Floats, arc: Floats, offset: Ints, scale: Floats
+    pose: Floats, lane: Indices, previous: Indices, row: Indices, length: Floats, vehicle: float, points: Floats, arc: Floats, offset: Indices, scale: Floats
 ) -> None:
     for i in range(len(lane)):
         for k in range(row[i], row[i + 1]):
@@ -182,7 +192,7 @@ def _fill_poses(
 
 
 @kernel
-def _caps(nxt: Ints, row: Ints, length: Floats, limit: Floats, goal: Bools, decel: float) -> Floats:
+def _caps(nxt: Indices, row: Indices, length: Floats, limit: Floats, goal: Bools, decel: float) -> Floats:
     """[R] backward over the nodes: v^2 = v_next^2 + 2 b d."""
     cap = np.zeros(row[-1])
     for i in range(len(nxt) - 1, -1, -1):

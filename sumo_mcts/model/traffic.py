@@ -260,7 +260,7 @@ def _step_all(
                 xs[t + 1, i], vs[t + 1, i] = x[i], 0.0
                 continue
             a = min(a, _red_accel(q, red, path, offset, count, current[i], i, t, x[i], v[i]))
-            a = min(a, _yield_accel(q, foe, kind, place, offset, current, length, xs, x, v, i, polite, path, internal))
+            a = min(a, _yield_accel(q, foe, kind, place, offset, count, current, length, x, v, i, polite, path, internal, red, t))
             speed_next = max(0.0, v[i] + max(a, -8.0) * q.step)
             vs[t + 1, i] = speed_next
             xs[t + 1, i] = x[i] + 0.5 * (v[i] + speed_next) * q.step
@@ -328,6 +328,17 @@ def _red_ahead(red: Bools, k: int, count: int, i: int, t: int, offset: Floats, x
 
 
 @kernel
+def _red_before(red: Bools, offset: Floats, count: int, k: int, i: int, t: int, place: float) -> bool:
+    """Whether vehicle i has a red light between where it is and `place` on its path."""
+    for m in range(k + 1, count):
+        if offset[i, m] > place:
+            return False
+        if red[i, m, t]:
+            return True
+    return False
+
+
+@kernel
 def _halt(q: TrafficParams, v: float, distance: float) -> float:
     """Acceleration that stops `distance` m ahead; none where that takes more than 4.5 m/s2."""
     if v * v > 9.0 * max(distance, 0.1):
@@ -349,8 +360,8 @@ def _red_accel(q: TrafficParams, red: Bools, path: Ints, offset: Floats, count: 
 
 @kernel
 def _yield_accel(
-    q: TrafficParams, foe: Ints, kind: Ints, place: Floats, offset: Floats, current: Ints, length: Floats, xs: Floats, x: Floats, v: Floats, i: int,
-    polite: Bools, path: Ints, internal: Bools,
+    q: TrafficParams, foe: Ints, kind: Ints, place: Floats, offset: Floats, count: Ints, current: Ints, length: Floats, x: Floats, v: Floats, i: int,
+    polite: Bools, path: Ints, internal: Bools, red: Bools, t: int,
 ) -> float:  # fmt: skip
     """Stop before a stretch that somebody with the right of way will use, or fall in behind whoever merges first."""
     a = math.inf
@@ -371,6 +382,8 @@ def _yield_accel(
             continue
         if v[j] < 0.3 and foe_begin > 1.0:
             continue  # it waits itself
+        if _red_before(red, offset, count[j], current[j], j, t, place[i, u, 2]):
+            continue
         leaves = (to_end + length[i]) / max(v[i], 3.0)
         if theirs > leaves + q.yield_gap:
             continue

@@ -9,7 +9,7 @@ from sumo_mcts.model.ego import FOLLOW
 from sumo_mcts.model.local import Local, State, build_local
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.tree import ALIVE, SearchParams, Tree, new_tree, replay, search, search_params
-from sumo_mcts.scene import Decision, Floats, Follow, Ints, Plan, RootChild
+from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
 
 STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow (measures: yellow_run)
 SLICE = 100  # passes between looks at the clock
@@ -98,9 +98,9 @@ def _tidy(line: Floats, action: Floats, end: int) -> Floats:
 def follow_line(local: Local, task: Task, q: SearchParams, state: State, line: Floats) -> tuple[Plan, Floats]:
     """The plan, step by step, and the cost terms [5] of a sequence of actions."""
     steps = len(line) * q.ply
-    nodes, motion, pose, terms = np.zeros(steps, np.int32), np.zeros((steps, 2)), np.zeros((steps, 4)), np.zeros(5)
+    nodes, motion, pose, terms = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4)), np.zeros(5)
     used = replay(local, task.ego, task.cost, q, state, line, nodes, motion, pose, terms)
-    lanes: Ints = task.route.lane[nodes[:used]]
+    lanes = task.route.lane[nodes[:used]].astype(np.int32)
     times = (np.arange(used) + 1.0) * task.ego.step
     return Plan(times, motion[:used, 1].copy(), lanes, motion[:used, 0].copy(), pose[:used].copy()), terms
 

@@ -10,7 +10,8 @@ from sumo_mcts.model.cost import CostParams, contact_cost, meet, step_comfort, s
 from sumo_mcts.model.ego import FOLLOW, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import Local, State
-from sumo_mcts.scene import Bools, Floats, Ints
+from sumo_mcts.model.route import LIMIT, Indices
+from sumo_mcts.scene import Bools, Floats
 
 NONE = -1  # no child, no parent
 IMPOSSIBLE = -2  # an action that cannot be taken there, or leads to the same state as another
@@ -32,21 +33,21 @@ class SearchParams(NamedTuple):
 class Tree(NamedTuple):
     """M nodes, A actions. Node 0 is the root."""
 
-    parent: Ints  # [M]
-    child: Ints  # [M, A] NONE: untried, IMPOSSIBLE
-    level: Ints  # [M]
-    visits: Ints  # [M]
+    parent: Indices  # [M]
+    child: Indices  # [M, A] NONE: untried, IMPOSSIBLE
+    level: Indices  # [M]
+    visits: Indices  # [M]
     total: Floats  # [M] sum of the costs J backed up
     best: Floats  # [M] lowest J found below
     dead: Bools  # [M] nothing below is left to try: lost, arrived, or all children dead
-    end: Ints  # [M] ALIVE, LOST or ARRIVED
-    where: Ints  # [M, 2] State.node and State.other
+    end: Indices  # [M] ALIVE, LOST or ARRIVED
+    where: Indices  # [M, 2] State.node and State.other
     motion: Floats  # [M, 4] State.s, v, a, progress
-    followers: Ints  # [M] int64
+    followers: Indices  # [M] int64
     leader: Floats  # [M, 2] gap (m) and speed of the leader
     cost: Floats  # [M, 4] safety, comfort, passability, other, from the root
     plan: Floats  # [M] row 0 .. look_ahead + rollout: best sequence of accelerations below the root's children
-    used: Ints  # [1] nodes in use
+    used: Indices  # [1] nodes in use
 
 
 class Ply(NamedTuple):
@@ -75,10 +76,10 @@ def search_params(
 def new_tree(size: int, actions: int, plies: int) -> Tree:
     """An empty tree for `size` nodes."""
     return Tree(
-        np.full(size, NONE, np.int32), np.full((size, actions), NONE, np.int32), np.zeros(size, np.int32), np.zeros(size, np.int32),
-        np.zeros(size), np.full(size, np.inf), np.zeros(size, np.bool_), np.zeros(size, np.int32), np.full((size, 2), NONE, np.int32),
+        np.full(size, NONE, np.int64), np.full((size, actions), NONE, np.int64), np.zeros(size, np.int64), np.zeros(size, np.int64),
+        np.zeros(size), np.full(size, np.inf), np.zeros(size, np.bool_), np.zeros(size, np.int64), np.full((size, 2), NONE, np.int64),
         np.zeros((size, 4)), np.zeros(size, np.int64), np.zeros((size, 2)), np.zeros((size, 4)), np.full((actions + 1, plies), np.nan),
-        np.zeros(1, np.int32),
+        np.zeros(1, np.int64),
     )  # fmt: skip
 
 
@@ -90,7 +91,7 @@ def simulate(
     safety, comfort, passability = 0.0, 0.0, 0.0
     for k in range(q.ply):
         time = (at + k) * p.step
-        wanted = follow_accel(p, state.v, local.route.limit[state.node], gap, leader_v) if accel > 50.0 else accel
+        wanted = follow_accel(p, state.v, local.node[state.node, LIMIT], gap, leader_v) if accel > 50.0 else accel
         before = state
         state, event = advance(local, p, state, wanted, time)
         comfort += step_comfort(p, c, before, state)
@@ -331,7 +332,7 @@ def _bury(tree: Tree, node: int) -> None:
 
 @kernel
 def replay(
-    local: Local, p: EgoParams, c: CostParams, q: SearchParams, root: State, line: Floats, lanes: Ints, motion: Floats, pose: Floats, terms: Floats
+    local: Local, p: EgoParams, c: CostParams, q: SearchParams, root: State, line: Floats, lanes: Indices, motion: Floats, pose: Floats, terms: Floats
 ) -> int:
     """Drive a sequence (as in Tree.plan) once more and write down every simulation step.
 
@@ -361,7 +362,7 @@ def replay(
             terms[2] += ply.passability
             lanes[at] = state.node
             motion[at, 0], motion[at, 1] = state.s, state.v
-            pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local.route, state, 0.0)
+            pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local.node, local.row, state, 0.0)
             terms[4] += ply.loss
             if ply.end != ALIVE:
                 return at + 1

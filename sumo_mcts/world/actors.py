@@ -7,14 +7,14 @@ not yet moved, at the end of the first step that begins at t or later.
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
-import libsumo  # type: ignore[import-untyped]
 import numpy as np
 
 from sumo_mcts.config import Actor, ConfigError, Event, TrafficConfig, VehicleEvent
 from sumo_mcts.scene import Floats, Ints, RoadMap
+from sumo_mcts.world.simulation import import_libsumo
 
 ARRIVAL_SLACK = 0.1  # m before the end of its route at which SUMO takes a vehicle out
 STANDING = 0.01  # m/s
@@ -48,6 +48,7 @@ class Actors:
         seconds: float = 600.0,
     ) -> None:
         """`step` and `change_s` (SUMO's lanechange.duration) in s; `egos` are driven by somebody else; scripts are compiled for `seconds`."""
+        self._libsumo: Any = import_libsumo()
         self._step = step
         self._egos = frozenset(egos)
         self._actors = {actor.id: actor for actor in actors}
@@ -75,26 +76,26 @@ class Actors:
 
     def before_step(self, time: float) -> None:
         """Command the step that begins now; `time` in s."""
-        for vehicle in libsumo.simulation.getDepartedIDList():
+        for vehicle in self._libsumo.simulation.getDepartedIDList():
             self._begin(vehicle, time)
         if not self._playing and not self._orders:
             return
-        present = frozenset(libsumo.vehicle.getIDList())
+        present = frozenset(self._libsumo.vehicle.getIDList())
         self._playing &= present
         self._orders = {vehicle: orders for vehicle, orders in self._orders.items() if vehicle in present}
         for vehicle in sorted(self._playing):
-            _play(vehicle, self._scripts[vehicle], round((time - self._departed[vehicle]) / self._step) + 1)
+            _play(self._libsumo.vehicle, vehicle, self._scripts[vehicle], round((time - self._departed[vehicle]) / self._step) + 1)
         for vehicle, orders in sorted(self._orders.items()):
-            self._orders[vehicle] = _command(vehicle, orders, time - self._departed[vehicle], self._step)
+            self._orders[vehicle] = _command(self._libsumo.vehicle, vehicle, orders, time - self._departed[vehicle], self._step)
 
     def _begin(self, vehicle: str, time: float) -> None:
         self._departed[vehicle] = time
         actor = self._actors.get(vehicle)
         if actor is not None and actor.max_speed_mps is not None:
-            libsumo.vehicle.setMaxSpeed(vehicle, actor.max_speed_mps)
+            self._libsumo.vehicle.setMaxSpeed(vehicle, actor.max_speed_mps)
         if vehicle in self._scripts:
-            libsumo.vehicle.setSpeedMode(vehicle, 0)
-            libsumo.vehicle.setLaneChangeMode(vehicle, 0)
+            self._libsumo.vehicle.setSpeedMode(vehicle, 0)
+            self._libsumo.vehicle.setLaneChangeMode(vehicle, 0)
             self._playing.add(vehicle)
         elif vehicle in self._events:
             self._orders[vehicle] = _Orders(self._events[vehicle], _Drive(None, 0.0, 0.0, None))
@@ -332,13 +333,13 @@ def _beside(road: RoadMap, lane: int, side: int, actor: Actor) -> int:
     return lane_there
 
 
-def _play(vehicle: str, script: Script, row: int) -> None:
-    """Have SUMO arrive at this row with its next step; after the last one the speed stays."""
+def _play(cars: Any, vehicle: str, script: Script, row: int) -> None:
+    """Have SUMO (its vehicle domain: `cars`) arrive at this row with its next step; after the last one the speed stays."""
     if row >= len(script.v):
         return
-    libsumo.vehicle.setSpeed(vehicle, float(script.v[row]))
+    cars.setSpeed(vehicle, float(script.v[row]))
     if script.change[row]:
-        libsumo.vehicle.changeLane(vehicle, libsumo.vehicle.getLaneIndex(vehicle) + int(script.change[row]), 0.0)
+        cars.changeLane(vehicle, cars.getLaneIndex(vehicle) + int(script.change[row]), 0.0)
 
 
 # --- vehicles that SUMO drives ---
@@ -351,25 +352,25 @@ class _Orders(NamedTuple):
     drive: _Drive
 
 
-def _command(vehicle: str, orders: _Orders, time: float, step: float) -> _Orders:
+def _command(cars: Any, vehicle: str, orders: _Orders, time: float, step: float) -> _Orders:
     """Tell a vehicle what is due `time` s after its departure; its driver still keeps its distance."""
-    due = [event for event in orders.waiting if _due(event, time, libsumo.vehicle.getDistance(vehicle))]
-    drive, v = orders.drive, libsumo.vehicle.getSpeed(vehicle)
+    due = [event for event in orders.waiting if _due(event, time, cars.getDistance(vehicle))]
+    drive, v = orders.drive, cars.getSpeed(vehicle)
     for event in due:
         if event.change_lane is None:
             drive = _told(drive, event, drive.target)
         else:
-            _ask_for_lane(vehicle, _SIDES[event.change_lane])
+            _ask_for_lane(cars, vehicle, _SIDES[event.change_lane])
     after = _stood(drive, v, step)
     if after.target is not None:
-        libsumo.vehicle.setSpeed(vehicle, _towards(after.target, v, after.accel * step))
+        cars.setSpeed(vehicle, _towards(after.target, v, after.accel * step))
     elif orders.drive.target is not None:
-        libsumo.vehicle.setSpeed(vehicle, -1.0)  # its driver again
+        cars.setSpeed(vehicle, -1.0)  # its driver again
     return _Orders(tuple(event for event in orders.waiting if event not in due), after)
 
 
-def _ask_for_lane(vehicle: str, side: int) -> None:
+def _ask_for_lane(cars: Any, vehicle: str, side: int) -> None:
     """Change lanes as soon as there is a gap."""
-    index = libsumo.vehicle.getLaneIndex(vehicle) + side
-    if 0 <= index < libsumo.edge.getLaneNumber(libsumo.vehicle.getRoadID(vehicle)):
-        libsumo.vehicle.changeLane(vehicle, index, CHANGE_WISH_S)
+    index = cars.getLaneIndex(vehicle) + side
+    if 0 <= index < import_libsumo().edge.getLaneNumber(cars.getRoadID(vehicle)):
+        cars.changeLane(vehicle, index, CHANGE_WISH_S)

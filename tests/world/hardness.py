@@ -1,7 +1,7 @@
 """How hard the built-in scenes are for an ego that keeps its start speed blindly: python -m tests.world.hardness [SEEDS [SCENARIO]...].
 
 Twice for each scene: with the lane change that its route needs at once, and as late as it fits. A seed is hard if the ego collides or, in
-reactive scenes, somebody brakes beyond 4 m/s2 because of it. Attribution is rougher than the referee's: SUMO's leader, or the ego right in front on a junction.
+reactive scenes, somebody brakes beyond 4 m/s2 because of it. Attribution is rougher than the referee's: SUMO's leader, or the ego right in front on a junction or changing lanes.
 """
 
 import sys
@@ -93,8 +93,10 @@ def _because_of_ego(vehicle: str) -> bool:
         return True
     own, ego = np.array(libsumo.vehicle.getPosition(vehicle)), np.array(libsumo.vehicle.getPosition("ego"))
     heading = np.deg2rad(90.0 - libsumo.vehicle.getAngle(vehicle))
-    ahead = float((ego - own) @ [np.cos(heading), np.sin(heading)]) > 0
-    return ahead and float(np.hypot(*(ego - own))) < 25.0 and libsumo.vehicle.getRoadID("ego").startswith(":")
+    along, aside = float((ego - own) @ [np.cos(heading), np.sin(heading)]), float((ego - own) @ [-np.sin(heading), np.cos(heading)])
+    crossing = libsumo.vehicle.getRoadID("ego").startswith(":")
+    changing = abs(libsumo.vehicle.getLateralLanePosition("ego")) > 0.05 and abs(aside) < 4.0
+    return 0.0 < along < 25.0 and (crossing or changing)
 
 
 def is_hard(name: str, seed: Seed) -> bool:

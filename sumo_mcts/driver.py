@@ -1,0 +1,192 @@
+"""One ego's mind: which predictor and which planner, and what they need from cycle to cycle. The only place where they are put together."""
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.model.cost import CostParams
+from sumo_mcts.model.ego import EgoParams
+from sumo_mcts.model.local import State, ego_state
+from sumo_mcts.model.route import RouteMap, route_map
+from sumo_mcts.model.traffic import LANES, Scripted, TrafficParams, predict
+from sumo_mcts.planners.base import Planner, Situation, Task
+from sumo_mcts.planners.baselines import ConstantPlanner, SumoPlanner
+from sumo_mcts.planners.mcts import MctsParams, MctsPlanner
+from sumo_mcts.planners.paper import PaperParams, PaperPlanner
+from sumo_mcts.scene import Decision, EgoState, Floats, Forecast, Ints, Plan, Release, RoadMap, Scene
+
+NEAR_STOP = 3.0  # m before a stop sign within which standing counts
+NOMINAL_S = 2.0  # s of the last plan that the forecast takes for granted; afterwards the nominal ego follows its leader
+
+Scripts = Callable[[str, float, float, int], Scripted | None]  # vehicle, time, step, count
+
+
+class Physics(NamedTuple):
+    """How the running simulation moves vehicles."""
+
+    step: float  # s
+    ballistic: bool
+    change_duration: float  # s
+
+
+class Thought(NamedTuple):
+    """One decision with what it rests on."""
+
+    decision: Decision
+    forecast: Forecast | None
+    plan_ms: float
+
+
+class Driver:
+    """Plans for one ego."""
+
+    def __init__(self, config: ScenarioConfig, road: RoadMap, physics: Physics, seed: int, scripts: Scripts | None = None) -> None:
+        self._config, self._road, self._physics, self._seed = config, road, physics, seed
+        self._scripts = scripts
+        self._planner = make_planner(config)
+        self._traffic = _traffic_params(config, physics.step)
+        self._route: RouteMap | None = None
+        self._edges: tuple[int, ...] = ()
+        self._cleared: frozenset[int] = frozenset()
+        self._plan: Plan | None = None
+        self._plan_time = 0.0
+
+    def decide(self, scene: Scene) -> Thought:
+        """Observe, predict, plan."""
+        began = time.perf_counter()
+        self._keep_route(scene.ego)
+        route = self._route
+        state = None if route is None or scene.ego.lane < 0 else ego_state(route, scene.ego)
+        if state is None or route is None:
+            self._plan = None
+            return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
+        self._note_stop(route, state)
+        forecast = self._forecast(scene, route, state) if self._planner.needs_forecast else None
+        situation = Situation(scene, state, forecast if forecast is not None else _nothing(self._traffic.step), self._cleared)
+        decision = self._planner.plan(situation)
+        self._plan, self._plan_time = decision.plan, scene.time
+        return Thought(decision, forecast, _ms(began))
+
+    def _keep_route(self, ego: EgoState) -> None:
+        """Lay the route out when the ego is taken over, and again when SUMO gave it another one."""
+        if self._route is not None and ego.route == self._edges[len(self._edges) - len(ego.route) :] and ego.route:
+            return
+        if not ego.route or -1 in ego.route:
+            self._route = None
+            return
+        params = ego_params(self._config, ego, self._physics)
+        self._edges, self._cleared = ego.route, frozenset()
+        self._route = route_map(self._road, ego.route, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
+        self._planner.start(Task(self._road, self._route, params, cost_params(self._config)), self._seed)
+
+    def _note_stop(self, route: RouteMap, state: State) -> None:
+        """Remember that the ego stood at a stop sign."""
+        if route.sign[state.node] and state.v < 0.1 and route.length[state.node] - state.s < NEAR_STOP:
+            self._cleared |= {state.node}
+
+    def _forecast(self, scene: Scene, route: RouteMap, state: State) -> Forecast:
+        config = self._config
+        steps = config.planner.look_ahead_steps + config.planner.rollout_steps
+        ply = max(1, round(config.planner.step_s / self._physics.step)) * self._physics.step
+        seconds = steps * ply + config.cost.claim_s + self._traffic.step
+        if config.planner.name == "paper":
+            seconds = (config.paper.look_ahead_steps + config.paper.rollout_steps) * max(config.paper.step_s, self._physics.step) + self._traffic.step
+        scripts: dict[int, Scripted] = {}
+        if config.prediction.name == "script" and self._scripts is not None:
+            count = int(np.ceil(seconds / self._traffic.step)) + 1
+            found = {i: self._scripts(name, scene.time, self._traffic.step, count) for i, name in enumerate(scene.agents.ids)}
+            scripts = {i: script for i, script in found.items() if script is not None}
+        return predict(self._road, scene, _ego_lanes(route, state), self._nominal(scene.time), self._traffic, seconds, scripts)
+
+    def _nominal(self, now: float) -> Floats:
+        """[K] speeds of the last plan from now on, at the forecast's times."""
+        if self._plan is None or not len(self._plan.v):
+            return np.zeros(0)
+        begin = now - self._plan_time
+        end = min(float(self._plan.time[-1]), begin + NOMINAL_S)
+        times = np.arange(begin + self._traffic.step, end + 1e-9, self._traffic.step)
+        return np.asarray(np.interp(times, self._plan.time, self._plan.v))
+
+
+def make_planner(config: ScenarioConfig) -> Planner:
+    """The planner that a scenario names."""
+    p = config.planner
+    match p.name:
+        case "sumo":
+            return SumoPlanner()
+        case "constant":
+            return ConstantPlanner(p.period_s)
+        case "paper":
+            return PaperPlanner(_paper_params(config))
+        case "mcts":
+            return MctsPlanner(
+                MctsParams(
+                    p.iterations, np.inf if p.time_budget_ms is None else p.time_budget_ms / 1000.0, p.period_s, p.step_s, p.look_ahead_steps,
+                    p.rollout_steps, p.check_s, p.accelerations_mps2, p.lane_change_accelerations_mps2, p.exploration,
+                )
+            )  # fmt: skip
+
+
+def ego_params(config: ScenarioConfig, ego: EgoState, physics: Physics) -> EgoParams:
+    """The ego's bounds: the scenario's, never beyond its vehicle type's."""
+    m = config.ego_model
+    return EgoParams(
+        physics.step, physics.ballistic, m.jerk_mps3, m.emergency_jerk_mps3, m.comfort_decel_mps2, min(m.max_decel_mps2, max(ego.emergency_decel, ego.comfort_decel)),
+        min(m.max_accel_mps2, ego.max_accel), m.approach_decel_mps2, m.stop_gap_m, physics.change_duration, config.cost.headway_s,
+        config.cost.headway_gap_m, ego.length / 2, ego.width / 2,
+    )  # fmt: skip
+
+
+def cost_params(config: ScenarioConfig) -> CostParams:
+    """The weights of planner `mcts`."""
+    c = config.cost
+    return CostParams(
+        c.contact, c.speed_at_contact, c.headway_s, c.headway_gap_m, c.headway, c.claim_s, c.claim, c.margin_m, c.margin, c.acceleration, c.jerk, c.braking,
+        c.progress, c.blocking, c.route, c.lane_change, c.red, c.cut_in_decel_mps2,
+    )  # fmt: skip
+
+
+def _paper_params(config: ScenarioConfig) -> PaperParams:
+    p = config.paper
+    return PaperParams(
+        config.planner.iterations, np.inf if config.planner.time_budget_ms is None else config.planner.time_budget_ms / 1000.0, p.step_s,
+        p.look_ahead_steps, p.rollout_steps, config.planner.check_s, p.accelerations_mps2, p.lane_change_accelerations_mps2, p.exploration,
+        p.brake_probability, p.accelerate_probability, p.weight_safety, p.weight_comfort, p.weight_passability, p.weight_other, p.safety_threshold_m,
+        p.contact_cost, p.jerk_factor, p.goal_distance_m, p.goal_factor, p.junction_penalty, p.lane_change_cost, p.stop_cost, p.turn_cost,
+        p.emergency_cost,
+    )  # fmt: skip
+
+
+def _traffic_params(config: ScenarioConfig, step: float) -> TrafficParams:
+    """Forecast times that fall on steps of the simulation, or divide them evenly."""
+    q = config.prediction
+    dt = step * max(1, round(q.step_s / step)) if step <= q.step_s * 1.25 + 1e-9 else step / round(step / q.step_s)
+    return TrafficParams(
+        dt, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s, q.name != "constant_velocity"
+    )
+
+
+def _ego_lanes(route: RouteMap, state: State) -> Ints:
+    """The lanes that the ego is going to drive, the one it moves to first."""
+    node = state.other if 0.0 < state.progress < 0.5 and state.other >= 0 else state.node
+    lanes = []
+    while node >= 0 and len(lanes) < LANES:
+        lanes.append(int(route.lane[node]))
+        node = int(route.next[node])
+    return np.array(lanes, np.int32)
+
+
+def _nothing(dt: float) -> Forecast:
+    """A forecast without agents."""
+    none = np.zeros((1, 1, 0))
+    return Forecast(
+        dt, np.ones(1), np.zeros((1, 1, 0, 4)), none, none.astype(np.int32), none, none.astype(np.bool_), np.zeros(0), np.zeros(0),
+        np.zeros(0, np.bool_), np.zeros(0, np.bool_),
+    )  # fmt: skip
+
+
+def _ms(began: float) -> float:
+    return (time.perf_counter() - began) * 1000.0

@@ -1,0 +1,329 @@
+"""The paper's planner, Algorithms 1 and 2 to the letter. Which reading was chosen where the text leaves it open: docs/planner.md."""
+
+import math
+import time
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from sumo_mcts.model.ego import GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of
+from sumo_mcts.model.geometry import box_distance
+from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, X, Y, Local, State, build_local
+from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
+from sumo_mcts.planners.base import Situation, Task
+from sumo_mcts.planners.tree import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
+from sumo_mcts.scene import LEFT, RIGHT, Decision, Floats, Follow, Plan, RootChild
+
+STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow
+EMERGENCY = -8.0  # m/s2, when every action was discarded
+SLICE = 100  # iterations between looks at the clock
+
+
+class PaperParams(NamedTuple):
+    """See config.PaperConfig."""
+
+    iterations: int
+    time_budget_s: float
+    step_s: float
+    look_ahead_steps: int
+    rollout_steps: int
+    check_s: float
+    accelerations: tuple[float, ...]
+    lane_change_accelerations: tuple[float, ...]
+    exploration: float
+    brake_probability: float
+    accelerate_probability: float
+    weight_safety: float
+    weight_comfort: float
+    weight_passability: float
+    weight_other: float
+    safety_threshold: float
+    contact_cost: float
+    jerk_factor: float
+    goal_distance: float
+    goal_factor: float
+    junction_penalty: float
+    lane_change_cost: float
+    stop_cost: float
+    turn_cost: float
+    emergency_cost: float
+
+
+class Weights(NamedTuple):
+    """The part of PaperParams that the compiled code reads, and times in steps of the simulation."""
+
+    ply: int
+    check: int
+    look_ahead: int
+    rollout: int
+    exploration: float
+    brake_probability: float
+    accelerate_probability: float
+    safety: float
+    comfort: float
+    passability: float
+    other: float
+    threshold: float
+    contact: float
+    jerk_factor: float
+    goal_factor: float
+    junction_penalty: float
+    lane_change: float
+    stop: float
+    turn: float
+    emergency: float
+
+
+class PaperTree(NamedTuple):
+    """M nodes, A actions."""
+
+    parent: Indices  # [M]
+    child: Indices  # [M, A]
+    level: Indices  # [M]
+    visits: Indices  # [M] n(v)
+    total: Floats  # [M] C(v)
+    end: Indices  # [M]
+    where: Indices  # [M, 2]
+    motion: Floats  # [M, 4]
+    cost: Floats  # [M, 4] safety, comfort, passability, other, weighted, from the root
+    used: Indices  # [1]
+
+
+class PaperPlanner:
+    """Monte-Carlo tree search as the paper prints it."""
+
+    needs_forecast = True
+
+    def __init__(self, params: PaperParams) -> None:
+        self._params = params
+        keep = [(a, 0.0) for a in params.accelerations]
+        self._actions = np.array(keep + [(a, side) for side in (1.0, -1.0) for a in params.lane_change_accelerations])
+
+    def start(self, task: Task, seed: int) -> None:
+        """Take the ego over."""
+        self._task = task
+        self._rng = np.random.Generator(np.random.PCG64(seed))
+
+    def plan(self, situation: Situation) -> Decision:
+        """Search from the present state; emergency braking when every child was discarded."""
+        task, p = self._task, self._params
+        local = build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
+        weights = _weights(p, task.ego.step)
+        direction = task.road.direction[task.route.lane].astype(np.int64)
+        goal = _goal_station(task, situation.state, p.goal_distance)
+        tree = _new_tree(min(p.iterations, _full_size(len(self._actions), p.look_ahead_steps)) * len(self._actions) + 2, len(self._actions))
+        end = time.perf_counter() + p.time_budget_s
+        done = 0
+        while done < p.iterations and (done == 0 or time.perf_counter() < end):
+            count = p.iterations if math.isinf(p.time_budget_s) else min(SLICE, p.iterations - done)
+            _search(tree, local, task.ego, weights, self._actions, situation.state, goal, direction, count, self._rng)
+            done += count
+        return self._decision(tree, local, weights, situation, done)
+
+    def _decision(self, tree: PaperTree, local: Local, weights: Weights, situation: Situation, done: int) -> Decision:
+        children, plans = [], []
+        for k, action in enumerate(self._actions):
+            i = int(tree.child[0, k])
+            if i < 0 or tree.end[i] == LOST or tree.visits[i] == 0:
+                continue
+            plan = _drive(local, self._task, weights, situation.state, action)
+            terms = np.concatenate([tree.cost[i], [0.0]])
+            mean = float(tree.total[i] / tree.visits[i])
+            children.append(RootChild(float(action[0]), int(action[1]), int(tree.visits[i]), mean, mean, terms, plan.pose))
+            plans.append(plan)
+        if not children:
+            plan = _drive(local, self._task, weights, situation.state, np.array([EMERGENCY, 0.0]))
+            return Decision(Follow(plan.v, 0), plan, (), -1, "brake", done, 0)
+        chosen = min(range(len(children)), key=lambda i: children[i].mean)
+        return Decision(Follow(plans[chosen].v, children[chosen].lane_change), plans[chosen], tuple(children), chosen, "search", done, 0)
+
+
+def _full_size(actions: int, levels: int) -> int:
+    """Nodes of the whole tree: more are never expanded."""
+    return sum(actions**k for k in range(levels + 1))
+
+
+def _weights(p: PaperParams, step: float) -> Weights:
+    return Weights(
+        max(1, round(p.step_s / step)), max(1, round(p.check_s / step)), p.look_ahead_steps, p.rollout_steps, p.exploration, p.brake_probability,
+        p.accelerate_probability, p.weight_safety, p.weight_comfort, p.weight_passability, p.weight_other, p.safety_threshold, p.contact_cost,
+        p.jerk_factor, p.goal_factor, p.junction_penalty, p.lane_change_cost, p.stop_cost, p.turn_cost, p.emergency_cost,
+    )  # fmt: skip
+
+
+def _goal_station(task: Task, state: State, distance: float) -> float:
+    """Where the local goal lies, m from the start of the route."""
+    return float(task.route.station[state.node] + state.s + distance)
+
+
+def _new_tree(size: int, actions: int) -> PaperTree:
+    return PaperTree(
+        np.full(size, NONE, np.int64), np.full((size, actions), NONE, np.int64), np.zeros(size, np.int64), np.zeros(size, np.int64), np.zeros(size),
+        np.zeros(size, np.int64), np.full((size, 2), NONE, np.int64), np.zeros((size, 4)), np.zeros((size, 4)), np.zeros(1, np.int64),
+    )  # fmt: skip
+
+
+def _drive(local: Local, task: Task, w: Weights, state: State, action: Floats) -> Plan:
+    """The first action, step by step."""
+    state = begin_change(local, task.ego, state, int(action[1])) if action[1] else state
+    v, lane, s, pose = [], [], [], []
+    for k in range(w.ply):
+        state, event = advance(local, task.ego, state, float(action[0]), k * task.ego.step)
+        v.append(state.v)
+        lane.append(int(task.route.lane[state.node]))
+        s.append(state.s)
+        pose.append(pose_of(local.node, local.row, state, 0.0))
+        if event == GOAL:
+            break
+    return Plan((np.arange(len(v)) + 1.0) * task.ego.step, np.array(v), np.array(lane, np.int32), np.array(s), np.array(pose))
+
+
+@kernel
+def _search(
+    tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, root: State, goal: float, direction: Indices, iterations: int, rng: Generator
+) -> None:
+    """Algorithm 1."""
+    if tree.used[0] == 0:
+        _store(tree, 0, root)
+        tree.used[0] = 1
+    for _ in range(iterations):
+        node = _select(tree, w)
+        if tree.level[node] < w.look_ahead and tree.child[node, 0] == NONE:
+            _expand(tree, local, p, w, actions, goal, direction, node)
+        cost = _rollout(tree, local, p, w, goal, direction, node, rng)
+        i = node
+        while i != NONE:
+            tree.total[i] += cost
+            tree.visits[i] += 1
+            i = tree.parent[i]
+
+
+@kernel
+def _select(tree: PaperTree, w: Weights) -> int:
+    """Down to a node without children by the paper's UCB; collided children are not there."""
+    node = 0
+    while tree.child[node, 0] != NONE:
+        chosen, top = NONE, -math.inf
+        for k in range(tree.child.shape[1]):
+            i = tree.child[node, k]
+            if i < 0 or tree.end[i] == LOST:
+                continue
+            if tree.visits[i] == 0:
+                return i
+            score = -tree.total[i] / tree.visits[i] + w.exploration * math.sqrt(2.0 * math.log(max(tree.visits[node], 1)) / tree.visits[i])
+            if score > top:
+                chosen, top = i, score
+        if chosen == NONE:
+            return node
+        node = chosen
+    return node
+
+
+@kernel
+def _expand(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, goal: float, direction: Indices, node: int) -> None:
+    """All children of a node; those that collide are marked and never visited."""
+    root = _state(tree, node)
+    for k in range(len(actions)):
+        side = int(actions[k, 1])
+        tree.child[node, k] = IMPOSSIBLE
+        if (side != 0 and not can_change(local, p, root, side)) or tree.used[0] >= len(tree.parent) or tree.end[node] != ALIVE:
+            continue
+        state = begin_change(local, p, root, side) if side != 0 else root
+        state, cost, end = _ply(local, p, w, state, actions[k, 0], goal, direction, tree.level[node] * w.ply)
+        if side != 0:
+            cost[3] += w.other * w.lane_change
+        i = tree.used[0]
+        tree.used[0] += 1
+        tree.child[node, k], tree.parent[i], tree.level[i], tree.end[i] = i, node, tree.level[node] + 1, end
+        tree.cost[i] = tree.cost[node] + cost
+        _store(tree, i, state)
+
+
+@kernel
+def _rollout(tree: PaperTree, local: Local, p: EgoParams, w: Weights, goal: float, direction: Indices, node: int, rng: Generator) -> float:
+    """Algorithm 2: random longitudinal actions to the terminal state; the cost J of the whole sequence."""
+    state, total = _state(tree, node), tree.cost[node].sum()
+    if tree.end[node] == ARRIVED:
+        return total
+    for level in range(tree.level[node], w.look_ahead + w.rollout):
+        draw = rng.random()
+        accel = 0.0
+        if draw < w.brake_probability:
+            accel = -1.0 - 4.0 * rng.random()
+        elif draw < w.brake_probability + w.accelerate_probability:
+            accel = 1.0 + 2.0 * rng.random()
+        state, cost, end = _ply(local, p, w, state, accel, goal, direction, level * w.ply)
+        total += cost.sum()
+        if end == LOST:
+            return total + w.safety * w.contact
+        if end == ARRIVED:
+            return total
+    return total
+
+
+@kernel
+def _ply(
+    local: Local, p: EgoParams, w: Weights, state: State, accel: float, goal: float, direction: Indices, at: int
+) -> tuple[State, Floats, int]:  # fmt: skip
+    """One step of T_1: the state after it, its four weighted costs, and how it ended. Costs are counted at its end, as the sum of equation 1 is."""
+    began, crossed = state, False
+    cost = np.zeros(4)
+    for k in range(w.ply):
+        state, event = advance(local, p, state, accel, (at + k) * p.step)
+        crossed = crossed or local.node[state.node, INTERNAL] > 0.0
+        if event == RED_LINE:
+            return state, cost, LOST
+        if event == GOAL:
+            return state, cost, ARRIVED
+        if (at + k + 1) % w.check == 0 and _nearest(local, p, state, (at + k + 1) * p.step) <= 0.0:
+            return state, cost, LOST
+    distance = _nearest(local, p, state, (at + w.ply) * p.step)
+    if distance <= w.threshold:
+        cost[0] = w.safety / max(distance, 0.1)
+    jerk = (state.a - began.a) / (w.ply * p.step)
+    cost[1] = w.comfort * w.jerk_factor * jerk * jerk
+    remaining = max(0.0, goal - local.node[state.node, STATION] - state.s)
+    cost[2] = w.passability * (w.goal_factor * remaining + (w.junction_penalty if _junction_ahead(local, state, goal) else 0.0))
+    turns = local.node[state.node, INTERNAL] > 0.0 and (direction[state.node] == LEFT or direction[state.node] == RIGHT)
+    cost[3] = w.other * ((w.stop if state.v < 0.1 else 0.0) + (w.turn if turns else 0.0) + (w.emergency if accel < -p.comfort_decel else 0.0))
+    return state, cost, ALIVE
+
+
+@kernel
+def _nearest(local: Local, p: EgoParams, state: State, time: float) -> float:
+    """Distance between the boxes of the ego and of the nearest agent, m; 0 at contact."""
+    x, y, c, s = pose_of(local.node, local.row, state, 0.0)
+    now = min(int(time / local.dt + 0.5), local.agent.shape[0] - 1)
+    nearest = math.inf
+    for i in range(local.agent.shape[1]):
+        if local.agent[now, i, NODE] == GONE or (i < 63 and (local.followers >> i) & 1):
+            continue
+        bx, by, bc, bs = local.agent[now, i, X], local.agent[now, i, Y], local.agent[now, i, COS], local.agent[now, i, SIN]
+        if abs(bx - x) < 40.0 and abs(by - y) < 40.0:
+            nearest = min(nearest, box_distance(x, y, c, s, p.half_length, p.half_width, bx, by, bc, bs, local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]))
+    return nearest
+
+
+@kernel
+def _junction_ahead(local: Local, state: State, goal: float) -> bool:
+    """Whether a junction lies between the state and the local goal."""
+    node, distance = state.node, goal - local.node[state.node, STATION]
+    while node >= 0 and distance > 0.0:
+        if local.node[node, INTERNAL] > 0.0:
+            return True
+        distance -= local.node[node, LENGTH]
+        node = int(local.node[node, NEXT])
+    return False
+
+
+@kernel
+def _store(tree: PaperTree, i: int, state: State) -> None:
+    tree.where[i, 0], tree.where[i, 1] = state.node, state.other
+    tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3] = state.s, state.v, state.a, state.progress
+
+
+@kernel
+def _state(tree: PaperTree, i: int) -> State:
+    return State(tree.where[i, 0], tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3], tree.where[i, 1])

@@ -1,0 +1,177 @@
+"""The drawings show what the trace says: the ego in its colour where it was, words that fit, frames in real time."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers_trace import crossing_trace, highway_trace
+from PIL import Image
+
+from sumo_mcts.records import Trace, load_trace, save_trace
+from sumo_mcts.reporting import birdseye
+from sumo_mcts.scene import Follow
+
+
+def near(image: Image.Image, colour: birdseye.Colour, tolerance: int = 40) -> np.ndarray:
+    """[height, width] pixels of about this colour."""
+    pixels = np.asarray(image.convert("RGB")).astype(int)
+    return np.abs(pixels - colour).max(axis=2) <= tolerance
+
+
+def without_plans(trace: Trace) -> Trace:
+    """Plans and tried continuations have the ego's colour too."""
+    return trace._replace(cycles=tuple(c._replace(decision=c.decision._replace(plan=None, children=(), chosen=-1)) for c in trace.cycles))
+
+
+@pytest.mark.parametrize("time", [0.0, 6.0, 12.5, 17.5])
+@pytest.mark.parametrize("trace", [crossing_trace(), highway_trace()], ids=["crossing", "highway"])
+def test_the_ego_is_drawn_where_it_is(trace: Trace, time: float) -> None:
+    image, view = birdseye.picture(without_plans(trace), time)
+    rows, columns = np.nonzero(near(image, birdseye.EGO))
+    shot = birdseye.shot_at(trace, time)
+    expected = view.pixels(shot.ego[:2])[0] / birdseye.SS
+    assert len(rows) > 100
+    np.testing.assert_allclose([columns.mean(), rows.mean()], expected, atol=3)
+    length, width = np.array([shot.cycle.ego.length, shot.cycle.ego.width]) * view.scale / birdseye.SS
+    assert 0.5 * length * width < len(rows) < 1.1 * length * width
+
+
+def test_north_is_up_and_east_is_right() -> None:
+    _, view = birdseye.picture(crossing_trace(), 0.0)
+    here, north, east = view.pixels(np.array([[0.0, 0.0], [0.0, 10.0], [10.0, 0.0]]))
+    assert north[1] < here[1]
+    assert north[0] == here[0]
+    assert east[0] > here[0]
+
+
+def test_the_windscreen_is_in_front() -> None:
+    image, view = birdseye.picture(without_plans(crossing_trace()), 0.0)  # heading north
+    rows, _ = np.nonzero(near(image, birdseye.EGO_DARK, 20))
+    assert rows.mean() < view.pixels(birdseye.shot_at(crossing_trace(), 0.0).ego[:2])[0][1] / birdseye.SS
+
+
+def test_the_others_move_between_cycles_and_turn_the_shorter_way() -> None:
+    trace = crossing_trace()
+    a, b = trace.cycles[4], trace.cycles[5]
+    shot = birdseye.shot_at(trace, a.time + 0.25)
+    n, m = a.agents.ids.index("car.02"), b.agents.ids.index("car.02")
+    np.testing.assert_allclose(shot.others[n, 1], (a.agents.y[n] + b.agents.y[m]) / 2)
+    turned = birdseye._between(np.array([0.0, 0.0, 3.1]), np.array([0.0, 0.0, -3.1]), 0.5)
+    assert np.cos(turned[2]) == pytest.approx(-1.0)
+
+
+def test_the_storyboard_is_a_picture_with_the_ego_in_every_panel(tmp_path: Path) -> None:
+    birdseye.storyboard(crossing_trace(), tmp_path / "new" / "s.png")
+    with Image.open(tmp_path / "new" / "s.png") as image:
+        assert image.format == "PNG"
+        assert image.width > 1800
+        blue = near(image, birdseye.EGO)
+    middle = (104 + blue.shape[0] - 96) // 2
+    for half in (blue[104:middle], blue[middle:-96]):
+        for third in np.array_split(half, 3, axis=1):
+            assert third.sum() > 300
+
+
+@pytest.mark.parametrize("moments", [1, 2, 5, 6, 50])
+def test_any_number_of_moments_can_be_drawn(tmp_path: Path, moments: int) -> None:
+    trace = crossing_trace()
+    birdseye.storyboard(trace._replace(cycles=trace.cycles[:7]), tmp_path / "s.png", moments)
+    assert (tmp_path / "s.png").stat().st_size > 0
+
+
+def test_moments_run_from_the_first_cycle_to_the_last_in_order() -> None:
+    trace = crossing_trace()
+    for count in range(2, 10):
+        chosen = birdseye.choose_moments(trace, count)
+        assert len(chosen) == count
+        assert chosen[0] == 0
+        assert chosen[-1] == len(trace.cycles) - 1
+        assert chosen == sorted(set(chosen))
+
+
+def test_moments_prefer_a_change_of_mind() -> None:
+    cycles = []
+    for i, cycle in enumerate(crossing_trace().cycles[:21]):
+        decision = cycle.decision._replace(command=Follow(np.zeros(5), 0), chosen=0, children=(cycle.decision.children[5 if i < 11 else 6],))
+        cycles.append(cycle._replace(decision=decision, ego=crossing_trace().cycles[0].ego, agents=crossing_trace().cycles[0].agents))
+    assert birdseye.choose_moments(crossing_trace()._replace(cycles=tuple(cycles)), 3) == [0, 11, 20]
+
+
+def test_the_animation_runs_in_real_time_and_is_small(tmp_path: Path) -> None:
+    path = tmp_path / "a.gif"
+    birdseye.animation(crossing_trace(), path)
+    assert path.stat().st_size <= birdseye.GIF_BYTES
+    with Image.open(path) as image:
+        assert image.format == "GIF"
+        assert image.width == 720
+        assert image.n_frames == len(birdseye.frame_times(crossing_trace())) == 176
+        durations, frames = [], []
+        for k in range(image.n_frames):
+            image.seek(k)
+            durations.append(image.info["duration"])
+            frames.append(np.asarray(image.convert("RGB")))
+    assert durations == [100] * 175 + [birdseye.HOLD_MS]
+    assert all((a != b).any() for a, b in zip(frames, frames[1:], strict=False))
+
+
+def test_a_long_animation_with_a_moving_camera_stays_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(birdseye, "GIF_BYTES", 100_000)  # the same path as for a long episode, in less time
+    trace = highway_trace()
+    birdseye.animation(trace._replace(cycles=trace.cycles[:11]), tmp_path / "a.gif")
+    with Image.open(tmp_path / "a.gif") as image:
+        assert image.n_frames == 26
+
+
+def test_a_trace_from_disk_gives_the_same_picture(tmp_path: Path) -> None:
+    trace = crossing_trace()
+    save_trace(tmp_path / "t.npz", trace)
+    before, after = birdseye.picture(trace, 6.0)[0], birdseye.picture(load_trace(tmp_path / "t.npz"), 6.0)[0]
+    assert (np.asarray(before) != np.asarray(after)).any(axis=2).mean() < 1e-3
+
+
+def test_empty_surroundings_can_be_drawn(tmp_path: Path) -> None:
+    trace = without_plans(crossing_trace(others=0))
+    bare = trace.lanes._replace(
+        lane_ids=(), points=np.zeros((0, 2)), offset=np.zeros(1, np.int32), width=np.zeros(0), internal=np.zeros(0, bool), route=np.zeros(0, bool),
+        stop_lines=np.zeros((0, 4)),
+    )  # fmt: skip
+    birdseye.storyboard(trace._replace(lanes=bare, cycles=trace.cycles[:1]), tmp_path / "s.png")
+    birdseye.animation(trace._replace(lanes=bare, cycles=trace.cycles[:1]), tmp_path / "a.gif")
+    with Image.open(tmp_path / "a.gif") as image:
+        assert image.n_frames == 1
+
+
+def test_a_trace_without_cycles_is_refused_by_name(tmp_path: Path) -> None:
+    trace = crossing_trace()._replace(cycles=())
+    for draw in (birdseye.storyboard, birdseye.animation):
+        with pytest.raises(ValueError, match="crossing--mcts--7"):
+            draw(trace, tmp_path / "x")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_actions_in_words() -> None:
+    cycle = crossing_trace().cycles[0]
+    child = cycle.decision.children[0]
+
+    def words(accel: float, change: int = 0, reason: str = "search", v: float = 8.0) -> str:
+        decision = cycle.decision._replace(children=(child._replace(accel=accel, lane_change=change),), chosen=0, reason=reason)
+        return birdseye.action_words(cycle._replace(decision=decision, ego=cycle.ego._replace(v=v)))
+
+    assert words(0.0) == "keep speed"
+    assert words(-2.0) == "brake \u22122.0 m/s\u00b2"
+    assert words(-8.0, reason="brake") == "brake hard \u22128.0 m/s\u00b2"
+    assert words(1.5, 1) == "accelerate +1.5 m/s\u00b2, change to the left"
+    assert words(0.0, -1, "fallback") == "keep speed, change to the right, fallback"
+    assert words(-2.0, v=0.0) == "stand"
+    assert birdseye.action_words(crossing_trace().cycles[-1]) == "SUMO drives"
+    unchosen = cycle._replace(decision=cycle.decision._replace(chosen=-1, command=Follow(np.array([9.9, 9.8, 9.7, 9.6, 9.5]), 0)))
+    assert birdseye.action_words(unchosen) == "brake \u22121.0 m/s\u00b2"
+
+
+def test_the_hull_holds_every_point() -> None:
+    points = np.random.default_rng(0).normal(size=(60, 2))
+    hull = birdseye._hull(points)
+    following = np.roll(hull, -1, axis=0)
+    for p in points.round(3):
+        turn = (following[:, 0] - hull[:, 0]) * (p[1] - hull[:, 1]) - (following[:, 1] - hull[:, 1]) * (p[0] - hull[:, 0])
+        assert (turn >= -1e-9).all()
