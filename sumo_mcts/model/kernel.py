@@ -29,11 +29,23 @@ def is_compiled() -> bool:
 
 
 def kernel(function: _F) -> _F:
-    """Compile with numba, cached on disk. With NUMBA_DISABLE_JIT=1 the same source runs as plain Python."""
+    """Compile with numba, cached on disk. With NUMBA_DISABLE_JIT=1 the same source runs as plain Python.
+
+    Compiled without reference counts, which would cost more than the arithmetic: such a function cannot make arrays of its own.
+    """
+    return _compiled(function, _nrt=False)
+
+
+def making_arrays(function: _F) -> _F:
+    """A kernel that makes arrays of its own."""
+    return _compiled(function)
+
+
+def _compiled(function: _F, **options: bool) -> _F:
     previous = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(_CACHE)
     try:
-        return cast(_F, numba.njit(cache=True, fastmath=False, error_model="numpy")(function))
+        return cast(_F, numba.njit(cache=True, fastmath=False, error_model="numpy", **options)(function))
     finally:
         numba.config.CACHE_DIR = previous
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.route import Indices, RouteMap
 from sumo_mcts.scene import GREEN, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
@@ -103,7 +103,7 @@ def build_local(
     )  # fmt: skip
 
 
-@kernel
+@making_arrays
 def _ahead(nxt: Indices, length: Floats, first: int, w: int) -> Floats:
     ahead = np.full((w, w), np.inf)
     for i in range(w):

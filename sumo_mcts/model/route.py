@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.model.geometry import chord, point_at
-from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.scene import ALLWAY, IGNORING, STOP, Bools, Floats, RoadMap
 
 Indices = NDArray[np.int64]
@@ -191,7 +191,7 @@ def _fill_poses(
             pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = chord(fx, fy, rx, ry, 1.0, 0.0)
 
 
-@kernel
+@making_arrays
 def _caps(nxt: Indices, row: Indices, length: Floats, limit: Floats, goal: Bools, decel: float) -> Floats:
     """[R] backward over the nodes: v^2 = v_next^2 + 2 b d."""
     cap = np.zeros(row[-1])

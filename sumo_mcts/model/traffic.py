@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.model.geometry import chord, point_at
-from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import signal_states
 from sumo_mcts.scene import GREEN, LEFT, RIGHT, STRAIGHT, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene
 
@@ -175,7 +175,7 @@ def _conflicts(road: RoadMap, paths: Paths) -> tuple[Ints, Ints, Floats]:
     return foe, kind, place
 
 
-@kernel
+@making_arrays
 def _find_conflicts(
     foe: Ints, kind: Ints, place: Floats, path: Ints, offset: Floats, count: Ints, mark: Ints, first: Ints, other: Ints, begin: Floats, end: Floats,
     other_begin: Floats, other_end: Floats, merge: Bools, yields: Bools,
@@ -232,7 +232,7 @@ def _drive(
     return xs, vs, polite[1:]
 
 
-@kernel
+@making_arrays
 def _step_all(
     xs: Floats, vs: Floats, polite: Bools, q: TrafficParams, path: Ints, offset: Floats, count: Ints, length: Floats, nominal: Floats, red: Bools,
     stays: Bools, mark: Ints, speed: Floats, foe: Ints, kind: Ints, place: Floats, internal: Bools,

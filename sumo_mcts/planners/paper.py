@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from sumo_mcts.model.ego import GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.geometry import box_distance
-from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, X, Y, Local, State, build_local
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
 from sumo_mcts.planners.base import Situation, Task
@@ -180,7 +180,7 @@ def _drive(local: Local, task: Task, w: Weights, state: State, action: Floats) -
     return Plan((np.arange(len(v)) + 1.0) * task.ego.step, np.array(v), np.array(lane, np.int32), np.array(s), np.array(pose))
 
 
-@kernel
+@making_arrays
 def _search(
     tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, root: State, goal: float, direction: Indices, iterations: int, rng: Generator
 ) -> None:
@@ -221,7 +221,7 @@ def _select(tree: PaperTree, w: Weights) -> int:
     return node
 
 
-@kernel
+@making_arrays
 def _expand(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, goal: float, direction: Indices, node: int) -> None:
     """All children of a node; those that collide are marked and never visited."""
     root = _state(tree, node)
@@ -241,7 +241,7 @@ def _expand(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Fl
         _store(tree, i, state)
 
 
-@kernel
+@making_arrays
 def _rollout(tree: PaperTree, local: Local, p: EgoParams, w: Weights, goal: float, direction: Indices, node: int, rng: Generator) -> float:
     """Algorithm 2: random longitudinal actions to the terminal state; the cost J of the whole sequence."""
     state, total = _state(tree, node), tree.cost[node].sum()
@@ -263,7 +263,7 @@ def _rollout(tree: PaperTree, local: Local, p: EgoParams, w: Weights, goal: floa
     return total
 
 
-@kernel
+@making_arrays
 def _ply(
     local: Local, p: EgoParams, w: Weights, state: State, accel: float, goal: float, direction: Indices, at: int
 ) -> tuple[State, Floats, int]:  # fmt: skip

@@ -46,7 +46,8 @@ class Tree(NamedTuple):
     followers: Indices  # [M] int64
     leader: Floats  # [M, 2] gap (m) and speed of the leader
     cost: Floats  # [M, 4] safety, comfort, passability, other, from the root
-    plan: Floats  # [M] row 0 .. look_ahead + rollout: best sequence of accelerations below the root's children
+    plan: Floats  # [A, plies] for each root action the best sequence: 1000 * lane change + acceleration
+    line: Floats  # [plies] scratch
     used: Indices  # [1] nodes in use
 
 
@@ -78,8 +79,8 @@ def new_tree(size: int, actions: int, plies: int) -> Tree:
     return Tree(
         np.full(size, NONE, np.int64), np.full((size, actions), NONE, np.int64), np.zeros(size, np.int64), np.zeros(size, np.int64),
         np.zeros(size), np.full(size, np.inf), np.zeros(size, np.bool_), np.zeros(size, np.int64), np.full((size, 2), NONE, np.int64),
-        np.zeros((size, 4)), np.zeros(size, np.int64), np.zeros((size, 2)), np.zeros((size, 4)), np.full((actions + 1, plies), np.nan),
-        np.zeros(1, np.int64),
+        np.zeros((size, 4)), np.zeros(size, np.int64), np.zeros((size, 2)), np.zeros((size, 4)), np.full((actions, plies), np.nan),
+        np.zeros(plies), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
@@ -125,7 +126,7 @@ def search(
     """
     if tree.used[0] == 0:
         _plant(tree, local, p, c, root)
-    line = np.empty(tree.plan.shape[1])
+    line = tree.line
     done, known = 0, 0
     while done + known < iterations and not tree.dead[0]:
         node = _select(tree, q)
@@ -230,7 +231,10 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     tree.used[0] += 1
     tree.child[node, k], tree.parent[i], tree.level[i] = i, node, tree.level[node] + 1
     _store(tree, i, ply.state, ply.followers, ply.gap, ply.leader_v)
-    tree.cost[i] = tree.cost[node] + np.array([ply.safety, ply.comfort, ply.passability, changed])
+    tree.cost[i, 0] = tree.cost[node, 0] + ply.safety
+    tree.cost[i, 1] = tree.cost[node, 1] + ply.comfort
+    tree.cost[i, 2] = tree.cost[node, 2] + ply.passability
+    tree.cost[i, 3] = tree.cost[node, 3] + changed
     tree.end[i] = ply.end
     if ply.end != ALIVE:
         tree.best[i] = tree.cost[i].sum() + ply.loss
@@ -288,8 +292,9 @@ def _back_up(tree: Tree, actions: Floats, node: int, j: float, line: Floats) -> 
         tree.best[i] = min(tree.best[i], j)
         if tree.level[i] == 1 and better:
             k = _action_of(tree, 0, i)
-            tree.plan[k] = line
-            _trace_back(tree, actions, node, tree.plan[k])
+            for n in range(len(line)):
+                tree.plan[k, n] = line[n]
+            _trace_back(tree, actions, node, k)
         i = tree.parent[i]
 
 
@@ -302,11 +307,11 @@ def _action_of(tree: Tree, node: int, child: int) -> int:
 
 
 @kernel
-def _trace_back(tree: Tree, actions: Floats, node: int, line: Floats) -> None:
+def _trace_back(tree: Tree, actions: Floats, node: int, row: int) -> None:
     """Fill the part of a sequence that lies in the tree with 1000 * lane change + acceleration."""
     while tree.parent[node] != NONE:
         k = _action_of(tree, tree.parent[node], node)
-        line[tree.level[node] - 1] = actions[k, 0] + 1000.0 * actions[k, 1]
+        tree.plan[row, tree.level[node] - 1] = actions[k, 0] + 1000.0 * actions[k, 1]
         node = tree.parent[node]
 
 

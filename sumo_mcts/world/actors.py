@@ -18,6 +18,7 @@ from sumo_mcts.world.simulation import import_libsumo
 
 ARRIVAL_SLACK = 0.1  # m before the end of its route at which SUMO takes a vehicle out
 STANDING = 0.01  # m/s
+LATERAL_STANDING = 1.0  # m/s: SUMO's limit for going sideways is this plus the speed
 CHANGE_WISH_S = 5.0  # how long a vehicle driven by SUMO goes on looking for a gap
 _SIDES = {"left": 1, "right": -1}
 _EPS = 1e-9
@@ -154,7 +155,7 @@ def compile_script(actor: Actor, road: RoadMap, step: float, seconds: float, cha
         moved = _moved(state, actor, road, step)
         if moved is None:
             break
-        state, d = _shifted(moved, actor, road, step / change_s if change_s > 0 else 1.0)
+        state, d = _shifted(moved, actor, road, step, change_s)
         rows.append((state.v, state.lane, state.s, d, begun))
     v, lane, s, offset, change = zip(*rows, strict=True)
     return Script(np.array(v), np.array(lane, dtype=np.int32), np.array(s), np.array(offset), np.array(change, dtype=np.int32))
@@ -221,7 +222,7 @@ def _stood(drive: _Drive, v: float, step: float) -> _Drive:
     if drive.stand <= 0 or v > STANDING:
         return drive
     left = drive.stand - step
-    return drive._replace(stand=left) if left > -step + _EPS else _Drive(drive.resume, drive.accel, 0.0, None)
+    return drive._replace(stand=left) if left > _EPS else _Drive(drive.resume, drive.accel, 0.0, None)
 
 
 def _towards(target: float, v: float, by: float) -> float:
@@ -310,18 +311,21 @@ def _successors(road: RoadMap, lane: int) -> Ints:
     return road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]
 
 
-def _shifted(state: _State, actor: Actor, road: RoadMap, share: float) -> tuple[_State, float]:
-    """The state after `share` of a lane change, if there is one, and the offset from the centre of the lane that it is then in, m."""
+def _shifted(state: _State, actor: Actor, road: RoadMap, step: float, change_s: float) -> tuple[_State, float]:
+    """The state after a step of the lane change, if there is one, and the offset from the centre of the lane that it is then in, m."""
     if not state.side:
         return state, 0.0
-    before, progress = state.progress, state.progress + share
-    lane = state.lane
+    before, lane = state.progress, state.lane
+    if before >= 0.5 and (road.right if state.side > 0 else road.left)[lane] < 0:  # on a turn of one lane SUMO breaks it off: there is nothing to leave
+        return state._replace(side=0, progress=0.0), 0.0
+    other = _beside(road, lane, -state.side if before >= 0.5 else state.side, actor)
+    apart = float(road.width[lane] + road.width[other]) / 2
+    # SUMO goes sideways with the speed that takes change_s, less where the vehicle hardly moves
+    progress = before + (min(step / change_s, (LATERAL_STANDING + state.v) * step / apart) if change_s > 0 else 1.0)
     if before < 0.5 <= progress:  # here SUMO counts it to the new lane
-        lane = _beside(road, lane, state.side, actor)
+        lane = other
     if progress >= 1.0 - _EPS:
         return state._replace(lane=lane, side=0, progress=0.0), 0.0
-    other = _beside(road, lane, -state.side if progress >= 0.5 else state.side, actor)
-    apart = float(road.width[lane] + road.width[other]) / 2
     return state._replace(lane=lane, progress=progress), state.side * apart * (progress - (progress >= 0.5))
 
 

@@ -5,12 +5,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Agent, Conflict, Lane, build, crossing, edge, edges, ego_at, frame_of, lane, lights, place, straight_road
+from helpers import Agent, Lane, build, crossing, edge, edges, ego_at, frame_of, lane, lights, place, straight_road
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import Polygon, affinity, box  # type: ignore[import-untyped]
 
-from sumo_mcts.evaluation.referee import Goal, Referee, between, boxes_overlap, can_meet, driven, first_contact, goal_reaching_edges, jumped, touch_point
+from sumo_mcts.evaluation.referee import (
+    Goal,
+    Referee,
+    between,
+    boxes_overlap,
+    can_meet,
+    driven,
+    first_contact,
+    goal_reaching_edges,
+    jumped,
+    kept_apart,
+    touch_point,
+)
 from sumo_mcts.scene import GREEN, RED, YELLOW, Frame, RoadMap
 
 STRAIGHT = straight_road()
@@ -90,6 +102,18 @@ def test_touch_point_is_the_middle_of_the_overlap() -> None:
 def test_no_contact_between_vehicles_that_pass() -> None:
     half = np.array([2.5, 0.9])
     assert first_contact(np.array([0.0, 0, 0]), np.array([20.0, 0, 0]), np.array([20.0, 2, pi]), np.array([0.0, 2, pi]), half, half) is None
+
+
+poses = st.tuples(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0), angles)
+
+
+@settings(max_examples=300, deadline=None)
+@given(poses, poses, poses, poses)
+def test_the_cheap_test_never_denies_a_contact(a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...], d: tuple[float, ...]) -> None:
+    half = np.array([2.5, 0.9])
+    a0, a1, b0, b1 = (np.array(pose) for pose in (a, b, c, d))
+    if kept_apart(a0, a1, half, b0[None], b1[None], half[None])[0]:
+        assert first_contact(a0, a1, b0, b1, half, half) is None
 
 
 def test_jumps_are_told_from_arcs() -> None:
@@ -603,4 +627,3 @@ def test_helpers_place_boxes_behind_their_front() -> None:
     x, y, heading = place(CROSSING, ":we_0", 10.0, 5.0)
     assert (x, y, heading) == (-2.5, -1.6, 0.0)
     assert hypot(*np.subtract(place(CROSSING, "si_0", 50.0, 5.0, 1.0)[:2], (0.6, -52.5))) < 1e-9
-    assert Conflict("a", 0, 1, "b", 0, 1).merge is False

@@ -1,5 +1,6 @@
 """The drawings show what the trace says: the ego in its colour where it was, words that fit, frames in real time."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -111,7 +112,7 @@ def test_the_animation_runs_in_real_time_and_is_small(tmp_path: Path) -> None:
             durations.append(image.info["duration"])
             frames.append(np.asarray(image.convert("RGB")))
     assert durations == [100] * 175 + [birdseye.HOLD_MS]
-    assert all((a != b).any() for a, b in zip(frames, frames[1:], strict=False))
+    assert all((a != b).any() for a, b in pairwise(frames))
 
 
 def test_a_long_animation_with_a_moving_camera_stays_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

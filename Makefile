@@ -1,0 +1,45 @@
+# make demo | test | clean. Another interpreter: make PYTHON=/path/to/python test
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install -q --disable-pip-version-check
+
+.PHONY: demo test clean help
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make demo    one episode of the unprotected left turn, results in out/demo"
+	@echo "make test    all checks: style, types, floors, tests"
+	@echo "make clean   remove caches, builds and out/demo; $(VENV) and other results stay"
+
+demo: $(VENV)/.installed
+	$(BIN)/sumo-mcts run unprotected-left-turn --out out/demo
+
+test: $(VENV)/.installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy --strict sumo_mcts
+	$(BIN)/lint-imports
+	$(BIN)/pytest -n 2
+
+# The stamps say that a step was finished, so an interrupted one is done again.
+$(VENV)/.created:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || \
+		{ echo "$(PYTHON) is missing or older than Python 3.11; name another one: make PYTHON=/path/to/python $(MAKECMDGOALS)" >&2; exit 1; }
+	@echo "creating $(VENV)"
+	@$(PYTHON) -m venv $(VENV) || { echo "$(PYTHON) cannot create $(VENV); on Debian and Ubuntu: apt-get install python3-venv" >&2; exit 1; }
+	@touch $@
+
+$(VENV)/.installed: pyproject.toml | $(VENV)/.created
+	@echo "installing sumo_mcts and SUMO into $(VENV); the first time this takes a minute or two"
+	@$(PIP) -e .
+	@touch $@
+
+$(VENV)/.installed-dev: pyproject.toml | $(VENV)/.created
+	@echo "installing sumo_mcts, SUMO and the tools for development into $(VENV); the first time this takes a minute or two"
+	@$(PIP) -e '.[dev]'
+	@touch $@ $(VENV)/.installed
+
+clean:
+	rm -rf build dist out/demo .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find . -name __pycache__ -type d -not -path './$(VENV)/*' -prune -exec rm -rf {} +
