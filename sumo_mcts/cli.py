@@ -1,0 +1,194 @@
+"""The front door: commands, no logic. Heavy imports wait until a command needs them, so that --help is quick."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+app = typer.Typer(
+    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
+    help="Monte-Carlo tree search drives an ego vehicle through SUMO traffic.",
+)  # fmt: skip
+
+OK, FAILED, INVALID, INTERRUPTED = 0, 1, 2, 130
+
+Scenario = Annotated[str, typer.Argument(help="A built-in name, a scenario .yaml, or any .sumocfg with --ego.")]
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": False})
+def run(
+    context: typer.Context,
+    scenario: Scenario,
+    ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable); `any`: the first suitable one.")] = None,  # noqa: UP045
+    ego_until: Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")] = None,  # noqa: UP045
+    seed: Annotated[Optional[int], typer.Option(min=0, help="Default 0; a .sumocfg keeps its own.")] = None,  # noqa: UP045
+    planner: Annotated[Optional[str], typer.Option(help="mcts, paper, sumo or constant.")] = None,  # noqa: UP045
+    prediction: Annotated[Optional[str], typer.Option(help="idm, constant_velocity, or script (an oracle).")] = None,  # noqa: UP045
+    iterations: Annotated[Optional[int], typer.Option(min=1, help="Iteration budget of one decision.")] = None,  # noqa: UP045
+    time_budget: Annotated[Optional[float], typer.Option(metavar="MS", help="Time budget of one decision instead; not reproducible.")] = None,  # noqa: UP045
+    time_limit: Annotated[Optional[float], typer.Option(metavar="S", help="Seconds after departure until the episode is a timeout.")] = None,  # noqa: UP045
+    assign: Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="Set any key of the scenario (repeatable).")] = None,  # noqa: UP045
+    out: Annotated[Optional[Path], typer.Option(help="Folder for rows, traces and pictures.")] = None,  # noqa: UP045
+    gui: Annotated[bool, typer.Option("--gui", help="Watch in SUMO's window.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Drive one episode. Options after -- go to SUMO."""
+    chosen = {"planner.name": planner, "prediction.name": prediction, "planner.iterations": iterations, "planner.time_budget_ms": time_budget,
+              "episode.time_limit_s": time_limit}  # fmt: skip
+    overrides = (*(assign or ()), *(f"{key}={value}" for key, value in chosen.items() if value is not None))
+    with _plain_errors():
+        from sumo_mcts import commands
+
+        say = _Voice(quiet=quiet or as_json)
+        if out is not None:
+            commands.check_folder(out)
+        if scenario.endswith(".sumocfg") and not ego:
+            _list_candidates(scenario, tuple(context.args), as_json, say)
+            return
+        with say.progress("starting SUMO") as note:
+            config = commands.resolve(scenario, tuple(ego or ()), ego_until, overrides, tuple(context.args))
+            result = commands.run(config, seed, gui, tuple(context.args), note)
+        if out is not None:
+            with say.progress("drawing") as note:
+                written = commands.write(result, out, sys.argv[1:], note)
+        if as_json:
+            typer.echo(json.dumps(commands.document(result), allow_nan=False))
+        elif not quiet:
+            typer.echo(commands.summary(result))
+            if out is not None:
+                typer.echo("\n".join(f"  {path}" for path in written))
+    if any(row["outcome"] == "error" for row in result.rows):
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def scenarios(as_json: Annotated[bool, typer.Option("--json", help="A list of {name, description}.")] = False) -> None:
+    """The built-in scenarios."""
+    with _plain_errors():
+        from sumo_mcts import commands
+
+        found = commands.scenarios()
+    if as_json:
+        typer.echo(json.dumps(found))
+        return
+    for item in found:
+        typer.echo(f"{item['name']:32s} {item['description']}")
+
+
+@app.command()
+def validate(files: Annotated[list[Path], typer.Argument(help="Scenario files.")]) -> None:
+    """Check scenario files, and that what they name exists."""
+    from sumo_mcts import commands
+
+    bad = False
+    for path in files:
+        problem = commands.problem_of(path)
+        typer.echo(problem if problem else f"{path}: ok", err=bool(problem))
+        bad = bad or bool(problem)
+    if bad:
+        raise typer.Exit(INVALID)
+
+
+@app.command()
+def schema() -> None:
+    """The JSON schema of a scenario file."""
+    from sumo_mcts.config import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=2))
+
+
+@app.command()
+def bench(
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON document.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="A tenth of the repetitions.")] = False,
+) -> None:
+    """Measure the budgets of docs/measures.md on this machine."""
+    with _plain_errors():
+        from sumo_mcts import benchmark
+
+        with _Voice(quiet=as_json).progress("measuring") as note:
+            rows = benchmark.run(0.1 if quick else 1.0, note)
+    if as_json:
+        typer.echo(json.dumps(rows))
+        return
+    for row in rows:
+        typer.echo(f"{row['quantity']:72s} {row['value']:>12} {row['unit']:14s} budget {row['budget']}")
+
+
+def main() -> None:
+    """Entry point of the command."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        typer.echo("interrupted", err=True)
+        sys.exit(INTERRUPTED)
+
+
+def _list_candidates(scenario: str, sumo_options: tuple[str, ...], as_json: bool, say: "_Voice") -> None:
+    from sumo_mcts import commands
+
+    with say.progress("looking for vehicles"):
+        found = commands.list_candidates(scenario, sumo_options)
+    if as_json:
+        typer.echo(json.dumps([c._asdict() for c in found]))
+        return
+    typer.echo(f"Vehicles of {scenario} that could be the ego (--ego ID, or --ego any):")
+    for c in found:
+        typer.echo(f"  {c.id:30s} {c.vclass:12s} departs {c.depart_s:9.1f} s  {c.edges:4d} edges {c.length_m:8.0f} m  {c.why_not}")
+
+
+@contextmanager
+def _plain_errors() -> Iterator[None]:
+    """Wrong input ends in one line and status 2."""
+    from sumo_mcts.config import ConfigError
+
+    try:
+        yield
+    except ConfigError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(INVALID) from None
+    except OSError as error:
+        typer.echo(f"error: {error.filename or ''}: {error.strerror or error}", err=True)
+        raise typer.Exit(INVALID) from None
+
+
+class _Voice:
+    """Tells on standard error what takes long."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+
+    @contextmanager
+    def progress(self, what: str) -> Iterator[Callable[[str], None]]:
+        """A line that changes on a terminal; elsewhere the first words only."""
+        if self._quiet:
+            yield _nothing
+        elif sys.stderr.isatty():
+            from rich.console import Console
+
+            with Console(stderr=True).status(what) as status:
+                yield status.update
+        else:
+            said: set[str] = set()
+
+            def tell(text: Any) -> None:
+                words = str(text).split("  ")[0]
+                if not words[:1].isdigit() and words not in said:
+                    said.add(words)
+                    typer.echo(f"{words} ...", err=True)
+
+            tell(what)
+            yield tell
+
+
+def _nothing(text: str) -> None:
+    """Say nothing."""
+
+
+if __name__ == "__main__":
+    main()

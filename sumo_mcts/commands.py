@@ -1,0 +1,154 @@
+"""What the commands do, as plain functions: no printing, no exit codes."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sumo_mcts import assets, config, records
+from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.model.kernel import is_compiled
+from sumo_mcts.world.candidates import Candidate, candidates
+from sumo_mcts.world.simulation import REFEREE_OPTIONS
+
+LISTED = 25  # candidates shown
+SEARCHED = 100_000  # vehicles looked at for `--ego any`
+
+Note = Callable[[str], None]
+
+
+def resolve(scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str]) -> ScenarioConfig:
+    """The scenario behind a name, a YAML file or a .sumocfg. Raises ConfigError."""
+    if not scenario.endswith(".sumocfg"):
+        if egos or until:
+            found = config.load(assets.scenario_path(scenario), overrides).egos
+            names = list(egos) or [ego.id for ego in found]
+            overrides = (*overrides, "egos=" + yaml.safe_dump([_ego(name, until) for name in names], default_flow_style=True))
+        return config.load(assets.scenario_path(scenario), overrides)
+    if not Path(scenario).is_file():
+        raise ConfigError(f"{scenario}: no such file")
+    names = [_first_suitable(scenario, sumo_options) if name == "any" else name for name in egos]
+    stem = "".join(c if c.isalnum() or c in "_-" else "_" for c in Path(scenario).stem)
+    data = {"name": stem or "user", "sumo": {"sumocfg": str(Path(scenario).resolve())}, "egos": [_ego(name, until) for name in names]}
+    return config.build(data, scenario, overrides)
+
+
+def list_candidates(sumocfg: str, sumo_options: Sequence[str]) -> list[Candidate]:
+    """Vehicles that could be the ego, suitable ones first."""
+    if not Path(sumocfg).is_file():
+        raise ConfigError(f"{sumocfg}: no such file")
+    found = candidates(_arguments(sumocfg, sumo_options), 4 * LISTED)
+    return sorted(found, key=lambda c: not c.suitable)[:LISTED]
+
+
+def run(scenario: ScenarioConfig, seed: int | None, gui: bool, sumo_options: Sequence[str], note: Note) -> EpisodeResult:
+    """One episode; the default seed is 0, but a .sumocfg keeps its own."""
+    if seed is None and scenario.sumo.sumocfg is None:
+        seed = 0
+    if scenario.planner.name in ("mcts", "paper") and not is_compiled():
+        note("compiling the search, once for this version (about half a minute)")
+    return run_episode(scenario, seed, gui=gui, sumo_options=sumo_options, progress=note)
+
+
+def write(result: EpisodeResult, out: Path, command: Sequence[str], note: Note) -> list[Path]:
+    """Manifest, rows, traces and pictures into a folder; returns the files a person wants to open."""
+    from sumo_mcts.reporting import birdseye
+
+    out.mkdir(parents=True, exist_ok=True)
+    records.write_manifest(out, {**result.manifest, "command": ["sumo-mcts", *command]})
+    for row in result.rows:
+        records.append_row(out, row)
+    records.write_csv(out)
+    (out / "traces").mkdir(exist_ok=True)
+    (out / "figures").mkdir(exist_ok=True)
+    shown = []
+    for trace in result.traces:
+        records.save_trace(out / "traces" / f"{trace.key}.npz", trace)
+        picture, film = out / "figures" / f"{trace.key}.png", out / "figures" / f"{trace.key}.gif"
+        note("drawing the storyboard")
+        birdseye.storyboard(trace, picture)
+        note("drawing the animation")
+        birdseye.animation(trace, film)
+        shown += [picture, film]
+    return [*shown, out / "episodes.csv", out / "manifest.json"]
+
+
+def document(result: EpisodeResult) -> dict[str, Any]:
+    """What `run --json` prints."""
+    return {"schema_version": records.SCHEMA_VERSION, "episodes": list(result.rows)}
+
+
+def summary(result: EpisodeResult) -> str:
+    """The rows, for a person."""
+    return "\n\n".join(_summary(row) for row in result.rows)
+
+
+def scenarios() -> list[dict[str, str]]:
+    """Name and description of the built-in scenarios."""
+    found = [config.load(assets.scenario_path(name)) for name in assets.scenario_names()]
+    return [{"name": scenario.name, "description": scenario.description} for scenario in found]
+
+
+def problem_of(path: Path) -> str:
+    """What is wrong with a scenario file, "" if nothing."""
+    try:
+        scenario = config.load(path)
+    except ConfigError as error:
+        return str(error)
+    named = [p for p in (scenario.sumo.sumocfg, scenario.sumo.net, *scenario.sumo.routes, *scenario.sumo.additional) if p is not None]
+    missing = [p for p in named if not Path(p).is_file()]
+    return f"{path}: sumo: {missing[0]}: no such file" if missing else ""
+
+
+def check_folder(folder: Path) -> None:
+    """Raise ConfigError now where the results could not be written later."""
+    existing = folder
+    while not existing.exists():
+        existing = existing.parent
+    try:
+        if not existing.is_dir():
+            raise NotADirectoryError(20, "is a file, not a folder")
+        with tempfile.TemporaryFile(dir=existing):
+            pass
+    except OSError as error:
+        raise ConfigError(f"--out {folder}: {existing} {'cannot be written' if existing.is_dir() else error.strerror}") from None
+
+
+def _ego(name: str, until: str | None) -> dict[str, str]:
+    return {"id": name} if until is None else {"id": name, "until": until}
+
+
+def _arguments(sumocfg: str, sumo_options: Sequence[str]) -> list[str]:
+    fixed = [part for key, value in REFEREE_OPTIONS.items() for part in (f"--{key}", value)]
+    return ["-c", str(Path(sumocfg).resolve()), *fixed, *sumo_options]
+
+
+def _first_suitable(sumocfg: str, sumo_options: Sequence[str]) -> str:
+    found = candidates(_arguments(sumocfg, sumo_options), SEARCHED, lambda c: c.suitable)
+    if not found or not found[-1].suitable:
+        raise ConfigError(f"{sumocfg}: --ego any: no suitable vehicle departs; without --ego the candidates are listed")
+    return found[-1].id
+
+
+def _summary(row: dict[str, Any]) -> str:
+    def show(value: Any, unit: str = "", digits: int = 1) -> str:
+        return "-" if value is None else f"{value:.{digits}f}{unit}" if isinstance(value, float) else f"{value}{unit}"
+
+    ratio = "" if row["travel_time_s"] is None or not row["free_flow_s"] else f" ({row['travel_time_s'] / row['free_flow_s']:.2f} x free flow)"
+    fault = "" if row["at_fault"] is None else ", at fault" if row["at_fault"] else ", not at fault"
+    lines = [
+        f"{row['scenario']}  ego {row['ego']}  planner {row['variant']}  seed {show(row['seed'])}",
+        f"  outcome      {row['outcome']}{fault}" + (f": {row['error']}" if row["error"] else ""),
+        f"  travel time  {show(row['travel_time_s'], ' s')}{ratio}, {show(row['distance_m'], ' m')} driven",
+        f"  comfort      strongest braking {show(row['max_decel_mps2'], ' m/s2')}, rms jerk {show(row['rms_jerk_mps3'], ' m/s3')}, "
+        f"{show(100.0 * row['comfortable_share'] if row['comfortable_share'] is not None else None, ' %', 0)} of the time comfortable",
+        f"  others       braking imposed {show(row['imposed_max_decel_mps2'], ' m/s2')}, smallest TTC {show(row['min_ttc_s'], ' s')}, PET {show(row['min_pet_s'], ' s')}",
+        f"  rules        red lights run {show(row['red_lights_run'])}, speeding {show(row['speeding_share'], '', 3)}",
+        f"  planning     {show(row['cycles'])} decisions, {show(row['plan_ms_p50'], ' ms')} (p50) {show(row['plan_ms_p99'], ' ms')} (p99), "
+        f"{show(row['realtime_factor'], ' x real time')}",
+        f"  digest       {str(row['trace_digest'])[:16]}",
+    ]  # fmt: skip
+    return "\n".join(lines)
