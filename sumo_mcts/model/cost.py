@@ -6,8 +6,8 @@ from typing import NamedTuple
 from sumo_mcts.model.ego import EgoParams, State, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, POLITE, REACTS, SIN, Local, S, V, X, Y, chain_gap
-from sumo_mcts.model.route import INTERNAL, LIMIT
+from sumo_mcts.model.local import COS, DRIVEN, ENTERS, NODE_OF, STRETCH_END, WHO, GONE, HALF_LENGTH, HALF_WIDTH, NODE, POLITE, REACTS, SIN, Local, S, V, X, Y, chain_gap
+from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT
 
 CLAIM_SAMPLES = 2
 REACH = 80.0  # m beyond which an agent is not looked at
@@ -71,6 +71,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
                     followers |= 1 << i
                     once += price
                     continue
+                rate += c.claim
         close = p.half_length + length + p.half_width + width + c.margin_m
         if abs(bx - x) < close and abs(by - y) < close:
             bc, bs = local.agent[now, i, COS], local.agent[now, i, SIN]
@@ -80,6 +81,8 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
                 rate += c.margin
         if local.trait[i, POLITE] == 0.0:
             rate += _claim(local, p, c, x, y, cs, sn, now, i)
+    if local.node[state.node, INTERNAL] > 0.0:
+        rate += _in_the_way(local, p, c, state, now)
     wish = c.headway_gap + c.headway_s * state.v
     if gap < wish:
         rate += c.headway * (1.0 - max(gap, 0.0) / wish) ** 2
@@ -105,15 +108,39 @@ def _gap_behind(local: Local, state: State, back: float, node: int, s: float) ->
 
 
 @kernel
+def _careful_gap(v: float, leader_v: float) -> float:
+    """The gap (m) from which a driver at v (m/s) does not brake for a leader at leader_v (Krauss 1998, with a second and 4.5 m/s2)."""
+    return 2.5 + v + max(0.0, v * v - leader_v * leader_v) / (2.0 * 4.5)
+
+
+@kernel
 def _cut_in(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float:
-    """Cost of moving in front of a follower (gap m, speeds m/s): 0 at the gap that a careful driver needs (Krauss 1998), -1 where it could not cope."""
-    needed = 2.5 + follower_v + max(0.0, follower_v * follower_v - ego_v * ego_v) / (2.0 * 4.5)
+    """Cost of moving in front of a follower (gap m, speeds m/s): 0 where it need not brake, -1 where it could not cope."""
+    needed = _careful_gap(follower_v, ego_v)
     if gap >= needed:
         return 0.0
     closing = max(0.0, follower_v - ego_v)
     if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel * (gap - 1.0):
         return -1.0
-    return c.claim * (1.0 - gap / needed)
+    return c.claim * min(1.0, 4.0 * (1.0 - gap / needed))
+
+
+@kernel
+def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: int) -> float:
+    """Cost per second of being inside a junction while somebody with the right of way comes near: drivers brake for whoever is on it."""
+    rate = 0.0
+    for k in range(local.duty.shape[0]):
+        node, i = int(local.duty[k, NODE_OF]), int(local.duty[k, WHO])
+        if local.node[node, JUNCTION] != local.node[state.node, JUNCTION]:
+            continue
+        left = chain_gap(local, state.node, state.s, node, local.duty[k, STRETCH_END])
+        if left == math.inf or left + 2.0 * p.half_length < 0.0:
+            continue
+        distance = local.duty[k, ENTERS] - local.agent[now, i, DRIVEN]
+        needed = _careful_gap(local.agent[now, i, V], state.v)
+        if 0.0 < distance < needed:
+            rate = max(rate, c.claim * min(1.0, 2.0 * (1.0 - distance / needed)))
+    return rate
 
 
 @kernel

@@ -13,6 +13,7 @@ from sumo_mcts.scene import GREEN, Bools, EgoState, Floats, Forecast, Ints, Road
 BACK = 100.0  # m of the route behind the ego where followers are seen
 VIEW = 400.0  # m of the route ahead that a search may see
 GONE = -2  # Local.agent's NODE of an agent that is not there
+JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are looked at
 CHAIN = 250.0  # m over which one lane is followed into the next
 
 
@@ -24,17 +25,20 @@ class Local(NamedTuple):
     closed: NDArray[np.uint8]  # [W, T] the stop line at the node's end may not be crossed
     ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
     urgency: Floats  # [W] 0..1, how soon the route leaves this lane
-    agent: Floats  # [T, N, 7] X .. S below
+    agent: Floats  # [T, N, 8] X .. DRIVEN below
     trait: Floats  # [N, 4] HALF_LENGTH .. POLITE below
+    duty: Floats  # [K, 4] NODE_OF .. ENTERS below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
     followers: int  # bit i: agent i is behind the ego in its lane and reacts: its contact is imposed braking
     dt: float  # s between forecast times
 
 
-# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, -2: not there any more), lane position.
-X, Y, COS, SIN, V, NODE, S = range(7)
+# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, -2: not there any more), lane position, m driven from now on.
+X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
 # Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass.
 HALF_LENGTH, HALF_WIDTH, REACTS, POLITE = range(4)
+# Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, and what the agent drives until it enters the stretch, m.
+NODE_OF, STRETCH_END, WHO, ENTERS = range(4)
 
 
 class State(NamedTuple):
@@ -94,13 +98,56 @@ def build_local(
     node = np.where(lane >= 0, lane_node[lane], -1).astype(np.int64)
     ahead = _ahead(route.next, route.length, first, w)
     node[~forecast.valid[hypothesis]] = GONE
-    s = forecast.s[hypothesis]
+    s, v = forecast.s[hypothesis], forecast.v[hypothesis]
+    driven = np.zeros_like(v)
+    driven[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * forecast.dt, axis=0)
     return Local(
         route.table, route.rows, _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel), ahead,
-        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], forecast.v[hypothesis], node, s]),
-        np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields]).astype(np.float64), first,
+        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven]),
+        np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields]).astype(np.float64),
+        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven), first,
         _followers(node[0], s[0], forecast.reacts, ahead, state, first), forecast.dt,
     )  # fmt: skip
+
+
+def _duties(
+    road: RoadMap, route: RouteMap, first: int, last: int, here: float, forecast: Forecast, hypothesis: int, lane: Ints, s: Floats, driven: Floats
+) -> Floats:
+    """[K, 4] the coming meetings with agents that have the right of way, inside the junctions of the next JUNCTION_VIEW metres."""
+    nodes = np.arange(first, last)
+    near = route.internal[nodes] & (route.station[nodes] < here + JUNCTION_VIEW) & (route.station[nodes] > here - JUNCTION_VIEW)
+    rows = np.zeros((256, 4))
+    used = _find_duties(
+        rows, nodes[near], route.lane, lane, s, driven, forecast.valid[hypothesis], forecast.yields, road.conflict_offset, road.conflict_lane,
+        road.conflict_end, road.conflict_other_begin, road.conflict_yields,
+    )  # fmt: skip
+    return rows[:used]
+
+
+@making_arrays
+def _find_duties(
+    rows: Floats, nodes: Indices, node_lane: Indices, lane: Ints, s: Floats, driven: Floats, valid: Bools, yields: Bools, first: Ints, other: Ints,
+    end: Floats, other_begin: Floats, duty: Bools,
+) -> int:  # fmt: skip
+    used = 0
+    for node in nodes:
+        here = node_lane[node]
+        for e in range(first[here], first[here + 1]):
+            if not duty[e]:
+                continue
+            for i in range(lane.shape[1]):
+                if yields[i]:
+                    continue
+                for t in range(lane.shape[0]):
+                    if not valid[t, i]:
+                        break
+                    if lane[t, i] == other[e] and s[t, i] >= other_begin[e]:
+                        if t > 0 and used < len(rows):
+                            rows[used, 0], rows[used, 1], rows[used, 2] = node, end[e], i
+                            rows[used, 3] = driven[t, i] - max(s[t, i] - other_begin[e], 0.0)
+                            used += 1
+                        break
+    return used
 
 
 @making_arrays

@@ -13,7 +13,7 @@ from sumo_mcts.scene import ALLWAY, IGNORING, STOP, Bools, Floats, RoadMap
 Indices = NDArray[np.int64]
 SPACING = 1.0  # m between the rows of the pose and speed tables
 # Columns of RouteMap.table: compiled code is handed one array, since every array in a tuple costs at every call.
-NEXT, LEFT_NODE, RIGHT_NODE, LENGTH, LIMIT, STATION, REACH, STOP_LINE, INTERNAL, FIRST_ROW, LAST_ROW = range(11)
+NEXT, LEFT_NODE, RIGHT_NODE, LENGTH, LIMIT, STATION, REACH, STOP_LINE, INTERNAL, FIRST_ROW, LAST_ROW, JUNCTION = range(12)
 END_GAP = 0.5  # m kept to the end of a lane that leads nowhere
 
 
@@ -39,7 +39,7 @@ class RouteMap(NamedTuple):
     row: Indices  # [W+1] node i owns the table rows row[i]:row[i+1], one every SPACING m, the last at or beyond its end
     pose: Floats  # [R, 4] centre x, y, cos, sin of the ego's box with its front there
     cap: Floats  # [R] speed from which all lower limits and dead ends ahead are reached with approach_decel
-    table: Floats  # [W, 11] next .. station, reach, stop, internal, and the first and last row, once more, for compiled code
+    table: Floats  # [W, 12] next .. station, reach, stop, internal, first and last row, and junction, once more, for compiled code
     rows: Floats  # [R, 5] pose and cap, likewise
 
 
@@ -70,7 +70,7 @@ def route_map(road: RoadMap, edges: tuple[int, ...], vclass: int, length: float,
     return RouteMap(
         lane, leg, nxt, left, right, node_length, limit, station, changes, reach, stop, signal,
         np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
-        np.column_stack([nxt, left, right, node_length, limit, station, reach, stop, internal, row[:-1], row[1:] - 1]).astype(np.float64),
+        np.column_stack([nxt, left, right, node_length, limit, station, reach, stop, internal, row[:-1], row[1:] - 1, road.junction[lane]]).astype(np.float64),
         np.column_stack([pose, cap]),
     )  # fmt: skip
 
