@@ -76,6 +76,7 @@ class Agents(NamedTuple):
     heading: Floats  # [N]
     v: Floats  # [N] m/s
     a: Floats  # [N] m/s2
+    trend: Floats  # [N] its acceleration smoothed over about a second, as far as it was seen, m/s2
     length: Floats  # [N] m
     width: Floats  # [N] m
     lane: Ints  # [N] lane of the front; -1 for pedestrians and whoever is off the road

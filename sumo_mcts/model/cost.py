@@ -65,7 +65,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
                 continue  # the table has it where it would be without the ego
             if 0.0 <= to_agent < math.inf and to_agent - 2.0 * length < gap:
                 gap, leader_v = to_agent - 2.0 * length, local.agent[now, i, V]
-            if i < 63 and local.trait[i, REACTS] > 0.0 and 2.0 * p.half_length < to_ego < math.inf:
+            if i < 63 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
                 price = _cut_in(c, to_ego - 2.0 * p.half_length, local.agent[now, i, V], state.v)
                 if price >= 0.0:
                     followers |= 1 << i
@@ -87,6 +87,25 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
     if gap < wish:
         rate += c.headway * (1.0 - max(gap, 0.0) / wish) ** 2
     return Meeting(False, rate, once, gap, leader_v, followers)
+
+
+@kernel
+def place_is_free(local: Local, p: EgoParams, c: CostParams, changed: State, index: int) -> bool:
+    """Whether a change that begins now (`changed`: the state right after it began) leaves everybody who reacts a gap to cope with."""
+    now = min(index, local.agent.shape[0] - 1)
+    target = changed.other if changed.other >= 0 else changed.node
+    for i in range(local.agent.shape[1]):
+        node = int(local.agent[now, i, NODE])
+        if node < 0 or local.trait[i, REACTS] == 0.0:
+            continue
+        behind = chain_gap(local, node, local.agent[now, i, S], target, changed.s)
+        if 0.0 <= behind < math.inf and _cut_in(c, behind - 2.0 * p.half_length, local.agent[now, i, V], changed.v) < 0.0:
+            return False
+        ahead = chain_gap(local, target, changed.s, node, local.agent[now, i, S]) - 2.0 * local.trait[i, HALF_LENGTH]
+        closing = max(0.0, changed.v - local.agent[now, i, V])
+        if behind == math.inf and closing * closing > 2.0 * p.comfort_decel * max(ahead - 0.5, 0.0) or ahead < 0.5 <= ahead + 2.0 * local.trait[i, HALF_LENGTH]:
+            return False
+    return True
 
 
 @kernel

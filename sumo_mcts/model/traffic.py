@@ -16,6 +16,7 @@ from sumo_mcts.scene import GREEN, LEFT, RIGHT, STRAIGHT, Agents, Bools, EgoStat
 
 LANES = 14  # lanes of a path at most
 PATH = 200.0  # m of a path at most
+CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes
 FOES = 24  # conflicts looked at for each agent
 
 
@@ -52,7 +53,7 @@ def predict(road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, param
     paths = _paths(road, agents, ego, ego_lanes)
     grid = np.arange(times) * params.step
     x, v, polite = _drive(
-        road, params, paths, *_start(agents, ego), nominal, _red_lights(road, scene, paths, grid), _stays(agents, params), times,
+        road, params, paths, *_start(agents, ego), nominal, _red_lights(road, scene, paths, grid), _stays(agents, params), _cruises(agents), times,
         _conflicts(road, paths) if params.interacting else None,
     )  # fmt: skip
     pose, lane, s, valid = _poses(road, agents, paths, x, v, times, params.step)
@@ -86,6 +87,11 @@ def _start(agents: Agents, ego: EgoState) -> tuple[Floats, Floats, Floats]:
 def _stays(agents: Agents, params: TrafficParams) -> Bools:
     """[N+1] whom nobody expects to move: it has stood for a while (why is looked at in _drive)."""
     return np.concatenate([[False], (agents.standing_s >= params.stays_after) & params.interacting])
+
+
+def _cruises(agents: Agents) -> Bools:
+    """[N+1] who keeps its speed on its own account, if nobody is in its way: it has not accelerated for a while."""
+    return np.concatenate([[False], (np.abs(agents.trend) < CRUISING) & (agents.v > 3.0)])
 
 
 def _paths(road: RoadMap, agents: Agents, ego: EgoState, ego_lanes: Ints) -> Paths:
@@ -213,7 +219,7 @@ def _find_conflicts(
 
 
 def _drive(
-    road: RoadMap, q: TrafficParams, paths: Paths, x: Floats, v: Floats, length: Floats, nominal: Floats, red: Bools, stays: Bools, times: int,
+    road: RoadMap, q: TrafficParams, paths: Paths, x: Floats, v: Floats, length: Floats, nominal: Floats, red: Bools, stays: Bools, cruises: Bools, times: int,
     conflicts: tuple[Ints, Ints, Floats] | None,
 ) -> tuple[Floats, Floats, Bools]:  # fmt: skip
     """Positions along the paths [T, N+1], speeds [T, N+1], and which agents let the ego pass [N]."""
@@ -226,7 +232,7 @@ def _drive(
         return xs, vs, polite[1:]
     foe, kind, place = conflicts
     _step_all(
-        xs, vs, polite, q, paths.lane, paths.offset, paths.count, length, nominal, red, stays, np.full(len(road.lane_ids), -1, np.int32), road.speed,
+        xs, vs, polite, q, paths.lane, paths.offset, paths.count, length, nominal, red, stays, cruises, np.full(len(road.lane_ids), -1, np.int32), road.speed,
         foe, kind, place, road.internal,
     )  # fmt: skip
     return xs, vs, polite[1:]
@@ -235,10 +241,11 @@ def _drive(
 @making_arrays
 def _step_all(
     xs: Floats, vs: Floats, polite: Bools, q: TrafficParams, path: Ints, offset: Floats, count: Ints, length: Floats, nominal: Floats, red: Bools,
-    stays: Bools, mark: Ints, speed: Floats, foe: Ints, kind: Ints, place: Floats, internal: Bools,
+    stays: Bools, cruises: Bools, mark: Ints, speed: Floats, foe: Ints, kind: Ints, place: Floats, internal: Bools,
 ) -> None:  # fmt: skip
     times, n = xs.shape
     current = np.zeros(n, np.int32)
+    liked = np.full(n, np.inf)
     for t in range(times - 1):
         x, v = xs[t], vs[t]
         for i in range(n):
@@ -252,8 +259,10 @@ def _step_all(
                 vs[t + 1, 0] = nominal[t]
                 xs[t + 1, 0] = x[0] + nominal[t] * q.step
                 continue
-            a = _free(q, path, offset, count, speed, i, current[i], x[i], v[i])
             gap, leader_v = _leader(path, offset, count, length, mark, current, x, v, i)
+            if t == 0 and cruises[i] and gap > 10.0 + 3.0 * v[i]:
+                liked[i] = v[i]
+            a = _free(q, path, offset, count, speed, i, current[i], x[i], v[i], liked[i])
             if not math.isinf(gap):
                 a = min(a, _follow(q, v[i], gap, leader_v, a))
             if stays[i] and v[i] < 0.1 and gap > 4.0 and not _red_ahead(red, current[i], count[i], i, 0, offset, x[i]):
@@ -267,11 +276,11 @@ def _step_all(
 
 
 @kernel
-def _free(q: TrafficParams, path: Ints, offset: Floats, count: Ints, speed: Floats, i: int, k: int, x: float, v: float) -> float:
+def _free(q: TrafficParams, path: Ints, offset: Floats, count: Ints, speed: Floats, i: int, k: int, x: float, v: float, liked: float) -> float:
     """Acceleration on the empty road, with the lower limits of the coming lanes in view."""
     wish = max(speed[path[i, k]], 1.0)
-    wish = max(wish, min(v, 1.2 * wish))  # whoever is faster has a reason of its own
-    a = q.accel * (1.0 - (v / wish) ** 4) if v < wish + 0.5 else -q.decel
+    wish = min(max(wish, min(v, 1.2 * wish)), liked)  # whoever is faster has a reason of its own
+    a = q.accel * (1.0 - (v / max(wish, 1.0)) ** 4) if v < wish + 0.5 else -q.decel
     for m in range(k + 1, count[i]):
         distance = offset[i, m] - x
         if distance > 60.0:

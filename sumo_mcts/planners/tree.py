@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from sumo_mcts.model.cost import CostParams, contact_cost, meet, step_comfort, step_passability, terminal
+from sumo_mcts.model.cost import CostParams, contact_cost, meet, place_is_free, step_comfort, step_passability, terminal
 from sumo_mcts.model.ego import FOLLOW, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import Local, State
@@ -223,6 +223,9 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
             return IMPOSSIBLE
         state = begin_change(local, p, state, side)
         changed = c.lane_change
+        if not place_is_free(local, p, c, state, int(tree.level[node] * q.ply * p.step / local.dt + 0.5)):
+            tree.child[node, k] = IMPOSSIBLE
+            return IMPOSSIBLE
     ply = simulate(local, p, c, q, state, tree.followers[node], tree.leader[node, 0], tree.leader[node, 1], actions[k, 0], tree.level[node] * q.ply)
     if side == 0 and _known(tree, node, k, ply.state):
         tree.child[node, k] = IMPOSSIBLE

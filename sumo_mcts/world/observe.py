@@ -12,6 +12,7 @@ from sumo_mcts.world.simulation import import_libsumo, step_length
 PHASES = 8  # coming phases that are broadcast
 SIGNAL_RANGE = 500.0  # m within which signals are read
 LEADER_RANGE = 100.0  # m within which an agent's leader is asked for
+TREND_S = 1.0
 BRAKING = -1.5  # m/s2 beyond which the referee wants to know why
 _SHOWS = {"G": GREEN, "g": GREEN, "o": GREEN, "O": GREEN, "s": GREEN, "y": YELLOW, "Y": YELLOW, "r": RED, "u": RED}
 
@@ -47,6 +48,7 @@ class Observer:
         self._edges = {edge: i for i, edge in enumerate(road.edge_ids)}
         self._types: dict[str, VehicleType] = {}
         self._standing: dict[str, float] = {}
+        self._trend: dict[str, tuple[float, float]] = {}  # time and smoothed acceleration
         self._signals = _SignalReader(self._libsumo, road)
         self.step = step_length()
 
@@ -116,10 +118,10 @@ class Observer:
         get = self._libsumo.vehicle
         kind = self._type(vehicle)
         heading = _heading(get.getAngle(vehicle))
-        v = get.getSpeed(vehicle)
+        v, a = get.getSpeed(vehicle), get.getAcceleration(vehicle)
         signals = get.getSignals(vehicle)
         return (
-            vehicle, px - 0.5 * kind.length * math.cos(heading), py - 0.5 * kind.length * math.sin(heading), heading, v, get.getAcceleration(vehicle),
+            vehicle, px - 0.5 * kind.length * math.cos(heading), py - 0.5 * kind.length * math.sin(heading), heading, v, a, self._smoothed(vehicle, a, time),
             kind.length, kind.width, self._lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle), get.getLateralLanePosition(vehicle),
             (-1 if signals & 1 else 1 if signals & 2 else 0), self._stood(vehicle, v, time), False,
         )  # fmt: skip
@@ -128,7 +130,7 @@ class Observer:
         get = self._libsumo.person
         v = get.getSpeed(person)
         length, width = max(get.getLength(person), 0.3), max(get.getWidth(person), 0.5)
-        return (person, px, py, _heading(get.getAngle(person)), v, 0.0, length, width, -1, 0.0, 0.0, 0, self._stood(person, v, time), True)
+        return (person, px, py, _heading(get.getAngle(person)), v, 0.0, 0.0, length, width, -1, 0.0, 0.0, 0, self._stood(person, v, time), True)
 
     def _stood(self, name: str, v: float, time: float) -> float:
         """For how long it has stood, s."""
@@ -136,6 +138,13 @@ class Observer:
             self._standing.pop(name, None)
             return 0.0
         return time - self._standing.setdefault(name, time)
+
+    def _smoothed(self, name: str, a: float, time: float) -> float:
+        """Its acceleration with a memory of TREND_S, m/s2."""
+        before, mean = self._trend.get(name, (time, a))
+        mean += (a - mean) * (1.0 - math.exp((before - time) / TREND_S))
+        self._trend[name] = time, mean
+        return mean
 
     def _type(self, vehicle: str) -> VehicleType:
         kind = self._types.get(vehicle)
@@ -200,9 +209,9 @@ def _heading(angle: float) -> float:
 
 
 def _columns(rows: list[tuple[Any, ...]]) -> Agents:
-    names, *columns = zip(*rows, strict=True) if rows else ((),) * 14
-    x, y, heading, v, a, length, width, lane, s, d, blinker, standing, person = columns
-    floats: list[Floats] = [np.array(c, np.float64) for c in (x, y, heading, v, a, length, width)]
+    names, *columns = zip(*rows, strict=True) if rows else ((),) * 15
+    x, y, heading, v, a, trend, length, width, lane, s, d, blinker, standing, person = columns
+    floats: list[Floats] = [np.array(c, np.float64) for c in (x, y, heading, v, a, trend, length, width)]
     return Agents(
         tuple(names), *floats, np.array(lane, np.int32), np.array(s, np.float64), np.array(d, np.float64), np.array(blinker, np.int32),
         np.array(standing, np.float64), np.array(person, np.bool_),
