@@ -147,10 +147,13 @@ class Loop:
             self._fail_all(str(error))
             return
         for ego in self._egos:
-            if ego.state == "driving":
-                self._judge(ego)
-            elif ego.state == "waiting":
-                self._wait(ego)
+            try:
+                if ego.state == "driving":
+                    self._judge(ego)
+                elif ego.state == "waiting":
+                    self._wait(ego)
+            except Exception as error:  # libsumo's exceptions share no base; one ego's trouble is not the others'
+                self._fail(ego, f"{type(error).__name__}: {error}")
 
     def _wait(self, ego: _Ego) -> None:
         """Take an ego over as soon as it is on the road."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from sumo_mcts.model.ego import EgoParams, State, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import COS, DRIVEN, ENTERS, NODE_OF, STRETCH_END, WHO, GONE, HALF_LENGTH, HALF_WIDTH, NODE, POLITE, REACTS, SIN, Local, S, V, X, Y, chain_gap
+from sumo_mcts.model.local import COS, DRIVEN, ENTERS, MERGES, NODE_OF, STRETCH_END, WHO, GONE, HALF_LENGTH, HALF_WIDTH, NODE, POLITE, REACTS, SIN, Local, S, V, X, Y, chain_gap
 from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT
 
 CLAIM_SAMPLES = 2
@@ -156,7 +156,8 @@ def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: in
         if left == math.inf or left + 2.0 * p.half_length < 0.0:
             continue
         distance = local.duty[k, ENTERS] - local.agent[now, i, DRIVEN]
-        needed = _careful_gap(local.agent[now, i, V], state.v)
+        # Who crosses its way is to a driver in SUMO as good as standing there; who merges drives ahead of it.
+        needed = _careful_gap(local.agent[now, i, V], state.v if local.duty[k, MERGES] > 0.0 else 0.0)
         if 0.0 < distance < needed:
             rate = max(rate, c.claim * min(1.0, 2.0 * (1.0 - distance / needed)))
     return rate

@@ -27,7 +27,7 @@ class Local(NamedTuple):
     urgency: Floats  # [W] 0..1, how soon the route leaves this lane
     agent: Floats  # [T, N, 8] X .. DRIVEN below
     trait: Floats  # [N, 4] HALF_LENGTH .. POLITE below
-    duty: Floats  # [K, 4] NODE_OF .. ENTERS below: where an agent is going to use a stretch of a junction that the ego has to leave to it
+    duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
     followers: int  # bit i: agent i is behind the ego in its lane and reacts: its contact is imposed braking
     dt: float  # s between forecast times
@@ -37,8 +37,9 @@ class Local(NamedTuple):
 X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
 # Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass.
 HALF_LENGTH, HALF_WIDTH, REACTS, POLITE = range(4)
-# Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, and what the agent drives until it enters the stretch, m.
-NODE_OF, STRETCH_END, WHO, ENTERS = range(4)
+# Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, what the agent drives until it enters the stretch (m), and 1 where
+# both lead into the same lane.
+NODE_OF, STRETCH_END, WHO, ENTERS, MERGES = range(5)
 
 
 class State(NamedTuple):
@@ -113,13 +114,13 @@ def build_local(
 def _duties(
     road: RoadMap, route: RouteMap, first: int, last: int, here: float, forecast: Forecast, hypothesis: int, lane: Ints, s: Floats, driven: Floats
 ) -> Floats:
-    """[K, 4] the coming meetings with agents that have the right of way, inside the junctions of the next JUNCTION_VIEW metres."""
+    """[K, 5] the coming meetings with agents that have the right of way, inside the junctions of the next JUNCTION_VIEW metres."""
     nodes = np.arange(first, last)
     near = route.internal[nodes] & (route.station[nodes] < here + JUNCTION_VIEW) & (route.station[nodes] > here - JUNCTION_VIEW)
-    rows = np.zeros((256, 4))
+    rows = np.zeros((256, 5))
     used = _find_duties(
         rows, nodes[near], route.lane, lane, s, driven, forecast.valid[hypothesis], forecast.yields, road.conflict_offset, road.conflict_lane,
-        road.conflict_end, road.conflict_other_begin, road.conflict_yields,
+        road.conflict_end, road.conflict_other_begin, road.conflict_yields, road.conflict_merge,
     )  # fmt: skip
     return rows[:used]
 
@@ -127,7 +128,7 @@ def _duties(
 @making_arrays
 def _find_duties(
     rows: Floats, nodes: Indices, node_lane: Indices, lane: Ints, s: Floats, driven: Floats, valid: Bools, yields: Bools, first: Ints, other: Ints,
-    end: Floats, other_begin: Floats, duty: Bools,
+    end: Floats, other_begin: Floats, duty: Bools, merge: Bools,
 ) -> int:  # fmt: skip
     used = 0
     for node in nodes:
@@ -145,6 +146,7 @@ def _find_duties(
                         if t > 0 and used < len(rows):
                             rows[used, 0], rows[used, 1], rows[used, 2] = node, end[e], i
                             rows[used, 3] = driven[t, i] - max(s[t, i] - other_begin[e], 0.0)
+                            rows[used, 4] = merge[e]
                             used += 1
                         break
     return used

@@ -188,6 +188,8 @@ class Observer:
     def _surrogates(self, ego: str) -> tuple[float, float, float]:
         """TTC (s), DRAC (m/s2), PET (s) of the ego's SSM device at this moment; nan where undefined."""
         get = self._libsumo.vehicle.getParameter
+        if get(ego, "has.ssm.device") != "true":
+            return (math.nan,) * 3
         return _number(get(ego, "device.ssm.minTTC")), _number(get(ego, "device.ssm.maxDRAC")), _number(get(ego, "device.ssm.minPET"))
 
 

@@ -1,0 +1,186 @@
+"""Measures the planner in closed loop; the numbers of docs/results.md come from here. Not a test: nothing is asserted.
+
+    python tests/closed_loop/measure.py scenes [--seeds 100] [--scenes NAME...] [--set a.b=c]...
+    python tests/closed_loop/measure.py networks [--egos 10] [--nets NAME...] [--plans FOLDER] [--cfg FILE.sumocfg]...
+
+Every episode is run with its twin (planner `sumo`, same seed). `--out FILE` keeps the rows as JSON lines.
+"""
+
+import argparse
+import json
+import math
+import multiprocessing
+import tempfile
+import traceback
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import sumo
+import sumolib
+
+from sumo_mcts import assets, config
+from sumo_mcts.episode import run_episode
+from sumo_mcts.world.candidates import candidates
+
+GAME = Path(sumo.__file__).parent / "tools" / "game"
+SCAN = 400  # vehicles among which egos are chosen
+
+# The networks of SUMO's own games: configuration, and where the signals wait for a player, which plan replaces theirs.
+NETS: dict[str, dict[str, Any]] = {
+    "A10KW": {"cfg": "A10KW.sumocfg", "plan": "tls_a10kw.add.xml"},
+    "fkk_in": {"cfg": "fkk_in.sumocfg", "plan": "tls_fkk.add.xml"},
+    "highway": {"net": "highway/highway.net.xml", "routes": ["highway/highway.rou.xml"], "plan": "tls_bremen.add.xml"},
+    "ramp": {"cfg": "ramp.sumocfg"},
+    "grid6": {"cfg": "grid6.sumocfg"},
+    "fokr_bs_demo": {"cfg": "fokr_bs_demo.sumocfg"},
+    "cross": {"cfg": "cross.sumocfg", "plan": "own"},
+    "square": {"cfg": "square.sumocfg", "plan": "own"},
+    "corridor": {"cfg": "corridor.sumocfg", "plan": "own"},
+}
+
+
+def main() -> None:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["scenes", "networks"])
+    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--scenes", nargs="*", default=["unprotected-left-turn", "highway-exit", "straight-line"])
+    parser.add_argument("--egos", type=int, default=10)
+    parser.add_argument("--nets", nargs="*", default=list(NETS))
+    parser.add_argument("--plans", type=Path, help="folder with fixed-time signal plans")
+    parser.add_argument("--cfg", nargs="*", default=[], type=Path)
+    parser.add_argument("--set", action="append", default=[], dest="sets")
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        jobs = scene_jobs(options) if options.what == "scenes" else network_jobs(options, Path(folder), pool)
+        rows = []
+        for name, pair in pool.map(run_pair, jobs):
+            rows.append((name, *pair))
+            ego, twin = pair
+            print(f"  {name:24s} {ego['ego']:20s} {show(ego)}   twin {show(twin)}", flush=True)
+    if options.out:
+        options.out.write_text("".join(json.dumps({"net": n, "ego": e, "twin": t}) + "\n" for n, e, t in rows))
+    for name in dict.fromkeys(n for n, _, _ in rows):
+        print(table_row(name, [(e, t) for n, e, t in rows if n == name]))
+    print(table_row("all", [(e, t) for _, e, t in rows]))
+
+
+def scene_jobs(options: argparse.Namespace) -> list[tuple[str, dict[str, Any], tuple[str, ...], int | None]]:
+    """One job a scene and seed."""
+    return [(name, {"scene": name}, tuple(options.sets), seed) for name in options.scenes for seed in range(options.seeds)]
+
+
+def network_jobs(options: argparse.Namespace, folder: Path, pool: ProcessPoolExecutor) -> list[tuple[str, dict[str, Any], tuple[str, ...], int | None]]:
+    """One job a network and ego; the egos lie evenly among the first suitable vehicles."""
+    sources = {name: net_source(name, options.plans, folder) for name in options.nets} | {p.stem: {"sumocfg": str(p.resolve())} for p in options.cfg}
+    jobs = []
+    for name, found in zip(sources, pool.map(suitable, sources.values()), strict=True):
+        chosen = [found[round(k * (len(found) - 1) / max(options.egos - 1, 1))] for k in range(min(options.egos, len(found)))]
+        for ego in dict.fromkeys(chosen):
+            data = {"name": name, "sumo": sources[name], "egos": [{"id": ego}]}
+            jobs.append((name, {"data": data}, tuple(options.sets), None))
+    return jobs
+
+
+def net_source(name: str, plans: Path | None, folder: Path) -> dict[str, Any]:
+    """The `sumo` section for one of NETS."""
+    net = NETS[name]
+    source: dict[str, Any] = {"sumocfg": str(GAME / net["cfg"])} if "cfg" in net else {"net": str(GAME / net["net"]), "routes": [str(GAME / r) for r in net["routes"]]}
+    plan = net.get("plan")
+    if plan is None:
+        return source
+    extra = fixed_plan(GAME / net["cfg"], folder / f"{name}.add.xml") if plan == "own" else (plans / plan if plans else None)
+    if extra is not None:
+        # a list on the command line replaces the configuration's own
+        own = [str(p) for p in files_of(GAME / net["cfg"], "additional-files") if "settings" not in p.name and "tls" not in p.name] if "cfg" in net else []
+        source["additional"] = [*own, str(extra)]
+    return source
+
+
+def files_of(cfg: Path, key: str) -> list[Path]:
+    """The files that a .sumocfg names under a key."""
+    found = ElementTree.parse(cfg).getroot().find(f".//{key}")
+    return [] if found is None else [cfg.parent / name.strip() for name in found.get("value", "").split(",")]
+
+
+def fixed_plan(cfg: Path, path: Path) -> Path:
+    """Every signal of a network with its own phases at fixed times: 25 s of green, 4 s of yellow."""
+    (net,) = files_of(cfg, "net-file")
+    root = ElementTree.Element("additional")
+    for logic in sumolib.xml.parse(str(net), "tlLogic"):
+        element = ElementTree.SubElement(root, "tlLogic", id=logic.id, type="static", programID="fixed", offset="0")
+        for phase in logic.phase:
+            seconds = 4 if "y" in phase.state.lower() else 25 if "g" in phase.state.lower() else 3
+            ElementTree.SubElement(element, "phase", duration=str(seconds), state=phase.state)
+    ElementTree.ElementTree(root).write(path)
+    return path
+
+
+def suitable(source: dict[str, Any]) -> list[str]:
+    """Vehicles that could be egos, in the order of departure."""
+    arguments = ["-c", source["sumocfg"]] if "sumocfg" in source else ["-n", source["net"], "-r", ",".join(source["routes"])]
+    if source.get("additional"):
+        arguments += ["-a", ",".join(source["additional"])]
+    return [c.id for c in candidates(arguments, SCAN) if c.suitable]
+
+
+def run_pair(job: tuple[str, dict[str, Any], tuple[str, ...], int | None]) -> tuple[str, tuple[dict[str, Any], dict[str, Any]]]:
+    """The episode and its twin."""
+    name, source, sets, seed = job
+    rows = []
+    for more in ((), ("planner.name=sumo",)):
+        overrides = (*sets, *more)
+        scenario = config.load(assets.scenario_path(source["scene"]), overrides) if "scene" in source else config.build(json.loads(json.dumps(source["data"])), name, overrides)
+        try:
+            rows.append(run_episode(scenario, seed).rows[0])
+        except Exception as error:
+            # libsumo's exceptions do not pickle
+            raise RuntimeError(f"{name} {source}: {type(error).__name__}: {error}\n{traceback.format_exc()}") from None
+    return name, (rows[0], rows[1])
+
+
+def show(row: dict[str, Any]) -> str:
+    """One row in short."""
+    if row["outcome"] == "error":
+        return f"error: {str(row['error'])[:120]}"
+    time = "   -" if row["travel_time_s"] is None else f"{row['travel_time_s']:6.1f} s"
+    fault = {True: " at fault", False: " not at fault", None: ""}[row["at_fault"]]
+    return f"{row['outcome']}{fault} {time} imposed {row['imposed_max_decel_mps2']:.1f} red {row['red_lights_run']} p50 {row['plan_ms_p50'] or 0:.1f} ms"
+
+
+def table_row(name: str, pairs: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> str:
+    """k/n of everything that measures.md counts over pairs, as a Markdown row."""
+    egos, twins = [e for e, _ in pairs], [t for _, t in pairs]
+    both = [(e, t) for e, t in pairs if t["outcome"] == "arrived"]
+    ratio = float(np.median([math.inf if e["travel_time_s"] is None else e["travel_time_s"] / t["travel_time_s"] for e, t in both])) if both else math.nan
+    outcomes = ", ".join(f"{n} {o}" for o, n in Counter(e["outcome"] for e in egos).items())
+    arrived = sum(e["outcome"] == "arrived" for e, _ in both)
+    imposed = " ".join(f"{_count(egos, k)}:{_count(twins, k)}" for k in (2, 3, 4))
+    return (
+        f"| {name} | {len(pairs)} | {outcomes} | {arrived}/{len(both)} {wilson(arrived, len(both))} | {sum(bool(e['at_fault']) for e in egos)} | "
+        f"{sum(e['red_lights_run'] or 0 for e in egos)} | {sum((e['speeding_share'] or 0) > 0 for e in egos)} | {ratio:.2f} | {imposed} | "
+        f"{sum((e['hard_brakes'] or 0) > 0 for e in egos)} | {np.median([e['plan_ms_p50'] or 0 for e in egos]):.1f} |"
+    )
+
+
+def _count(rows: Iterable[dict[str, Any]], limit: int) -> int:
+    return sum((row[f"imposed_brakes_{limit}"] or 0) > 0 for row in rows)
+
+
+def wilson(k: int, n: int) -> str:
+    """95 % interval of a rate, in percent."""
+    if n == 0:
+        return "(-)"
+    z, p = 1.96, k / n
+    middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return f"({100 * (middle - half) / (1 + z * z / n):.0f}..{100 * (middle + half) / (1 + z * z / n):.0f} %)"
+
+
+if __name__ == "__main__":
+    main()
