@@ -216,6 +216,7 @@ def agents_at(road: RoadMap, *those: Agent) -> Agents:
         heading=heading,
         v=column([a.v for a in those]),
         a=np.zeros(len(those)),
+        trend=np.zeros(len(those)),
         length=column([a.length for a in those]),
         width=column([a.width for a in those]),
         lane=_ints(lane(road, a.on) if a.on else -1 for a in those),

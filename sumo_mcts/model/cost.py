@@ -10,6 +10,7 @@ from sumo_mcts.model.local import COS, DRIVEN, ENTERS, MERGES, NODE_OF, STRETCH_
 from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT
 
 CLAIM_SAMPLES = 2
+NEAR = 0.1  # m added to each side of a box where contacts are looked for
 REACH = 80.0  # m beyond which an agent is not looked at
 
 
@@ -29,6 +30,7 @@ class CostParams(NamedTuple):
     jerk: float
     braking: float
     progress: float
+    tail_s: float
     blocking: float
     route: float
     lane_change: float
@@ -72,10 +74,12 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
                     once += price
                     continue
                 rate += c.claim
-        close = p.half_length + length + p.half_width + width + c.margin_m
+        close = p.half_length + length + p.half_width + width + c.margin_m + 0.5 * (state.v + local.agent[now, i, V]) * local.dt
         if abs(bx - x) < close and abs(by - y) < close:
             bc, bs = local.agent[now, i, COS], local.agent[now, i, SIN]
-            if boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, bc, bs, length, width):
+            # Longer by what they drive until half-way to the next check: nobody slips through between two.
+            swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * local.agent[now, i, V] * local.dt
+            if boxes_touch(x, y, cs, sn, swept, p.half_width + NEAR, bx, by, bc, bs, sweep, width + NEAR):
                 return Meeting(True, rate, once, gap, leader_v, followers)
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
                 rate += c.margin
@@ -204,11 +208,12 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
 
 
 @kernel
-def terminal(local: Local, p: EgoParams, c: CostParams, state: State) -> float:
-    """What is still to come at the horizon: the time lost until the limit is reached."""
+def terminal(local: Local, p: EgoParams, c: CostParams, state: State, gap: float, leader_v: float) -> float:
+    """What is still to come at the horizon: the time lost until the limit is reached, and behind a slow leader for tail_s more."""
     limit = local.node[state.node, LIMIT]
     missing = max(0.0, limit - state.v)
-    return c.progress * missing * missing / (2.0 * p.max_accel * limit)
+    behind = 1.0 - min(leader_v, limit) / limit if gap < 2.0 * (c.headway_gap + c.headway_s * limit) else 0.0
+    return c.progress * (missing * missing / (2.0 * p.max_accel * limit) + c.tail_s * behind)
 
 
 @kernel
