@@ -349,10 +349,14 @@ def _goal(config: ScenarioConfig, road: RoadMap, ego: EgoState, until: str | Non
         if goal not in edges:
             raise ConfigError(f"{ego.id}: its route does not pass edge {until}")
         edges = edges[: edges.index(goal) + 1]
+    success = -1 if config.episode.success_edge is None else road.edge_ids.index(config.episode.success_edge)
+    if success >= 0 and success not in edges:  # the success point may lie beyond the goal
+        if success not in ego.route:
+            raise ConfigError(f"episode.success_edge: the route of {ego.id} does not pass {config.episode.success_edge}")
+        edges = ego.route[: ego.route.index(success) + 1]
     free = free_flow_time(road, edges, ego.s, ego.speed_factor, ego.max_speed)
     limit = config.episode.stop_time_s or config.episode.time_limit_s or LOST_LEG * free + LIMIT_SLACK
-    success = config.episode.success_edge
-    return Goal(edges, road.edge_ids.index(success) if success is not None else -1, limit, free)
+    return Goal(edges, success, limit, free)
 
 
 def _micro(x: float) -> int:

@@ -10,7 +10,6 @@ from sumo_mcts.model.local import COS, DRIVEN, ENTERS, MERGES, NODE_OF, STRETCH_
 from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT
 
 CLAIM_SAMPLES = 2
-NEAR = 0.1  # m added to each side of a box where contacts are looked for
 REACH = 80.0  # m beyond which an agent is not looked at
 
 
@@ -79,7 +78,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
             bc, bs = local.agent[now, i, COS], local.agent[now, i, SIN]
             # Longer by what they drive until half-way to the next check: nobody slips through between two.
             swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * local.agent[now, i, V] * local.dt
-            if boxes_touch(x, y, cs, sn, swept, p.half_width + NEAR, bx, by, bc, bs, sweep, width + NEAR):
+            if boxes_touch(x, y, cs, sn, swept, p.half_width, bx, by, bc, bs, sweep, width):
                 return Meeting(True, rate, once, gap, leader_v, followers)
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
                 rate += c.margin
@@ -163,7 +162,7 @@ def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: in
         # Who crosses its way is to a driver in SUMO as good as standing there; who merges drives ahead of it.
         needed = _careful_gap(local.agent[now, i, V], state.v if local.duty[k, MERGES] > 0.0 else 0.0)
         if 0.0 < distance < needed:
-            rate = max(rate, c.claim * min(1.0, 2.0 * (1.0 - distance / needed)))
+            rate = max(rate, c.claim * min(1.0, 0.5 + 2.0 * (1.0 - distance / needed)))
     return rate
 
 
