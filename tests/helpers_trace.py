@@ -166,6 +166,7 @@ def _agents(actors: list[tuple[Path, float, float, float, str]], time: float) ->
         heading=poses[:, 2],
         v=np.array([v for _, _, v, _, _ in here]),
         a=np.array([-2.0 if i % 5 == 2 else 0.0 for i in range(count)]),
+        trend=np.zeros(count),
         length=np.array([length for _, _, _, length, _ in here]),
         width=np.full(count, 1.9),
         lane=np.full(count, 3, dtype=np.int32),

@@ -3,13 +3,15 @@
 import math
 from typing import NamedTuple
 
-from sumo_mcts.model.ego import EgoParams, State, pose_of
+from sumo_mcts.model.ego import EgoParams, halt_distance, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import COS, DRIVEN, ENTERS, MERGES, NODE_OF, STRETCH_END, WHO, GONE, HALF_LENGTH, HALF_WIDTH, NODE, POLITE, REACTS, SIN, Local, S, V, X, Y, chain_gap
+from sumo_mcts.model.local import COS, DRIVEN, ENTERS, MERGES, NODE_OF, STRETCH_END, WHO, GONE, HALF_LENGTH, HALF_WIDTH, NODE, POLITE, REACTS, SIN, Local, S, State, V, X, Y, chain_gap
 from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT
 
 CLAIM_SAMPLES = 2
+ROOM = 0.15  # 1/s, speed that is worth something for each metre of room
+TAIL_RANGE = 150.0  # m ahead at which a slow leader begins to count
 REACH = 80.0  # m beyond which an agent is not looked at
 
 
@@ -207,11 +209,16 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
 
 
 @kernel
-def terminal(local: Local, p: EgoParams, c: CostParams, state: State, gap: float, leader_v: float) -> float:
-    """What is still to come at the horizon: the time lost until the limit is reached, and behind a slow leader for tail_s more."""
+def terminal(local: Local, p: EgoParams, c: CostParams, state: State, gap: float, leader_v: float, time: float) -> float:
+    """What is still to come at the horizon: the time lost until the limit is reached, and behind a slow leader for tail_s more.
+
+    Speed counts only as far as there is room for it: else it would pay to reach a queue or a red light late. Everything here grows more slowly with
+    the way driven than the time that is gained by driving it, or it would pay to stand.
+    """
     limit = local.node[state.node, LIMIT]
-    missing = max(0.0, limit - state.v)
-    behind = 1.0 - min(leader_v, limit) / limit if gap < 2.0 * (c.headway_gap + c.headway_s * limit) else 0.0
+    useful = min(state.v, leader_v + ROOM * gap, ROOM * halt_distance(local, state, time))
+    missing = max(0.0, limit - max(useful, 0.0))
+    behind = (1.0 - min(leader_v, limit) / limit) * max(0.0, 1.0 - gap / TAIL_RANGE)
     return c.progress * (missing * missing / (2.0 * p.max_accel * limit) + c.tail_s * behind)
 
 

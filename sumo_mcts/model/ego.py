@@ -9,6 +9,7 @@ from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, 
 from sumo_mcts.scene import Floats
 
 LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows
+HALT_VIEW = 100.0  # m
 FOLLOW = 99.0  # in place of an acceleration: car following
 FREE, RED_LINE, GOAL = range(3)
 
@@ -150,6 +151,21 @@ def _line_cap(local: Local, p: EgoParams, state: State, time: float) -> float:
             room = distance - p.stop_gap - state.v * LOOK_AHEAD
             return math.sqrt(2.0 * p.approach_decel * room) if room > 0.0 else max(0.0, 0.5 * (distance - p.stop_gap))
         node = int(local.node[node, NEXT])
+    return math.inf
+
+
+@kernel
+def halt_distance(local: Local, state: State, time: float) -> float:
+    """m to the next closed stop line or dead end; inf where there is none within HALT_VIEW."""
+    node, distance = state.node, -state.s
+    while distance < HALT_VIEW:
+        distance += local.node[node, LENGTH]
+        if is_closed(local, node, time):
+            return distance
+        follow = int(local.node[node, NEXT])
+        if follow < 0:
+            return math.inf if math.isinf(local.node[node, REACH]) else distance
+        node = follow
     return math.inf
 
 

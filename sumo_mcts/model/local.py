@@ -179,10 +179,10 @@ def _followers(node: Indices, s: Floats, reacts: Bools, ahead: Floats, state: St
 
 
 def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
-    """[W] 1 where the lane is about to be lost, falling to 0 at 200 m for each change that is needed."""
+    """[W] the number of changes needed (at most 3) where the lane is about to be lost, falling to 0 at 200 m for each of them."""
     room = np.maximum(route.station[view] + route.reach[view] - here, 1.0)
     needed = np.abs(route.changes[view])
-    return np.where(needed > 0, np.clip(1.6 - room / (125.0 * np.maximum(needed, 1)), 0.0, 1.0) * (0.7 + 0.3 * np.minimum(needed, 3)), 0.0)
+    return np.where(needed > 0, np.clip(1.6 - room / (125.0 * np.maximum(needed, 1)), 0.0, 1.0) * np.minimum(needed, 3), 0.0)
 
 
 def _closed(

@@ -1,6 +1,7 @@
 """The lanes an ego may use along its route, laid out for the search: what follows, what lies beside, where it is allowed to be how fast."""
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -131,7 +132,7 @@ def _continuations(
                 inner = [nodes[k, j] for j in way[:-1]]
                 target = nodes[k + 1, way[-1]]
                 beyond = float(sum(length[j] for j in inner)) + reach[target]
-                for a, b in zip(inner, [*inner[1:], target], strict=True):
+                for a, b in pairwise([*inner, target]):
                     nxt[a] = b
                 for n, j in enumerate(inner):
                     reach[j] = float(sum(length[m] for m in inner[n:])) + reach[target]
@@ -188,7 +189,9 @@ def _fill_poses(
                 node = previous[node]
                 rear += length[node]
             rx, ry = point_at(points, arc, offset[lane[node]], offset[lane[node] + 1], rear * scale[lane[node]])
-            pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = chord(fx, fy, rx, ry, 1.0, 0.0)
+            _, _, c, n = chord(fx, fy, rx, ry, 1.0, 0.0)
+            # the middle of the chord would lie elsewhere where a shape is longer or shorter than its lane
+            pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = fx - 0.5 * vehicle * c, fy - 0.5 * vehicle * n, c, n
 
 
 @making_arrays

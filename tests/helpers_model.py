@@ -1,0 +1,97 @@
+"""Situations for the model and the planners, made by hand: no SUMO."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from helpers import Agent, Lane, agents_at, build, lights
+
+from sumo_mcts import config as configuration
+from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.driver import Physics, cost_params, ego_params
+from sumo_mcts.model.ego import EgoParams
+from sumo_mcts.model.local import Local, State, build_local, ego_state
+from sumo_mcts.model.route import RouteMap, route_map
+from sumo_mcts.model.traffic import Scripted, TrafficParams, predict
+from sumo_mcts.planners.base import Situation, Task
+from sumo_mcts.scene import EgoState, Forecast, RoadMap, Scene, Signals
+
+PHYSICS = Physics(0.1, False, 3.0)
+WIDTH = 3.2  # m, of a lane
+STOP_DECEL = 3.0  # m/s2, as the planners hand it to build_local
+
+
+def scenario(*sets: str, **keys: Any) -> ScenarioConfig:
+    """The defaults, with `a.b=c` assignments."""
+    return configuration.build({"name": "test", "sumo": {"net": "none"}, "egos": [{"id": "ego"}], **keys}, "test", sets)
+
+
+def lanes_east(count: int = 3, length: float = 600.0, speed: float = 15.0) -> RoadMap:
+    """One edge of parallel lanes that mirrors into itself at y = 0."""
+    middle = (count - 1) / 2
+    return build([Lane("a", k, ((0.0, (k - middle) * WIDTH), (length, (k - middle) * WIDTH)), speed=speed) for k in range(count)])
+
+
+def road_with_light(length: float = 200.0, speed: float = 15.0, after: float = 15.0) -> RoadMap:
+    """One lane along y = 0: edge a, a junction of 20 m behind a signal (link 0), edge b with the limit `after`."""
+    return build(
+        [
+            Lane("a", 0, ((0.0, 0.0), (length, 0.0)), (":m_0",), speed),
+            Lane(":m", 0, ((length, 0.0), (length + 20, 0.0)), ("b_0",), speed, junction="m", signal="t", link=0),
+            Lane("b", 0, ((length + 20, 0.0), (length + 320, 0.0)), speed=after),
+        ]
+    )
+
+
+def scene_of(ego: EgoState, road: RoadMap, *agents: Agent, signals: Signals | None = None, step: float = 0.1) -> Scene:
+    """A scene at time 0."""
+    return Scene(0.0, step, ego, agents_at(road, *agents), signals or lights())
+
+
+def task_of(road: RoadMap, ego: EgoState, config: ScenarioConfig | None = None, physics: Physics = PHYSICS) -> Task:
+    """What a planner gets once."""
+    config = config or scenario()
+    params = ego_params(config, ego, physics)
+    route = route_map(road, ego.route, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
+    return Task(road, route, params, cost_params(config))
+
+
+def traffic_params(step: float = 0.2, *, interacting: bool = True, config: ScenarioConfig | None = None) -> TrafficParams:
+    """The configuration's, at forecast times `step` s apart."""
+    q = (config or scenario()).prediction
+    return TrafficParams(step, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s, interacting)
+
+
+def ego_lanes(route: RouteMap, state: State) -> Sequence[int]:
+    """The lanes ahead of the ego, the present one first."""
+    lanes, node = [], state.node
+    while node >= 0:
+        lanes.append(int(route.lane[node]))
+        node = int(route.next[node])
+    return lanes
+
+
+def forecast_of(task: Task, scene: Scene, seconds: float = 10.0, params: TrafficParams | None = None, scripts: dict[int, Scripted] | None = None) -> Forecast:
+    """The forecast, with an ego that follows its leader."""
+    state = ego_state(task.route, scene.ego)
+    assert state is not None
+    lanes = np.array(ego_lanes(task.route, state), np.int32)
+    return predict(task.road, scene, lanes, np.zeros(0), params or traffic_params(), seconds, scripts or {})
+
+
+def situation_of(task: Task, scene: Scene, cleared: frozenset[int] = frozenset(), seconds: float = 10.0) -> Situation:
+    """What a planner gets each cycle."""
+    state = ego_state(task.route, scene.ego)
+    assert state is not None
+    return Situation(scene, state, forecast_of(task, scene, seconds), cleared)
+
+
+def local_of(task: Task, scene: Scene, cleared: frozenset[int] = frozenset(), seconds: float = 10.0) -> tuple[Local, State]:
+    """What compiled code reads, and the ego's state in it."""
+    situation = situation_of(task, scene, cleared, seconds)
+    return build_local(task.road, task.route, situation.state, scene, situation.forecast, 0, cleared, STOP_DECEL), situation.state
+
+
+def half(params: EgoParams) -> float:
+    """Half the ego's length, m."""
+    return params.half_length

@@ -1,0 +1,251 @@
+"""The layout of a route against what SUMO knows of its own vehicles, and its speed caps against a slow twin.
+
+Compared with libsumo for every vehicle of real traffic, every second, on every lane of its present edge that its class may use:
+- the lanes that it can drive from there without a lane change: `next` against getBestLanes' list, which SUMO may end early (a bounded look-ahead);
+- how far they reach: `reach` without the internal lanes, which SUMO's list leaves out, where the list ends before the route does;
+- `changes` against the offset to the best lane.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import libsumo
+import naive
+import numpy as np
+import pytest
+import sumo
+from helpers import Lane, build, edges
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sumo_mcts.assets import root, scenario_path
+from sumo_mcts.config import load
+from sumo_mcts.model.ego import pose_of
+from sumo_mcts.model.local import State
+from sumo_mcts.model.route import SPACING, RouteMap, route_map
+from sumo_mcts.scene import STOP, EgoState, RoadMap
+from sumo_mcts.world.actors import write_routes
+from sumo_mcts.world.observe import Change, Observer
+from sumo_mcts.world.roadmap import lane_index, read_roadmap
+
+GAME = Path(sumo.SUMO_HOME) / "tools" / "game"
+GAMES = ["cross", "ramp", "square", "grid6"]
+SCENES = ["unprotected-left-turn", "highway-exit", "straight-line"]
+LOOK_AHEAD = 9  # lanes in a list that SUMO may end early
+
+
+class Seen(NamedTuple):
+    """One vehicle at one moment."""
+
+    ego: EgoState
+    whole: tuple[int, ...]  # its route from the start, edges
+    best: tuple[tuple[str, float, float, int, bool, tuple[str, ...]], ...]  # getBestLanes; empty inside junctions
+    settled: float  # m driven since its last lane change
+
+
+@cache
+def observed(name: str) -> tuple[RoadMap, tuple[Seen, ...]]:
+    """A minute of traffic, looked at every second."""
+    with TemporaryDirectory() as folder:
+        arguments = ["-c", str(GAME / f"{name}.sumocfg")] if name in GAMES else _scene_arguments(name, Path(folder))
+        libsumo.start(["sumo", *arguments, "--no-step-log", "true", "--no-warnings", "true", "--message-log", "/dev/null"])
+        try:
+            road = read_roadmap(libsumo.simulation.getOption("net-file"))
+            step = libsumo.simulation.getDeltaT()
+            return road, tuple(_watch(road, round(60.0 / step), round(1.0 / step)))
+        finally:
+            libsumo.close()
+
+
+def _scene_arguments(name: str, folder: Path) -> list[str]:
+    config = load(scenario_path(name))
+    return ["-n", str(config.sumo.net), "-r", ",".join([*config.sumo.routes, str(write_routes(config.traffic.actors, folder))]), "--step-length", "0.1"]
+
+
+def _watch(road: RoadMap, steps: int, every: int) -> list[Seen]:
+    observer, edge = Observer(road), {name: i for i, name in enumerate(road.edge_ids)}
+    seen: list[Seen] = []
+    lane: dict[str, str] = {}
+    changed: dict[str, float] = {}
+    for k in range(steps):
+        libsumo.simulationStep()
+        for vehicle in libsumo.vehicle.getIDList():
+            here, driven = libsumo.vehicle.getLaneID(vehicle), libsumo.vehicle.getDistance(vehicle)
+            before = lane.get(vehicle, "")
+            if before != here and (not before or before.rpartition("_")[0] == here.rpartition("_")[0]):
+                changed[vehicle] = driven
+            lane[vehicle] = here
+            if k % every == 0:
+                whole = tuple(edge[name] for name in libsumo.vehicle.getRoute(vehicle))
+                best = () if here.startswith(":") else tuple(libsumo.vehicle.getBestLanes(vehicle))
+                seen.append(Seen(observer.ego(vehicle, Change()), whole, best, driven - changed[vehicle]))
+    return seen
+
+
+@cache
+def laid_out(name: str, route: tuple[int, ...], vclass: int, length: float) -> RouteMap:
+    """Its route for one vehicle."""
+    return route_map(observed(name)[0], route, vclass, length, 1.0, 100.0, 2.0)
+
+
+def ordinary_lanes(road: RoadMap, route: RouteMap, node: int) -> list[int]:
+    """The lanes of the chain from a node on, without those inside junctions."""
+    return [int(route.lane[i]) for i in naive.chain_of(route, node) if not route.internal[i]]
+
+
+@pytest.mark.parametrize("name", [*GAMES, *SCENES])
+def test_lanes_changes_and_reach_are_sumos(name: str) -> None:
+    road, seen = observed(name)
+    number = lane_index(road)
+    compared = cut = 0
+    for vehicle in seen:
+        for lane_id, _, _, offset, _, following in vehicle.best:
+            route = laid_out(name, vehicle.ego.route, vehicle.ego.vclass, vehicle.ego.length)
+            (node,) = np.flatnonzero((route.leg == 0) & (route.lane == number[lane_id]))
+            chain = [road.lane_ids[i] for i in ordinary_lanes(road, route, int(node))]
+            cut += len(following) < len(chain)
+            assert chain[: len(following)] == list(following), (vehicle.ego.id, lane_id)
+            assert len(following) == len(chain) or len(following) >= LOOK_AHEAD, (vehicle.ego.id, lane_id)
+            assert route.changes[node] == offset, (vehicle.ego.id, lane_id)
+            inside = sum(float(route.length[i]) for i in naive.chain_of(route, int(node)) if route.internal[i])
+            last = len(chain) == len(vehicle.ego.route)
+            assert math.isinf(route.reach[node]) == last
+            if not last:
+                assert route.reach[node] - inside == pytest.approx(sum(float(road.length[number[i]]) for i in following), abs=0.01)
+            compared += 1
+    assert compared > 50
+    assert cut < compared / 2
+
+
+@pytest.mark.parametrize("name", [*GAMES, *SCENES])
+def test_poses_are_sumos(name: str) -> None:
+    """Within 1 cm and half a degree on straight lanes, 10 cm and 2 degrees in turns, whatever the lengths of lane and shape.
+
+    Vehicles that have been in their lane for longer than they are; those of 13 m and less: SUMO bends the longest ones at their joint.
+    """
+    road, seen = observed(name)
+    straight, turning = [], []
+    for vehicle in seen:
+        ego = vehicle.ego
+        if vehicle.settled < 2 * ego.length or ego.length > 13.0:
+            continue
+        route = laid_out(name, vehicle.whole, ego.vclass, ego.length)
+        (node,) = np.flatnonzero(route.lane == ego.lane)
+        x, y, c, n = pose_of(route.table, route.rows, State(int(node), ego.s, ego.v, 0.0, 0.0, -1), 0.0)
+        error = (math.hypot(x - ego.x, y - ego.y), math.degrees(abs(math.remainder(math.atan2(n, c) - ego.heading, math.tau))))
+        points = road.point_offset[ego.lane + 1] - road.point_offset[ego.lane]
+        (straight if points == 2 and ego.s > ego.length else turning).append(error)
+    assert len(straight) + len(turning) > 50
+    assert np.all(np.array(straight).reshape(-1, 2) < (0.01, 0.5))
+    assert np.all(np.array(turning).reshape(-1, 2) < (0.1, 2.0))
+
+
+@pytest.mark.parametrize("name", [*GAMES, *SCENES])
+def test_stations_grow_along_next(name: str) -> None:
+    _, seen = observed(name)
+    for whole, vclass, length in {(v.whole, v.ego.vclass, v.ego.length) for v in seen}:
+        route = laid_out(name, whole, vclass, length)
+        nodes = np.flatnonzero(route.next >= 0)
+        assert np.all(route.next[nodes] > nodes)
+        room = route.station[route.next[nodes]] - route.station[nodes] - route.length[nodes]
+        assert np.all(room > -1e-6)  # ways through a junction may be shorter than the longest of them
+        assert np.all(np.diff(route.leg[nodes]) >= 0)
+        assert not np.any(route.internal & ((route.left >= 0) | (route.right >= 0)))
+
+
+# --- small routes ---
+
+
+def two_ways() -> RoadMap:
+    """Edge a (3 lanes) leads to b by lanes 1 and 2 and to the side road x by lane 0; of b's two lanes only the left one goes on to c."""
+    lanes = [
+        Lane("a", 0, ((0, 0), (100, 0)), (":j_0",)),
+        Lane("a", 1, ((0, 3), (100, 3)), (":k_0",)),
+        Lane("a", 2, ((0, 6), (100, 6)), (":k_1",)),
+        Lane(":j", 0, ((100, 0), (110, -10)), ("x_0",), junction="j"),
+        Lane(":k", 0, ((100, 3), (110, 3)), ("b_0",), junction="j"),
+        Lane(":k", 1, ((100, 6), (110, 6)), ("b_1",), junction="j"),
+        Lane("x", 0, ((110, -10), (210, -10))),
+        Lane("b", 0, ((110, 3), (170, 3)), speed=8.0),
+        Lane("b", 1, ((110, 6), (170, 6)), (":m_0",), speed=8.0),
+        Lane(":m", 0, ((170, 6), (175, 6)), ("c_0",), junction="m", rule=STOP),
+        Lane("c", 0, ((175, 6), (275, 6))),
+    ]
+    return build(lanes)
+
+
+def node_of(road: RoadMap, route: RouteMap, name: str) -> int:
+    return int(np.flatnonzero(route.lane == road.lane_ids.index(name))[0])
+
+
+def test_a_route_with_dead_ends() -> None:
+    road = two_ways()
+    route = route_map(road, edges(road, "a", "b", "c"), 0, 5.0, 1.0, 50.0, 2.0)
+    at = {name: node_of(road, route, name) for name in ("a_0", "a_1", "a_2", ":k_0", "b_0", "b_1", ":m_0", "c_0")}
+    assert [route.changes[at[name]] for name in ("a_0", "a_1", "a_2", "b_0", "b_1", "c_0")] == [2, 1, 0, 1, 0, 0]
+    assert [route.reach[at[name]] for name in ("a_0", "a_1", "a_2", ":k_0", "b_0", "b_1")] == [100.0, 170.0, math.inf, 70.0, 60.0, math.inf]
+    assert route.next[at["a_0"]] == -1 and route.next[at["b_0"]] == -1 and route.next[at["b_1"]] == at[":m_0"]
+    assert [bool(route.stop[at[name]]) for name in ("a_1", "b_0", "b_1", "c_0")] == [False, False, True, False]
+    assert route.sign[at["b_1"]] and route.left[at["a_1"]] == at["a_2"] and route.right[at["a_0"]] == -1
+    assert route.station[at["c_0"]] == 175.0
+
+
+def test_lanes_closed_to_the_vehicle_are_not_there() -> None:
+    road = two_ways()
+    road.classes[road.lane_ids.index("b_1")] = 1 << 8  # buses
+    route = route_map(road, edges(road, "a", "b"), 0, 5.0, 1.0, 50.0, 2.0)
+    assert road.lane_ids.index("b_1") not in route.lane
+    assert route.changes[node_of(road, route, "a_2")] == -1
+    bus = route_map(road, edges(road, "a", "b"), 8, 5.0, 1.0, 50.0, 2.0)
+    assert bus.changes[node_of(road, bus, "a_2")] == 0
+
+
+def test_of_two_ways_that_end_alike_the_one_with_fewer_changes_to_come_is_taken() -> None:
+    lanes = [
+        Lane("a", 0, ((0, 0), (100, 0)), ("b_0", "b_1")),
+        *(Lane("b", k, ((100, 3.0 * k), (150, 3.0 * k)), ("c_0",) if k == 2 else ()) for k in range(3)),
+        Lane("c", 0, ((150, 6), (250, 6))),
+    ]
+    road = build(lanes)
+    route = route_map(road, edges(road, "a", "b", "c"), 0, 5.0, 1.0, 50.0, 2.0)
+    assert route.next[node_of(road, route, "a_0")] == node_of(road, route, "b_1")
+
+
+# --- speed caps ---
+
+
+def chain(lengths: Sequence[float], limits: Sequence[float], dead: bool) -> tuple[RoadMap, tuple[int, ...]]:
+    """A road of edges e0, e1, ... without junctions between them; `dead`: its last edge is only beside the end of the one before."""
+    x, lanes = 0.0, []
+    for k, (length, limit) in enumerate(zip(lengths, limits, strict=True)):
+        last = k + 1 == len(lengths)
+        after = () if last or (dead and k + 2 == len(lengths)) else (f"e{k + 1}_0",)
+        lanes.append(Lane(f"e{k}", 0, ((x, 0.0), (x + length, 0.0)), after, speed=limit))
+        x += length
+    road = build(lanes)
+    return road, edges(road, *(f"e{k}" for k in range(len(lengths))))
+
+
+roads = st.integers(2, 6).flatmap(
+    lambda n: st.tuples(st.lists(st.floats(0.3, 60.0), min_size=n, max_size=n), st.lists(st.floats(2.0, 40.0), min_size=n, max_size=n), st.booleans())
+)
+
+
+@given(roads, st.floats(0.5, 5.0), st.floats(0.8, 1.2), st.floats(5.0, 35.0))
+def test_caps_are_the_least_over_all_places_ahead(road: tuple[list[float], list[float], bool], decel: float, factor: float, top: float) -> None:
+    made, route_edges = chain(*road)
+    route = route_map(made, route_edges, 0, 5.0, factor, top, decel)
+    assert route.limit.tolist() == pytest.approx([min(limit * factor, top) for limit in road[1]])
+    goal = (route.leg == len(route_edges) - 1).tolist()
+    for node in range(len(route.lane)):
+        for row, s in naive.rows_of(route, node):
+            assert route.cap[row] == pytest.approx(naive.cap(route, node, s, decel, goal), abs=1e-6), (node, s)
+        assert s >= route.length[node] > s - SPACING - 1e-9
+
+
+def test_the_networks_are_there() -> None:
+    assert (root() / "networks").is_dir() and all((GAME / f"{name}.sumocfg").is_file() for name in GAMES)

@@ -1,0 +1,135 @@
+"""Slow and obvious twins of the compiled kernels: plain Python, numpy and shapely."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from shapely.geometry import LineString, Polygon
+
+from sumo_mcts.model.ego import EgoParams
+from sumo_mcts.model.route import END_GAP, SPACING, RouteMap
+from sumo_mcts.scene import RoadMap, Signals
+
+
+class Box(NamedTuple):
+    """An oriented box: centre, heading, half length, half width."""
+
+    x: float
+    y: float
+    heading: float
+    length: float
+    width: float
+
+    def polygon(self, grown: float = 0.0) -> Polygon:
+        """Its outline, each half size longer by `grown` m."""
+        c, s, u, v = math.cos(self.heading), math.sin(self.heading), self.length + grown, self.width + grown
+        return Polygon([(self.x + a * u * c - b * v * s, self.y + a * u * s + b * v * c) for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))])
+
+    def flat(self) -> tuple[float, float, float, float, float, float]:
+        """As the kernels want it."""
+        return self.x, self.y, math.cos(self.heading), math.sin(self.heading), self.length, self.width
+
+
+def distance(a: Box, b: Box) -> float:
+    """Between two boxes, m."""
+    return float(a.polygon().distance(b.polygon()))
+
+
+def overlap_area(a: Box, b: Box) -> float:
+    """m2 that two boxes share."""
+    return float(a.polygon().intersection(b.polygon()).area)
+
+
+def point_at(points: Sequence[tuple[float, float]], along: float) -> tuple[float, float]:
+    """The point of a polyline at an arc length; beyond its ends straight on."""
+    line = LineString(points)
+    if 0.0 <= along <= line.length:
+        point = line.interpolate(along)
+        return point.x, point.y
+    (ax, ay), (bx, by) = (points[0], points[1]) if along < 0.0 else (points[-2], points[-1])
+    beyond = (along if along < 0.0 else along - line.length) / math.dist((ax, ay), (bx, by))
+    x, y = (ax, ay) if along < 0.0 else (bx, by)
+    return x + beyond * (bx - ax), y + beyond * (by - ay)
+
+
+def cap(route: RouteMap, node: int, s: float, decel: float, goal: Sequence[bool]) -> float:
+    """The speed at (node, s) from which every lower limit and dead end further down is met with `decel`: the least over all places ahead."""
+    found = [float(route.limit[node])]
+    to_end = max(float(route.length[node]) - s, 0.0)  # the last row lies at the end or beyond
+    while True:
+        following = int(route.next[node])
+        if following < 0:
+            if not goal[node]:
+                found.append(math.sqrt(2.0 * decel * max(to_end - END_GAP, 0.0)))
+            return min(found)
+        found.append(math.sqrt(float(route.limit[following]) ** 2 + 2.0 * decel * to_end))
+        node = following
+        to_end += float(route.length[node])
+
+
+def rows_of(route: RouteMap, node: int) -> list[tuple[int, float]]:
+    """(table row, position on the node) of each of its rows."""
+    return [(int(route.row[node]) + k, k * SPACING) for k in range(int(route.row[node + 1] - route.row[node]))]
+
+
+def chain_of(route: RouteMap, node: int) -> list[int]:
+    """The nodes from `node` on down its way."""
+    chain = [node]
+    while route.next[chain[-1]] >= 0:
+        chain.append(int(route.next[chain[-1]]))
+    return chain
+
+
+def desired_gap(v: float, leader_v: float, gap: float, headway: float, accel: float, decel: float) -> float:
+    """s* of the intelligent driver model (Treiber, Hennecke, Helbing 2000), never below the gap at standstill, m."""
+    return max(gap, gap + headway * v + v * (v - leader_v) / (2.0 * math.sqrt(accel * decel)))
+
+
+def follow(p: EgoParams, v: float, limit: float, gap: float, leader_v: float) -> float:
+    """The ego's car following, m/s2."""
+    interaction = 0.0 if gap == math.inf else desired_gap(v, leader_v, p.gap, p.headway, p.max_accel, p.approach_decel) / gap
+    return p.max_accel * (1.0 - (v / limit) ** 4 - interaction**2)
+
+
+def free_drive(s: float, v: float, limit: float, accel: float, step: float, times: int) -> list[tuple[float, float]]:
+    """(position, speed) of a car alone on an endless road below its limit, by the intelligent driver model and trapezoids."""
+    states = [(s, v)]
+    for _ in range(times - 1):
+        faster = max(0.0, v + step * accel * (1.0 - (v / limit) ** 4))
+        s, v = s + step * (v + faster) / 2.0, faster
+        states.append((s, v))
+    return states
+
+
+def light_at(signals: Signals, signal: int, link: int, time: float) -> int:
+    """What a link shows at a time from now: the phase whose end is the first after it; the last one stays."""
+    phases = len(signals.until[signal])
+    for k in range(phases):
+        if time < signals.until[signal][k]:
+            return int(signals.state[int(signals.offset[signal]) + link][k])
+    return int(signals.state[int(signals.offset[signal]) + link][phases - 1])
+
+
+def stopping_distance(p: EgoParams, v: float, a: float) -> float:
+    """How far the ego goes with the strongest braking that its bounds allow, m."""
+    driven = 0.0
+    while v > 0.0:
+        jerk = p.emergency_jerk  # braking beyond comfort is asked for at once
+        a = max(-p.max_decel, a - jerk * p.step)
+        faster, v = v, max(0.0, v + a * p.step)
+        driven += (0.5 * (faster + v) if p.ballistic else v) * p.step
+    return driven
+
+
+def arc_lengths(points: Sequence[tuple[float, float]]) -> list[float]:
+    """Of each vertex of a polyline."""
+    arcs = [0.0]
+    for a, b in pairwise(points):
+        arcs.append(arcs[-1] + math.dist(a, b))
+    return arcs
+
+
+def successors_of(road: RoadMap, lane: int) -> list[int]:
+    """The lanes driven next."""
+    return [int(i) for i in road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]]

@@ -1,0 +1,190 @@
+"""The documents say what is there: generated parts are up to date, files, functions and keys exist, commands parse, examples are valid."""
+
+import ast
+import importlib
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from sumo_mcts import assets, commands, config
+from sumo_mcts.cli import app
+from sumo_mcts.episode import run_episode
+from sumo_mcts.evaluation import referee
+from sumo_mcts.records import ROW_KEYS
+from sumo_mcts.schema_docs import refreshed, schema_text, tables
+
+TOP = Path(__file__).resolve().parent.parent
+PAGES = [TOP / "README.md", TOP / "CHANGELOG.md", TOP / "CONTRIBUTING.md", *sorted((TOP / "docs").glob("*.md"))]
+SECTIONS = config.json_schema()["properties"]
+# What a run leaves behind, and files of the reader.
+_NOT_HERE = ("out/", "traces/", "figures/")
+_FILE = re.compile(r"[\w.-]+(?:/[\w.-]+)+\.(?:py|md|yaml|json|toml|xml|gif|sumocfg)")
+
+
+def pages(pattern: str) -> list[tuple[Path, str]]:
+    """(page, first group) of every match, outside the generated tables."""
+    return [(page, found) for page in PAGES for found in re.findall(pattern, page.read_text(encoding="utf-8"), re.MULTILINE)]
+
+
+def spans() -> list[tuple[Path, str]]:
+    """Every code span."""
+    return pages(r"(?<!`)`([^`\n]+)`(?!`)")
+
+
+def fenced(language: str) -> list[Any]:
+    """Every fenced example, as test parameters."""
+    found = [(page.name, text) for page in PAGES for text in re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)]
+    return [pytest.param(text, id=f"{name}-{k}") for k, (name, text) in enumerate(found)]
+
+
+def indented(program: str) -> list[Any]:
+    """Every line of an indented example that calls the program, without its comment."""
+    lines = pages(rf"^    ({program} [^\n]*)$")
+    return [pytest.param(shlex.split(line, comments=True)[len(program.split()) :], id=f"{page.name}-{k}") for k, (page, line) in enumerate(lines)]
+
+
+def exists(name: str, page: Path) -> bool:
+    """Whether a file is there, seen from the page, from the top folder or from the package."""
+    return any((folder / name).exists() for folder in (page.parent, TOP, TOP / "sumo_mcts"))
+
+
+# --- generated ---
+
+
+def test_the_tables_of_the_scenario_file_are_up_to_date() -> None:
+    text = (TOP / "docs" / "scenario-file.md").read_text(encoding="utf-8")
+    assert text == refreshed(text, config.json_schema()), "run python -m sumo_mcts.schema_docs"
+
+
+def test_the_schema_on_disk_is_up_to_date() -> None:
+    assert (TOP / "configs" / "schema.json").read_text(encoding="utf-8") == schema_text(config.json_schema()), "run python -m sumo_mcts.schema_docs"
+
+
+def test_the_schema_is_no_scenario() -> None:
+    assert "schema" not in assets.scenario_names()
+
+
+def test_every_key_has_a_meaning_a_type_and_a_default() -> None:
+    rows = [line for line in tables(config.json_schema()).splitlines() if line.startswith("| `")]
+    for row in rows:
+        _, key, kind, default, _, meaning, _ = (cell.strip() for cell in re.split(r"(?<!\\)\|", row))
+        assert key and kind and default and meaning, row
+        assert kind != "None", row
+
+
+# --- files, functions, keys ---
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_files_named_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    links = {link for link in re.findall(r"\]\(([^)#]+)[^)]*\)", text) if "://" not in link}
+    named = {name for name in _FILE.findall(text) if not name.startswith(_NOT_HERE)} | links
+    named -= {name for name in named if name.startswith("roads/")}  # made up in an example
+    assert not [name for name in sorted(named) if not exists(name, page)]
+
+
+def test_functions_named_exist() -> None:
+    named = [span.split("::") for _, span in spans() if "::" in span and ".py" in span]
+    assert len(named) > 40
+    for file, name in named:
+        tree = ast.parse((TOP / "sumo_mcts" / file).read_text(encoding="utf-8"))
+        assert name in {node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)}, f"{file}::{name}"
+
+
+def test_keys_named_exist() -> None:
+    schema = config.json_schema()
+    sections = {key: schema["$defs"][field["$ref"].rsplit("/", 1)[-1]]["properties"] for key, field in SECTIONS.items() if "$ref" in field}
+    dotted = [span for _, span in spans() if re.fullmatch(r"[a-z_]+\.[a-z_0-9]+", span) and not span.endswith(".py")]
+    named = [span.split(".") for span in dotted if span.split(".")[0] in sections]
+    assert len(named) > 40
+    assert not [".".join(parts) for parts in named if parts[1] not in sections[parts[0]]]
+
+
+def test_every_key_of_the_row_is_explained() -> None:
+    text = (TOP / "docs" / "measures.md").read_text(encoding="utf-8")
+    assert not [key for key in ROW_KEYS if f"`{key}`" not in text]
+
+
+def test_every_outcome_is_explained() -> None:
+    text = (TOP / "docs" / "measures.md").read_text(encoding="utf-8")
+    outcomes = (referee.ARRIVED, referee.COLLISION, referee.TELEPORTED, referee.OFF_ROUTE, referee.TIMEOUT, referee.ERROR)
+    assert not [outcome for outcome in outcomes if f"| `{outcome}` |" not in text]
+
+
+def test_no_path_of_a_machine_is_named() -> None:
+    assert not [(page.name, found) for page, found in pages(r"((?:/home|/work|/tmp|/root|C:\\)\S*)")]
+
+
+# --- commands ---
+
+
+@pytest.mark.parametrize("arguments", indented("sumo-mcts"))
+def test_commands_parse(arguments: list[str]) -> None:
+    group: Any = typer.main.get_command(app)
+    name, *rest = arguments
+    context = group.commands[name].make_context(name, rest)  # raises where an option or a value is wrong
+    scenario = context.params.get("scenario")
+    if scenario is not None and "." not in scenario:
+        assert scenario in assets.scenario_names()
+
+
+@pytest.mark.parametrize("command", ["scenarios", "schema"])
+def test_cheap_commands_run(command: str) -> None:
+    assert CliRunner().invoke(app, [command]).exit_code == 0
+
+
+def test_make_knows_the_targets_named() -> None:
+    targets = set(re.findall(r"^(\w+):", (TOP / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    assert {target for _, target in pages(r"^    make (\w+)")} <= targets
+
+
+# --- examples ---
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A folder in which an example finds what it names."""
+    for name in ("networks", "routes", "configs"):
+        (tmp_path / name).symlink_to(TOP / name)
+    return tmp_path
+
+
+@pytest.mark.parametrize("text", fenced("yaml"))
+def test_scenario_examples_are_valid(text: str, checkout: Path) -> None:
+    path = checkout / "example.yaml"
+    path.write_text(text, encoding="utf-8")
+    assert commands.problem_of(path) == ""
+
+
+@pytest.mark.parametrize("text", fenced("python"))
+def test_python_examples_import_what_is_there(text: str) -> None:
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom):
+            module = importlib.import_module(str(node.module))
+            assert not [alias.name for alias in node.names if not hasattr(module, alias.name)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("text", fenced("yaml"))
+def test_scenario_examples_run(text: str, checkout: Path) -> None:
+    path = checkout / "example.yaml"
+    path.write_text(text, encoding="utf-8")
+    (row,) = run_episode(config.load(path, ("planner.iterations=300",)), 1).rows
+    assert row["outcome"] == "arrived", row["error"]
+
+
+def test_the_animation_is_small() -> None:
+    picture = TOP / "docs" / "images" / "unprotected-left-turn.gif"
+    assert picture.stat().st_size < 1_500_000
+
+
+def test_json_of_scenarios_names_them_all() -> None:
+    found = json.loads(CliRunner().invoke(app, ["scenarios", "--json"]).stdout)
+    assert [item["name"] for item in found] == assets.scenario_names()
