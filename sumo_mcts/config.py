@@ -214,7 +214,7 @@ class CostConfig(_Section):
     braking: NonNegative = Field(0.1, description="per second and m/s2 of braking beyond comfort_decel_mps2, quadratic")
     cut_in_decel_mps2: Positive = Field(3.0, description="braking that a follower is trusted to do when the ego moves in front of it")
     progress: NonNegative = Field(1.0, description="per second of standing where the limit could be driven")
-    tail_s: NonNegative = Field(3.0, description="for how long beyond the horizon a slow leader still counts")
+    tail_s: NonNegative = Field(4.0, description="for how long beyond the horizon a slow leader still counts")
     blocking: NonNegative = Field(0.3, description="per second of standing inside a junction")
     route: NonNegative = Field(0.35, description="per second on a lane that the route leaves, at full urgency")
     lane_change: NonNegative = Field(0.6, description="C_o,lc per change begun")
@@ -356,7 +356,11 @@ def _allowed_beside(location: tuple[int | str, ...]) -> str:
         if isinstance(part, int):
             continue
         field = model.model_fields.get(part)
-        inner = [] if field is None else [t for t in (field.annotation, *getattr(field.annotation, "__args__", ())) if isinstance(t, type) and issubclass(t, BaseModel)]
+        inner = (
+            []
+            if field is None
+            else [t for t in (field.annotation, *getattr(field.annotation, "__args__", ())) if isinstance(t, type) and issubclass(t, BaseModel)]
+        )
         if not inner:
             return ""
         model = inner[0]

@@ -10,7 +10,8 @@ from sumo_mcts.model.local import COS, DRIVEN, ENTERS, MERGES, NODE_OF, STRETCH_
 from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT
 
 CLAIM_SAMPLES = 2
-ROOM = 0.15  # 1/s, speed that is worth something for each metre of room
+PICK_UP = 2.6  # m/s2 with which lost speed is valued
+ROOM = 0.12  # 1/s, speed that is worth something for each metre of room
 TAIL_RANGE = 150.0  # m ahead at which a slow leader begins to count
 REACH = 80.0  # m beyond which an agent is not looked at
 
@@ -146,7 +147,7 @@ def _cut_in(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float
     closing = max(0.0, follower_v - ego_v)
     if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel * (gap - 1.0):
         return -1.0
-    return c.claim * min(1.0, 4.0 * (1.0 - gap / needed))
+    return c.claim * min(1.0, 8.0 * (1.0 - gap / needed))
 
 
 @kernel
@@ -209,17 +210,16 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
 
 
 @kernel
-def terminal(local: Local, p: EgoParams, c: CostParams, state: State, gap: float, leader_v: float, time: float) -> float:
+def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: float, time: float) -> float:
     """What is still to come at the horizon: the time lost until the limit is reached, and behind a slow leader for tail_s more.
 
     Speed counts only as far as there is room for it: else it would pay to reach a queue or a red light late. Everything here grows more slowly with
-    the way driven than the time that is gained by driving it, or it would pay to stand.
+    the way driven than the time that is gained by driving it, or it would pay to stand; so the limit is that of the lane where the ego is now.
     """
-    limit = local.node[state.node, LIMIT]
     useful = min(state.v, leader_v + ROOM * gap, ROOM * halt_distance(local, state, time))
-    missing = max(0.0, limit - max(useful, 0.0))
-    behind = (1.0 - min(leader_v, limit) / limit) * max(0.0, 1.0 - gap / TAIL_RANGE)
-    return c.progress * (missing * missing / (2.0 * p.max_accel * limit) + c.tail_s * behind)
+    missing = max(0.0, local.limit - max(useful, 0.0))
+    behind = (1.0 - min(leader_v, local.limit) / local.limit) * max(0.0, 1.0 - gap / TAIL_RANGE)
+    return c.progress * (missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind)
 
 
 @kernel

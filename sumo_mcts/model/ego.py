@@ -46,10 +46,15 @@ def advance(local: Local, p: EgoParams, state: State, accel: float, time: float)
     jerk = p.emergency_jerk if min(wanted, state.a) < -p.comfort_decel else p.jerk
     a = min(max(wanted, state.a - jerk * dt), state.a + jerk * dt)
     speed = max(0.0, v + a * dt)
-    speed = min(speed, max(_cap(local, state.node, state.s), v - p.max_decel * dt))
+    speed = min(speed, max(_cap(local, state.node, state.s + _moved(p, v, speed)), v - p.max_decel * dt))
     a = (speed - v) / dt
-    moved = 0.5 * (v + speed) * dt if p.ballistic else speed * dt
-    return _move(local, p, state, moved, speed, a, time + dt)
+    return _move(local, p, state, _moved(p, v, speed), speed, a, time + dt)
+
+
+@kernel
+def _moved(p: EgoParams, v: float, speed: float) -> float:
+    """How far one step leads whose speed changes from v to `speed`, m."""
+    return 0.5 * (v + speed) * p.step if p.ballistic else speed * p.step
 
 
 @kernel

@@ -29,6 +29,7 @@ class Local(NamedTuple):
     trait: Floats  # [N, 4] HALF_LENGTH .. POLITE below
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
+    limit: float  # speed limit where the ego is now, m/s
     followers: int  # bit i: agent i is behind the ego in its lane and reacts: its contact is imposed braking
     dt: float  # s between forecast times
 
@@ -106,7 +107,7 @@ def build_local(
         route.table, route.rows, _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel), ahead,
         _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven]),
         np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields]).astype(np.float64),
-        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven), first,
+        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven), first, float(route.limit[state.node]),
         _followers(node[0], s[0], forecast.reacts, ahead, state, first), forecast.dt,
     )  # fmt: skip
 

@@ -208,4 +208,8 @@ def _caps(nxt: Indices, row: Indices, length: Floats, limit: Floats, goal: Bools
         for k in range(row[i + 1] - 1, row[i] - 1, -1):
             to_end = max(0.0, length[i] - (k - row[i]) * SPACING + distance)
             cap[k] = min(limit[i], math.sqrt(end * end + 2.0 * decel * to_end))
+        beyond = row[i + 1] - 1
+        share = length[i] / SPACING - (beyond - 1 - row[i])
+        if nxt[i] >= 0 and share > 1e-6:  # between the last two rows `end` is to be read where the lane ends
+            cap[beyond] = max(0.0, cap[beyond - 1] + (end - cap[beyond - 1]) / share)
     return cap
