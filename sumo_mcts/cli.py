@@ -39,7 +39,7 @@ def run(
 ) -> None:
     """Drive one episode. Options after -- go to SUMO."""
     chosen = {"planner.name": planner, "prediction.name": prediction, "planner.iterations": iterations, "planner.time_budget_ms": time_budget,
-              "episode.time_limit_s": time_limit}  # fmt: skip
+              "episode.time_limit_s": time_limit, "episode.stop_time_s": time_limit}  # fmt: skip
     overrides = (*(assign or ()), *(f"{key}={value}" for key, value in chosen.items() if value is not None))
     with _plain_errors():
         from sumo_mcts import commands
@@ -48,10 +48,10 @@ def run(
         if out is not None:
             commands.check_folder(out)
         if scenario.endswith(".sumocfg") and not ego:
-            _list_candidates(scenario, tuple(context.args), as_json, say)
+            _list_candidates(scenario, seed, tuple(context.args), as_json, say)
             return
         with say.progress("starting SUMO") as note:
-            config = commands.resolve(scenario, tuple(ego or ()), ego_until, overrides, tuple(context.args))
+            config = commands.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, tuple(context.args))
             result = commands.run(config, seed, gui, tuple(context.args), note)
         if out is not None:
             with say.progress("drawing") as note:
@@ -88,7 +88,7 @@ def validate(files: Annotated[list[Path], typer.Argument(help="Scenario files.")
     bad = False
     for path in files:
         problem = commands.problem_of(path)
-        typer.echo(problem if problem else f"{path}: ok", err=bool(problem))
+        typer.echo(problem or f"{path}: ok", err=bool(problem))
         bad = bad or bool(problem)
     if bad:
         raise typer.Exit(INVALID)
@@ -129,11 +129,11 @@ def main() -> None:
         sys.exit(INTERRUPTED)
 
 
-def _list_candidates(scenario: str, sumo_options: tuple[str, ...], as_json: bool, say: "_Voice") -> None:
+def _list_candidates(scenario: str, seed: int | None, sumo_options: tuple[str, ...], as_json: bool, say: "_Voice") -> None:
     from sumo_mcts import commands
 
     with say.progress("looking for vehicles"):
-        found = commands.list_candidates(scenario, sumo_options)
+        found = commands.list_candidates(scenario, seed, sumo_options)
     if as_json:
         typer.echo(json.dumps([c._asdict() for c in found]))
         return

@@ -11,8 +11,8 @@ from sumo_mcts import assets, config, records
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.model.kernel import is_compiled
+from sumo_mcts.world.arguments import sumocfg_arguments
 from sumo_mcts.world.candidates import Candidate, candidates
-from sumo_mcts.world.simulation import REFEREE_OPTIONS
 
 LISTED = 25  # candidates shown
 SEARCHED = 100_000  # vehicles looked at for `--ego any`
@@ -20,7 +20,7 @@ SEARCHED = 100_000  # vehicles looked at for `--ego any`
 Note = Callable[[str], None]
 
 
-def resolve(scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str]) -> ScenarioConfig:
+def resolve(scenario: str, seed: int | None, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str]) -> ScenarioConfig:
     """The scenario behind a name, a YAML file or a .sumocfg. Raises ConfigError."""
     if not scenario.endswith(".sumocfg"):
         if egos or until:
@@ -30,17 +30,17 @@ def resolve(scenario: str, egos: Sequence[str], until: str | None, overrides: tu
         return config.load(assets.scenario_path(scenario), overrides)
     if not Path(scenario).is_file():
         raise ConfigError(f"{scenario}: no such file")
-    names = [_first_suitable(scenario, sumo_options) if name == "any" else name for name in egos]
+    names = [_first_suitable(scenario, seed, sumo_options) if name == "any" else name for name in egos]
     stem = "".join(c if c.isalnum() or c in "_-" else "_" for c in Path(scenario).stem)
     data = {"name": stem or "user", "sumo": {"sumocfg": str(Path(scenario).resolve())}, "egos": [_ego(name, until) for name in names]}
     return config.build(data, scenario, overrides)
 
 
-def list_candidates(sumocfg: str, sumo_options: Sequence[str]) -> list[Candidate]:
+def list_candidates(sumocfg: str, seed: int | None, sumo_options: Sequence[str]) -> list[Candidate]:
     """Vehicles that could be the ego, suitable ones first."""
     if not Path(sumocfg).is_file():
         raise ConfigError(f"{sumocfg}: no such file")
-    found = candidates(_arguments(sumocfg, sumo_options), 4 * LISTED)
+    found = candidates(sumocfg_arguments(sumocfg, seed, sumo_options), 4 * LISTED)
     return sorted(found, key=lambda c: not c.suitable)[:LISTED]
 
 
@@ -121,13 +121,8 @@ def _ego(name: str, until: str | None) -> dict[str, str]:
     return {"id": name} if until is None else {"id": name, "until": until}
 
 
-def _arguments(sumocfg: str, sumo_options: Sequence[str]) -> list[str]:
-    fixed = [part for key, value in REFEREE_OPTIONS.items() for part in (f"--{key}", value)]
-    return ["-c", str(Path(sumocfg).resolve()), *fixed, *sumo_options]
-
-
-def _first_suitable(sumocfg: str, sumo_options: Sequence[str]) -> str:
-    found = candidates(_arguments(sumocfg, sumo_options), SEARCHED, lambda c: c.suitable)
+def _first_suitable(sumocfg: str, seed: int | None, sumo_options: Sequence[str]) -> str:
+    found = candidates(sumocfg_arguments(sumocfg, seed, sumo_options), SEARCHED, lambda c: c.suitable)
     if not found or not found[-1].suitable:
         raise ConfigError(f"{sumocfg}: --ego any: no suitable vehicle departs; without --ego the candidates are listed")
     return found[-1].id

@@ -160,14 +160,13 @@ class PlannerConfig(_Section):
     iterations: int = Field(1000, ge=1, le=10_000_000, description="iteration budget of one decision")
     time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead (not reproducible)")
     period_s: Positive = Field(0.5, description="decision period")
-    step_s: Positive = Field(1.0, description="duration of one action in the tree (the paper's T_1)")
+    step_s: Positive = Field(1.0, description="duration of one action in the tree of planner mcts")
     look_ahead_steps: int = Field(4, ge=1, le=12, description="levels of the tree")
     rollout_steps: int = Field(4, ge=0, le=24, description="further steps to the terminal state")
     check_s: Positive = Field(0.2, description="time between collision checks")
     accelerations_mps2: tuple[Finite, ...] = Field((-8.0, -4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.6), min_length=1, description="actions that keep the lane")
     lane_change_accelerations_mps2: tuple[Finite, ...] = Field((-1.5, 0.0, 1.5), description="actions combined with a change left and right")
-    exploration: NonNegative = Field(0.5, description="const of the UCB equation, on costs normalised to 0..1")
-    deadline: bool = Field(False, description="drop decisions later than the deadline (not reproducible)")
+    exploration: NonNegative = Field(0.3, description="const of the UCB equation, on costs normalised to 0..1")
 
 
 class PaperConfig(_Section):
@@ -186,7 +185,7 @@ class PaperConfig(_Section):
     weight_passability: NonNegative = Field(1.0, description="omega_p")
     weight_other: NonNegative = Field(1.0, description="omega_o")
     safety_threshold_m: Positive = Field(5.0, description="d_thresh")
-    contact_cost: Positive = Field(10_000.0, description="stands for the infinite cost of contact")
+    contact_cost: Positive = Field(100.0, description="stands for the infinite C_s at contact")
     jerk_factor: NonNegative = Field(1.0, description="k of C_c = k j^2, s^6/m^2")
     goal_distance_m: Positive = Field(100.0, description="distance of the local goal")
     goal_factor: NonNegative = Field(1.0, description="C_p1 per metre to the local goal")
@@ -216,7 +215,7 @@ class CostConfig(_Section):
     progress: NonNegative = Field(1.0, description="per second of standing where the limit could be driven")
     tail_s: NonNegative = Field(4.0, description="for how long beyond the horizon a slow leader still counts")
     blocking: NonNegative = Field(0.3, description="per second of standing inside a junction")
-    route: NonNegative = Field(0.35, description="per second on a lane that the route leaves, at full urgency")
+    route: NonNegative = Field(0.5, description="per second on a lane that the route leaves, at full urgency")
     lane_change: NonNegative = Field(0.6, description="C_o,lc per change begun")
     red: Positive = Field(100.0, description="entering on red")
 

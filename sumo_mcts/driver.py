@@ -11,12 +11,13 @@ from sumo_mcts.model.cost import CostParams
 from sumo_mcts.model.ego import EgoParams
 from sumo_mcts.model.local import State, ego_state
 from sumo_mcts.model.route import RouteMap, route_map
+from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import LANES, Scripted, TrafficParams, predict
 from sumo_mcts.planners.base import Planner, Situation, Task
 from sumo_mcts.planners.baselines import ConstantPlanner, SumoPlanner
 from sumo_mcts.planners.mcts import MctsParams, MctsPlanner
 from sumo_mcts.planners.paper import PaperParams, PaperPlanner
-from sumo_mcts.scene import Decision, EgoState, Floats, Forecast, Ints, Plan, Release, RoadMap, Scene
+from sumo_mcts.scene import GREEN, IGNORING, Agents, Decision, EgoState, Floats, Forecast, Ints, Plan, Release, RoadMap, Scene, Signals
 
 NEAR_STOP = 3.0  # m before a stop sign within which standing counts
 NOMINAL_S = 2.0  # s of the last plan that the forecast takes for granted; afterwards the nominal ego follows its leader
@@ -30,6 +31,19 @@ class Physics(NamedTuple):
     step: float  # s
     ballistic: bool
     change_duration: float  # s
+
+
+class Streams(NamedTuple):
+    """Independent randomness from one seed."""
+
+    traffic: np.random.SeedSequence
+    search: int
+
+
+def streams(seed: int | None) -> Streams:
+    """The streams of a seed; without one those of seed 0."""
+    traffic, search, _noise = np.random.SeedSequence(seed or 0).spawn(3)
+    return Streams(traffic, int(search.generate_state(1)[0]))
 
 
 class Thought(NamedTuple):
@@ -65,7 +79,7 @@ class Driver:
             return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
         self._note_stop(route, state)
         forecast = self._forecast(scene, route, state) if self._planner.needs_forecast else None
-        situation = Situation(scene, state, forecast if forecast is not None else _nothing(self._traffic.step), self._cleared)
+        situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), self._cleared)
         decision = self._planner.plan(situation)
         self._plan, self._plan_time = decision.plan, scene.time
         return Thought(decision, forecast, _ms(began))
@@ -111,6 +125,18 @@ class Driver:
         return np.asarray(np.interp(times, self._plan.time, self._plan.v))
 
 
+def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
+    """Load (the first time: compile) what decisions need, by one that nobody executes; without it the ego's first decision would be late."""
+    if config.planner.name not in ("mcts", "paper"):
+        return
+    tried = config.model_copy(update={"planner": config.planner.model_copy(update={"iterations": 1, "time_budget_ms": None})})
+    scene = _still_life(road, physics.step)
+    Driver(tried, road, physics, 0).decide(scene)
+    if config.prediction.name == "script":
+        row = np.zeros(1)
+        script_poses(road, scene.agents.lane, row, row, row, physics.step, scene.ego.length)
+
+
 def make_planner(config: ScenarioConfig) -> Planner:
     """The planner that a scenario names."""
     p = config.planner
@@ -134,9 +160,9 @@ def ego_params(config: ScenarioConfig, ego: EgoState, physics: Physics) -> EgoPa
     """The ego's bounds: the scenario's, never beyond its vehicle type's."""
     m = config.ego_model
     return EgoParams(
-        physics.step, physics.ballistic, m.jerk_mps3, m.emergency_jerk_mps3, m.comfort_decel_mps2, min(m.max_decel_mps2, max(ego.emergency_decel, ego.comfort_decel)),
-        min(m.max_accel_mps2, ego.max_accel), m.approach_decel_mps2, m.stop_gap_m, physics.change_duration, config.cost.headway_s,
-        config.cost.headway_gap_m, ego.length / 2, ego.width / 2,
+        physics.step, physics.ballistic, m.jerk_mps3, m.emergency_jerk_mps3, m.comfort_decel_mps2,
+        min(m.max_decel_mps2, max(ego.emergency_decel, ego.comfort_decel)), min(m.max_accel_mps2, ego.max_accel), m.approach_decel_mps2, m.stop_gap_m,
+        physics.change_duration, config.cost.headway_s, config.cost.headway_gap_m, ego.length / 2, ego.width / 2,
     )  # fmt: skip
 
 
@@ -172,20 +198,35 @@ def _traffic_params(config: ScenarioConfig, step: float) -> TrafficParams:
 def _ego_lanes(route: RouteMap, state: State) -> Ints:
     """The lanes that the ego is going to drive, the one it moves to first."""
     node = state.other if 0.0 < state.progress < 0.5 and state.other >= 0 else state.node
-    lanes = []
+    lanes: list[int] = []
     while node >= 0 and len(lanes) < LANES:
         lanes.append(int(route.lane[node]))
         node = int(route.next[node])
     return np.array(lanes, np.int32)
 
 
-def _nothing(dt: float) -> Forecast:
-    """A forecast without agents."""
+def no_forecast(dt: float) -> Forecast:
+    """A forecast without agents, `dt` s between its states."""
     none = np.zeros((1, 1, 0))
     return Forecast(
         dt, np.ones(1), np.zeros((1, 1, 0, 4)), none, none.astype(np.int32), none, none.astype(np.bool_), np.zeros(0), np.zeros(0),
         np.zeros(0, np.bool_), np.zeros(0, np.bool_),
     )  # fmt: skip
+
+
+def _still_life(road: RoadMap, step: float) -> Scene:
+    """An ego and an agent that stand on an ordinary lane of a network."""
+    lane = int(np.flatnonzero(~road.internal)[0])
+    x, y = (float(value) for value in road.points[road.point_offset[lane]])
+    ego = EgoState("", x, y, 0.0, 0.0, 0.0, lane, 0.0, 0.0, 5.0, 1.8, 2.6, 4.5, 9.0, 50.0, 1.0, IGNORING, (int(road.edge[lane]),), 0.0, -1, -1)
+    zero, none = np.zeros(1), np.zeros(1, np.int32)
+    agents = Agents(
+        ("agent",), zero + x, zero + y, zero, zero, zero, zero, zero + 5.0, zero + 1.8, none + lane, zero + float(road.length[lane]), zero, none, zero, none > 0
+    )  # fmt: skip
+    links = [int(road.link[road.signal == signal].max(initial=-1)) + 1 for signal in range(len(road.signal_ids))]
+    offset = np.concatenate([[0], np.cumsum(links)]).astype(np.int32)
+    signals = Signals(offset, np.full((int(offset[-1]), 1), GREEN, np.int32), np.full((len(links), 1), np.inf))
+    return Scene(0.0, step, ego, agents, signals)
 
 
 def _ms(began: float) -> float:

@@ -8,7 +8,7 @@ from sumo_mcts.model.local import Local, State
 from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, REACH, RIGHT_NODE, SPACING, STOP_LINE
 from sumo_mcts.scene import Floats
 
-LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows
+LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a step where that is longer
 HALT_VIEW = 100.0  # m
 FOLLOW = 99.0  # in place of an acceleration: car following
 FREE, RED_LINE, GOAL = range(3)
@@ -39,16 +39,38 @@ def advance(local: Local, p: EgoParams, state: State, accel: float, time: float)
 
     Returns the new state and FREE, RED_LINE (crossed a closed stop line) or GOAL (beyond the end of the route).
     """
-    v, dt = state.v, p.step
-    allowed = min(_cap(local, state.node, state.s + v * LOOK_AHEAD), _line_cap(local, p, state, time))
-    wanted = min(accel, max((allowed - v) / LOOK_AHEAD, -p.max_decel))
+    v, look = state.v, max(LOOK_AHEAD, p.step)
+    line = _to_line(local, p, state, time)
+    allowed = min(_cap(local, state.node, state.s + v * look), _line_cap(p, v, line, look))
+    speed = _next_speed(p, v, state.a, min(accel, (allowed - v) / look))
+    slowest = _next_speed(p, v, state.a, -p.max_decel)
+    speed = min(speed, max(_cap(local, state.node, state.s + _moved(p, v, speed)), slowest))
+    if line < math.inf and not _stops(p, speed, (speed - v) / p.step, line - _moved(p, v, speed) - 0.01) and _stops(p, v, state.a, line):
+        speed = slowest  # the last moment at which braking helps
+    return _move(local, p, state, _moved(p, v, speed), speed, (speed - v) / p.step, time + p.step)
+
+
+@kernel
+def _next_speed(p: EgoParams, v: float, a: float, wanted: float) -> float:
+    """Towards the wanted acceleration, as far as the bounds of acceleration and jerk allow within one step, m/s."""
     wanted = min(max(wanted, -p.max_decel), p.max_accel)
-    jerk = p.emergency_jerk if min(wanted, state.a) < -p.comfort_decel else p.jerk
-    a = min(max(wanted, state.a - jerk * dt), state.a + jerk * dt)
-    speed = max(0.0, v + a * dt)
-    speed = min(speed, max(_cap(local, state.node, state.s + _moved(p, v, speed)), v - p.max_decel * dt))
-    a = (speed - v) / dt
-    return _move(local, p, state, _moved(p, v, speed), speed, a, time + dt)
+    jerk = p.emergency_jerk if min(wanted, a) < -p.comfort_decel else p.jerk
+    return max(0.0, v + min(max(wanted, a - jerk * p.step), a + jerk * p.step) * p.step)
+
+
+@kernel
+def _stops(p: EgoParams, v: float, a: float, distance: float) -> bool:
+    """Whether the strongest braking leads to a stand within the distance (m)."""
+    rising = max(a, 0.0)
+    jerk = p.emergency_jerk if p.max_decel > p.comfort_decel else p.jerk
+    top = v + rising * (rising / (2.0 * jerk) + p.step)
+    if top * top / (2.0 * p.max_decel) + top * ((p.max_decel + rising) / jerk + 2.0 * p.step) < distance:
+        return True  # with room to spare
+    while v > 0.0:
+        speed = _next_speed(p, v, a, -p.max_decel)
+        distance -= _moved(p, v, speed)
+        v, a = speed, (speed - v) / p.step
+    return distance >= 0.0
 
 
 @kernel
@@ -144,19 +166,25 @@ def _cap(local: Local, node: int, s: float) -> float:
 
 
 @kernel
-def _line_cap(local: Local, p: EgoParams, state: State, time: float) -> float:
-    """The speed from which the next closed stop line is met with approach_decel; inf without one, or when it is too late to stop."""
+def _to_line(local: Local, p: EgoParams, state: State, time: float) -> float:
+    """m to the next closed stop line; inf where there is none near enough to matter."""
     node, distance = state.node, -state.s
-    limit = state.v * state.v / (2.0 * p.approach_decel) + state.v + 10.0
+    limit = state.v * state.v / (2.0 * p.approach_decel) + state.v * (1.0 + p.step) + 10.0
     while node >= 0 and distance < limit:
         distance += local.node[node, LENGTH]
         if is_closed(local, node, time):
-            if state.v * state.v > 2.0 * p.max_decel * (distance + 0.1):
-                return math.inf
-            room = distance - p.stop_gap - state.v * LOOK_AHEAD
-            return math.sqrt(2.0 * p.approach_decel * room) if room > 0.0 else max(0.0, 0.5 * (distance - p.stop_gap))
+            return distance
         node = int(local.node[node, NEXT])
     return math.inf
+
+
+@kernel
+def _line_cap(p: EgoParams, v: float, distance: float, look: float) -> float:
+    """The speed from which a closed stop line is met with approach_decel; inf where it is too late to stop."""
+    if v * v > 2.0 * p.max_decel * (distance + 0.1):
+        return math.inf
+    room = distance - p.stop_gap - v * look
+    return math.sqrt(2.0 * p.approach_decel * room) if room > 0.0 else max(0.0, 0.5 * (distance - p.stop_gap))
 
 
 @kernel

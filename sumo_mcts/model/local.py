@@ -24,7 +24,7 @@ class Local(NamedTuple):
     row: Floats  # RouteMap.rows
     closed: NDArray[np.uint8]  # [W, T] the stop line at the node's end may not be crossed
     ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
-    urgency: Floats  # [W] 0..1, how soon the route leaves this lane
+    urgency: Floats  # [W] 0..3, lane changes needed and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below
     trait: Floats  # [N, 4] HALF_LENGTH .. POLITE below
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it

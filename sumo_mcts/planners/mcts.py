@@ -81,9 +81,16 @@ def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Fl
             continue
         line = _tidy(tree.plan[k], actions[k], int(tree.end[i]))
         plan, terms = follow_line(local, task, q, state, line)
-        child = RootChild(float(actions[k, 0]), int(actions[k, 1]), int(tree.visits[i]), float(tree.total[i] / max(tree.visits[i], 1)), float(tree.best[i]), terms, plan.pose)
+        accel = float(actions[k, 0]) if actions[k, 0] != FOLLOW else _first_accel(plan, state.v, q.ply * task.ego.step)
+        child = RootChild(accel, int(actions[k, 1]), int(tree.visits[i]), float(tree.total[i] / max(tree.visits[i], 1)), float(tree.best[i]), terms, plan.pose)
         result.append((child, plan))
     return result
+
+
+def _first_accel(plan: Plan, v: float, seconds: float) -> float:
+    """Mean acceleration (m/s2) of a plan's first action: what car following came to."""
+    steps = min(len(plan.v), int(np.searchsorted(plan.time, seconds - 1e-9)) + 1)
+    return float((plan.v[steps - 1] - v) / plan.time[steps - 1]) if steps else 0.0
 
 
 def _tidy(line: Floats, action: Floats, end: int) -> Floats:

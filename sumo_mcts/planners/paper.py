@@ -268,11 +268,10 @@ def _ply(
     local: Local, p: EgoParams, w: Weights, state: State, accel: float, goal: float, direction: Indices, at: int
 ) -> tuple[State, Floats, int]:  # fmt: skip
     """One step of T_1: the state after it, its four weighted costs, and how it ended. Costs are counted at its end, as the sum of equation 1 is."""
-    began, crossed = state, False
+    began = state
     cost = np.zeros(4)
     for k in range(w.ply):
         state, event = advance(local, p, state, accel, (at + k) * p.step)
-        crossed = crossed or local.node[state.node, INTERNAL] > 0.0
         if event == RED_LINE:
             return state, cost, LOST
         if event == GOAL:

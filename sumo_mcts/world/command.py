@@ -1,7 +1,8 @@
-"""From a Command to SUMO: a speed every step, lane changes, and SUMO's own driver back at the end."""
+"""From a Command to SUMO: a speed every step, lane changes, and the vehicle's own driver back at the end."""
 
 import math
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,19 +10,29 @@ from sumo_mcts.scene import Floats, Follow, Release, RoadMap
 from sumo_mcts.world.observe import Change
 from sumo_mcts.world.simulation import import_libsumo
 
-_OWN_SPEED_MODE, _OWN_LANE_CHANGE_MODE = 31, 1621  # SUMO's defaults
+_SLACK = 1e-6  # m/s2: rounding is no trespass
+
+
+class Bounds(NamedTuple):
+    """What a vehicle may be told at all; SI units, the deceleration positive."""
+
+    step: float  # s
+    change_duration: float  # s that a lane change takes, 0: SUMO jumps
+    accel: float
+    decel: float
+    jerk: float
 
 
 class Commander:
-    """Drives one vehicle. SUMO adds no bounds and no safety (speedMode 0, laneChangeMode 0): the bounds here are ours."""
+    """Drives one vehicle. SUMO adds no bounds and no safety (speedMode 0, laneChangeMode 0): the bounds here are the last line of defence."""
 
-    def __init__(self, vehicle: str, road: RoadMap, step: float, change_duration: float, max_accel: float, max_decel: float) -> None:
+    def __init__(self, vehicle: str, road: RoadMap, lanes: Mapping[str, int], bounds: Bounds) -> None:
+        """`lanes`: lane id -> index in `road`."""
         self._get: Any = import_libsumo().vehicle
-        self._vehicle, self._road, self._step = vehicle, road, step
-        self._duration, self._accel, self._decel = change_duration, max_accel, max_decel
+        self._vehicle, self._road, self._lanes, self._bounds = vehicle, road, lanes, bounds
         self._profile: Floats = np.zeros(0)
         self._at = 0
-        self._holding = False
+        self._own_modes: tuple[int, int] | None = None  # speed and lane change mode to give back; None: SUMO drives
         self.change = Change()
 
     def accept(self, command: Follow | Release) -> None:
@@ -29,46 +40,57 @@ class Commander:
         if isinstance(command, Release):
             self.release()
             return
-        if not self._holding:
+        if self._own_modes is None:
+            self._own_modes = int(self._get.getSpeedMode(self._vehicle)), int(self._get.getLaneChangeMode(self._vehicle))
             self._get.setSpeedMode(self._vehicle, 0)
             self._get.setLaneChangeMode(self._vehicle, 0)
-            self._holding = True
         self._profile, self._at = command.speeds, 0
         if command.lane_change != 0:
             self._begin_change(command.lane_change)
 
     def before_step(self) -> None:
-        """Command the step that begins now; past its end a profile keeps its last speed."""
-        if not self._holding:
+        """Command the step that begins now."""
+        if self._own_modes is None:
             return
-        v = float(self._get.getSpeed(self._vehicle))
-        wanted = float(self._profile[min(self._at, len(self._profile) - 1)]) if len(self._profile) else 0.0
-        if not math.isfinite(wanted):
-            wanted = 0.0
-        self._get.setSpeed(self._vehicle, min(max(wanted, v - self._decel * self._step, 0.0), v + self._accel * self._step))
+        v, a = float(self._get.getSpeed(self._vehicle)), float(self._get.getAcceleration(self._vehicle))
+        self._get.setSpeed(self._vehicle, bounded(self._wanted(v, a), v, a, self._bounds))
         self._at += 1
         if self.change.target >= 0:
             self._go_on_changing()
 
     def release(self) -> None:
-        """Hand the vehicle back to SUMO."""
-        if self._holding and self._vehicle in import_libsumo().vehicle.getIDList():
+        """Hand the vehicle back to SUMO, with the modes that it was taken over with."""
+        if self._own_modes is not None and self._vehicle in self._get.getIDList():
             self._get.setSpeed(self._vehicle, -1.0)
-            self._get.setSpeedMode(self._vehicle, _OWN_SPEED_MODE)
-            self._get.setLaneChangeMode(self._vehicle, _OWN_LANE_CHANGE_MODE)
-        self._holding = False
+            self._get.setSpeedMode(self._vehicle, self._own_modes[0])
+            self._get.setLaneChangeMode(self._vehicle, self._own_modes[1])
+        self._own_modes = None
         self.change = Change()
 
+    def _wanted(self, v: float, a: float) -> float:
+        """What the profile says. Past its end braking goes on, else the speed is kept; no profile at all means stop."""
+        if self._at < len(self._profile):
+            return float(self._profile[self._at])
+        return v + min(a, 0.0) * self._bounds.step if len(self._profile) else 0.0
+
     def _begin_change(self, side: int) -> None:
-        index = int(self._get.getLaneIndex(self._vehicle)) + side
-        lane = f"{self._get.getRoadID(self._vehicle)}_{index}"
-        if lane not in self._road.lane_ids:
+        source = self._lanes.get(self._get.getLaneID(self._vehicle), -1)
+        target = int((self._road.left if side > 0 else self._road.right)[source]) if source >= 0 else -1
+        if target < 0:
             return
-        self._get.changeLane(self._vehicle, index, 0.0)
-        if self._duration > 0.0:
-            self.change = Change(0.0, self._road.lane_ids.index(self._get.getLaneID(self._vehicle)), self._road.lane_ids.index(lane))
+        self._get.changeLane(self._vehicle, int(self._road.index[target]), 0.0)
+        if self._bounds.change_duration > 0.0:
+            self.change = Change(0.0, source, target)
 
     def _go_on_changing(self) -> None:
         """SUMO moves the vehicle sideways for change_duration; the same clock runs here."""
-        progress = self.change.progress + self._step / self._duration
+        progress = self.change.progress + self._bounds.step / self._bounds.change_duration
         self.change = self.change._replace(progress=progress) if progress < 1.0 - 1e-9 else Change()
+
+
+def bounded(wanted: float, v: float, a: float, bounds: Bounds) -> float:
+    """The speed to command, m/s: `wanted` within what the present speed and acceleration allow; 0 is wanted where it is no number."""
+    low = min(max(a - bounds.jerk * bounds.step, -bounds.decel), bounds.accel) - _SLACK
+    high = max(min(a + bounds.jerk * bounds.step, bounds.accel), low) + _SLACK
+    wanted = wanted if math.isfinite(wanted) else 0.0
+    return max(0.0, min(max(wanted, v + low * bounds.step), v + high * bounds.step))

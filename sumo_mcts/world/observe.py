@@ -39,12 +39,12 @@ class VehicleType(NamedTuple):
 
 
 class Observer:
-    """Reads one simulation. Keeps what needs memory: for how long agents have stood, and the signals' programs."""
+    """Reads one simulation. Keeps what needs memory: for how long agents have stood, and the signals' programs. `lanes`: lane id -> index."""
 
     def __init__(self, road: RoadMap) -> None:
         self._libsumo: Any = import_libsumo()
         self._road = road
-        self._lanes = lane_index(road)
+        self.lanes = lane_index(road)
         self._edges = {edge: i for i, edge in enumerate(road.edge_ids)}
         self._types: dict[str, VehicleType] = {}
         self._standing: dict[str, float] = {}
@@ -60,7 +60,8 @@ class Observer:
         """What the planner may know now."""
         state = self.ego(ego, change)
         time = float(self._libsumo.simulation.getTime())
-        return Scene(time, self.step, state, self._agents(ego, state.x, state.y, sensor_range, time), self._signals.read(state.x, state.y, time, PHASES if timing else 1))
+        agents = self._agents(ego, state.x, state.y, sensor_range, time)
+        return Scene(time, self.step, state, agents, self._signals.read(state.x, state.y, time, PHASES if timing else 1))
 
     def frame(self, ego: str, change: Change, last: Frame | None, judged: bool) -> Frame:
         """What SUMO reports of the last step; `judged`: an SSM device watches the ego."""
@@ -90,7 +91,7 @@ class Observer:
         edges = tuple(self._edges.get(edge, -1) for edge in route[max(get.getRouteIndex(vehicle), 0) :])
         return EgoState(
             vehicle, x - 0.5 * kind.length * math.cos(heading), y - 0.5 * kind.length * math.sin(heading), heading, get.getSpeed(vehicle),
-            get.getAcceleration(vehicle), self._lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle),
+            get.getAcceleration(vehicle), self.lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle),
             get.getLateralLanePosition(vehicle), kind.length, kind.width, kind.max_accel, kind.decel, kind.emergency_decel, kind.max_speed,
             kind.speed_factor, kind.vclass, edges, change.progress, change.target, change.source,
         )  # fmt: skip
@@ -122,7 +123,7 @@ class Observer:
         signals = get.getSignals(vehicle)
         return (
             vehicle, px - 0.5 * kind.length * math.cos(heading), py - 0.5 * kind.length * math.sin(heading), heading, v, a, self._smoothed(vehicle, a, time),
-            kind.length, kind.width, self._lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle), get.getLateralLanePosition(vehicle),
+            kind.length, kind.width, self.lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle), get.getLateralLanePosition(vehicle),
             (-1 if signals & 1 else 1 if signals & 2 else 0), self._stood(vehicle, v, time), False,
         )  # fmt: skip
 
@@ -169,11 +170,14 @@ class Observer:
         return tuple(leader), tuple(paths)
 
     def _path(self, vehicle: str, lane: int) -> Ints:
+        """The lanes it is going to take without changing lanes; in the wrong lane they end where that lane does."""
         lanes = [lane]
         for link in self._libsumo.vehicle.getNextLinks(vehicle):
-            lanes += self._chain(self._lanes.get(link[4], -1))
-            if link[0] in self._lanes:
-                lanes.append(self._lanes[link[0]])
+            for following in (*self._chain(self.lanes.get(link[4], -1)), self.lanes.get(link[0], -1)):
+                first, last = self._road.successor_offset[lanes[-1]], self._road.successor_offset[lanes[-1] + 1]
+                if following not in self._road.successor[first:last]:
+                    return np.array(lanes, np.int32)
+                lanes.append(following)
         return np.array(lanes, np.int32)
 
     def _chain(self, lane: int) -> list[int]:

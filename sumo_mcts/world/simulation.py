@@ -1,9 +1,10 @@
 """Starts, steps and closes SUMO in this process: libsumo, headless or with its own window."""
 
+import contextlib
 import ctypes
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -13,7 +14,16 @@ from sumo_mcts.config import ConfigError
 # What each shared library that libsumo asks for is called in Debian and Ubuntu.
 _PACKAGES = {"libGL.so": "libgl1", "libX11.so": "libx11-6", "libXext.so": "libxext6", "libXrender.so": "libxrender1", "libatomic.so": "libatomic1"}
 
-REFEREE_OPTIONS = {"collision.action": "warn", "collision.check-junctions": "true", "collision.mingap-factor": "0"}
+_QUIET = {"verbose": "false", "no-step-log": "true", "duration-log.disable": "true", "no-warnings": "true"}
+_WINDOW = {"start": "true", "quit-on-end": "true", "delay": "60", "window-size": "1200,800"}
+
+_WITHOUT_DISPLAY = "leave --gui out, or start a virtual one: xvfb-run -a sumo-mcts run ... --gui"
+
+_FULL_NAMES = {
+    "a": "additional-files", "additional": "additional-files", "b": "begin", "c": "configuration-file", "configuration": "configuration-file",
+    "d": "delay", "e": "end", "n": "net-file", "net": "net-file", "r": "route-files", "routes": "route-files", "Q": "quit-on-end", "S": "start",
+    "v": "verbose", "W": "no-warnings",
+}  # fmt: skip
 
 
 class SimulationError(Exception):
@@ -37,14 +47,16 @@ class Simulation:
     def __init__(self, arguments: Sequence[str], *, gui: bool = False) -> None:
         """`arguments` as on SUMO's command line, without the program's name. Raises ConfigError with SUMO's own message."""
         self._libsumo = import_libsumo()
-        if gui:
-            _check_display()
-        self._log = Path(tempfile.mkstemp(prefix="sumo_mcts-", suffix=".log")[1])
-        program = ["sumo-gui", "--start", "--quit-on-end"] if gui else ["sumo"]
-        quiet = ["--no-step-log", "--duration-log.disable", "--no-warnings", "--error-log", str(self._log)]
+        self._log = _temporary_file()
+        given = option_names(arguments)
+        own = {"error-log": str(self._log), **_QUIET, **(_WINDOW if gui else {})}
+        further = [part for name, value in own.items() if name not in given for part in (f"--{name}", value)]
         try:
-            with _muted():
-                self._libsumo.start([*program, *arguments, *quiet])
+            with _display_open() if gui else contextlib.nullcontext(), _muted():
+                self._libsumo.start(["sumo-gui" if gui else "sumo", *arguments, *further])
+        except ConfigError:
+            self._log.unlink(missing_ok=True)
+            raise
         except Exception as error:  # libsumo's two exception types share no base of their own
             text = self._take_log() or str(error)
             self._libsumo.close()
@@ -75,6 +87,10 @@ class Simulation:
         """Whether SUMO expects no further vehicles."""
         return int(self._libsumo.simulation.getMinExpectedNumber()) == 0
 
+    def departed(self) -> list[str]:
+        """The vehicles that departed in the last step."""
+        return [str(vehicle) for vehicle in self._libsumo.simulation.getDepartedIDList()]
+
     def close(self) -> None:
         """End the simulation; its output files are complete afterwards."""
         with _muted():
@@ -88,6 +104,18 @@ class Simulation:
         return errors[0] if errors else ""
 
 
+def _temporary_file() -> Path:
+    number, name = tempfile.mkstemp(prefix="sumo_mcts-", suffix=".log")
+    os.close(number)
+    return Path(name)
+
+
+def require_running() -> None:
+    """Raise ConfigError where no simulation runs in this process."""
+    if not import_libsumo().simulation.isLoaded():
+        raise ConfigError("no simulation runs in this process: call libsumo.start first")
+
+
 def option(name: str) -> str:
     """The value of an option of the running simulation."""
     return str(import_libsumo().simulation.getOption(name))
@@ -98,30 +126,47 @@ def step_length() -> float:
     return float(import_libsumo().simulation.getDeltaT())
 
 
-def ssm_options(egos: Sequence[str], folder: Path) -> list[str]:
-    """Options that equip the egos with SUMO's surrogate safety device, as the referee reads it."""
-    return [
-        "--device.ssm.explicit", ",".join(egos), "--device.ssm.measures", "TTC DRAC PET", "--device.ssm.thresholds", "3.0 3.0 2.0",
-        "--device.ssm.range", "60", "--device.ssm.extratime", "5", "--device.ssm.file", str(folder / "ssm.xml"),
-    ]  # fmt: skip
+def option_names(arguments: Sequence[str]) -> set[str]:
+    """The full names of the options on a command line."""
+    words = (word for word in arguments if word.startswith("-") and not _is_number(word))
+    return {full_name(word.lstrip("-").partition("=")[0]) for word in words}
 
 
-def _check_display() -> None:
-    """sumo-gui ends the whole process where there is no display: look first."""
-    if os.name != "posix" or "DISPLAY" not in os.environ:
-        if os.name == "posix":
-            raise ConfigError("--gui: no display (DISPLAY is not set); leave --gui out, or start a virtual one: xvfb-run -a sumo-mcts run ... --gui")
-        return
+def full_name(option_name: str) -> str:
+    """What SUMO calls an option in full, without dashes."""
+    return _FULL_NAMES.get(option_name, option_name)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def _display_open() -> Iterator[None]:
+    """sumo-gui ends the whole process where it finds no display: look first. Raises ConfigError.
+
+    Ours stays open until SUMO's window is: a virtual display starts anew when its last client leaves, and refuses whoever comes meanwhile.
+    """
+    if os.name == "posix" and "DISPLAY" not in os.environ:
+        raise ConfigError(f"--gui: no display (DISPLAY is not set); {_WITHOUT_DISPLAY}")
     try:
         x11 = ctypes.CDLL("libX11.so.6")
     except OSError:
-        return  # without the library we cannot look
+        yield  # without the library we cannot look
+        return
     x11.XOpenDisplay.restype = ctypes.c_void_p
     x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
     display = x11.XOpenDisplay(None)
     if not display:
-        raise ConfigError(f"--gui: the display {os.environ['DISPLAY']} cannot be opened; leave --gui out, or start a virtual one: xvfb-run -a sumo-mcts run ... --gui")
-    x11.XCloseDisplay(display)
+        raise ConfigError(f"--gui: the display {os.environ['DISPLAY']} cannot be opened; {_WITHOUT_DISPLAY}")
+    try:
+        yield
+    finally:
+        x11.XCloseDisplay(display)
 
 
 class _muted:  # noqa: N801  # a context manager that reads as a word

@@ -1,0 +1,80 @@
+"""For a libsumo loop of your own: the controller drives one vehicle of it.
+
+    libsumo.start(["sumo", "-c", "my.sumocfg"])
+    controller = Controller("ego")
+    while libsumo.simulation.getMinExpectedNumber():
+        controller.step()
+        libsumo.simulationStep()
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sumo_mcts import config as scenario_files
+from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts.driver import Driver, Thought, streams, warm_up
+from sumo_mcts.pilot import Pilot, running_world
+from sumo_mcts.world.simulation import option, require_running
+
+
+class Controller:
+    """Takes the vehicle over as soon as it is on the road and drives it until it leaves; takes the decisions that `sumo-mcts run` takes."""
+
+    def __init__(self, ego: str, config: ScenarioConfig | Mapping[str, Any] | None = None, *, seed: int = 0) -> None:
+        """Join the simulation that runs in this process. Raises ConfigError where there is none, or where `config` is wrong.
+
+        config: a scenario, of which everything but sumo, egos, traffic and episode counts; or its sections, as in
+        {"planner": {"iterations": 2000}}; by default as in a scenario that says nothing. `seed` is the search's.
+        """
+        require_running()
+        self._ego, self._config = ego, _scenario(ego, config)
+        self._world = running_world(self._config.planner.period_s)
+        self._driver = Driver(self._config, self._world.road, self._world.physics, streams(seed).search)
+        self._pilot: Pilot | None = None
+        self._over = False
+        self.thought: Thought | None = None  # the last decision, and what it rests on
+        warm_up(self._config, self._world.road, self._world.physics)
+
+    @property
+    def driving(self) -> bool:
+        """Whether the controller holds the vehicle."""
+        return self._pilot is not None
+
+    def step(self) -> None:
+        """Command the step that begins now: to be called right before each libsumo.simulationStep()."""
+        pilot = self._look()
+        if pilot is None:
+            return
+        if pilot.due():
+            self.thought = self._driver.decide(pilot.scene())
+            pilot.accept(self.thought.decision)
+        pilot.before_step()
+
+    def release(self) -> None:
+        """Hand the vehicle back to SUMO, for good."""
+        self._over = True
+        if self._pilot is not None:
+            self._pilot.release()
+            self._pilot = None
+
+    def _look(self) -> Pilot | None:
+        """Who can drive now: nobody before the departure, while SUMO teleports the vehicle, and after the arrival."""
+        if self._pilot is None:
+            if not self._over and self._world.observer.present(self._ego):
+                self._pilot = Pilot(self._ego, self._config, self._world, judged=False)
+            return self._pilot
+        frame = self._pilot.look()
+        pilot = self._pilot if frame.present else None
+        if frame.arrived:
+            self._pilot, self._over = None, True
+        return pilot
+
+
+def _scenario(ego: str, config: ScenarioConfig | Mapping[str, Any] | None) -> ScenarioConfig:
+    """A scenario around the running simulation."""
+    if not isinstance(config, ScenarioConfig):
+        data = {"name": "controller", "sumo": {"net": option("net-file")}, "egos": [{"id": ego}]}
+        config = scenario_files.build({**data, **(config or {})}, "Controller")
+    if config.prediction.name == "script":
+        raise ConfigError("Controller: prediction.name: script reads the scripts of a scenario that `sumo-mcts run` plays; allowed: idm, constant_velocity")
+    return config

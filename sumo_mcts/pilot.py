@@ -1,0 +1,87 @@
+"""One driven ego's eyes and hands: when it has to decide, what it knows then, and what SUMO is told until the next time."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.driver import Physics, ego_params
+from sumo_mcts.scene import Decision, Frame, RoadMap, Scene
+from sumo_mcts.world.command import Bounds, Commander
+from sumo_mcts.world.observe import Change, Observer
+from sumo_mcts.world.roadmap import read_roadmap
+from sumo_mcts.world.simulation import option, step_length
+
+SUBLANE_CHANGE_S = 3.0  # a lane's width at about 1 m/s, as SUMO's sublane model goes sideways
+_EPS = 1e-9
+
+_roads: dict[str, RoadMap] = {}  # read once in a process
+
+
+class World(NamedTuple):
+    """The running simulation, as everybody who drives in it needs it."""
+
+    road: RoadMap
+    physics: Physics
+    observer: Observer
+    period: float  # between two decisions, s: whole steps
+
+
+def running_world(period_s: float) -> World:
+    """What to know about the running simulation to decide every `period_s`. Raises ConfigError where its network cannot be read."""
+    physics = Physics(step_length(), option("step-method.ballistic") == "true", _change_duration())
+    road = _road(option("net-file"))
+    return World(road, physics, Observer(road), max(1, round(period_s / physics.step)) * physics.step)
+
+
+class Pilot:
+    """Holds one ego that is on the road. Between two steps of SUMO: look(), then decide if due(), then before_step()."""
+
+    def __init__(self, vehicle: str, config: ScenarioConfig, world: World, judged: bool) -> None:
+        """Take over a vehicle that is on the road; `judged`: a referee reads its frames, and an SSM device watches it."""
+        self._vehicle, self._world, self._sensor, self._judged = vehicle, world, config.sensor, judged
+        state = world.observer.ego(vehicle, Change())
+        params = ego_params(config, state, world.physics)
+        bounds = Bounds(world.physics.step, world.physics.change_duration, params.max_accel, params.max_decel, params.emergency_jerk)
+        self._commander = Commander(vehicle, world.road, world.observer.lanes, bounds)
+        self.frame: Frame = world.observer.frame(vehicle, Change(), None, judged)  # the state after the last step
+        self._next = self.frame.time
+
+    def look(self) -> Frame:
+        """What SUMO made of the step that is just over."""
+        self.frame = self._world.observer.frame(self._vehicle, self._commander.change, self.frame, self._judged)
+        return self.frame
+
+    def due(self) -> bool:
+        """Whether a decision is needed before the next step."""
+        return self.frame.time >= self._next - _EPS
+
+    def scene(self) -> Scene:
+        """What may be known for the decision."""
+        return self._world.observer.scene(self._vehicle, self._commander.change, self._sensor.range_m, self._sensor.signals == "timing")
+
+    def accept(self, decision: Decision) -> None:
+        """Do this until the next decision."""
+        self._commander.accept(decision.command)
+        self._next = self.frame.time + self._world.period
+
+    def before_step(self) -> None:
+        """Command the step that begins now."""
+        self._commander.before_step()
+
+    def release(self) -> None:
+        """Hand the ego back to SUMO, if it is still there."""
+        self._commander.release()
+
+
+def _road(net_file: str) -> RoadMap:
+    """The road map of a network, from memory where the file is the same."""
+    path = Path(net_file).resolve()
+    key = f"{path}:{path.stat().st_mtime_ns}" if path.is_file() else ""
+    if key not in _roads:
+        _roads[key] = read_roadmap(net_file)
+    return _roads[key]
+
+
+def _change_duration() -> float:
+    """How long a lane change takes in the running simulation, s."""
+    return SUBLANE_CHANGE_S if float(option("lateral-resolution")) > 0 else float(option("lanechange.duration"))

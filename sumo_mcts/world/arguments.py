@@ -1,0 +1,101 @@
+"""SUMO's command line for a scenario: the scenario's files and options, the user's further options, and what the referee needs."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+from sumo_mcts.config import Actor, ConfigError, ScenarioConfig, SumoConfig
+from sumo_mcts.world.actors import write_routes
+from sumo_mcts.world.simulation import full_name, option_names
+
+DEFAULT_STEP = 0.1  # s
+
+# What the referee judges by; no scenario may set it otherwise.
+REFEREE_OPTIONS = {"collision.action": "warn", "collision.check-junctions": "true", "collision.mingap-factor": "0"}
+
+_OURS = ("configuration-file", "net-file", "error-log")  # an option after -- may set anything but these and the referee's
+
+Options = dict[str, str]
+
+
+def sumo_arguments(config: ScenarioConfig, seed: int | None, actors: Sequence[Actor], folder: Path, extra: Sequence[str]) -> list[str]:
+    """The command line, without the program's name. Files that SUMO reads or writes for us lie in `folder`; `extra` is written by the user as it stands.
+
+    Raises ConfigError where a file is missing or an option contradicts what the referee needs.
+    """
+    sumo, given = config.sumo, option_names(extra)
+    _check_files(sumo)
+    options: Options = {"configuration-file": sumo.sumocfg} if sumo.sumocfg is not None else {"net-file": str(sumo.net), "time-to-teleport": "-1"}
+    if sumo.step_length_s is not None or sumo.sumocfg is None:
+        options["step-length"] = str(sumo.step_length_s or DEFAULT_STEP)
+    options |= _file_lists(sumo, [str(write_routes(actors, folder))] if actors else [])
+    options |= {full_name(key): _text(value) for key, value in sumo.options.items()}
+    if seed is not None:
+        options["seed"] = str(seed)
+    _refuse("sumo.options", {full_name(key) for key in sumo.options}, ())
+    _refuse("options after --", given, _OURS)
+    own = {**options, **ssm_options([ego.id for ego in config.egos], folder), **REFEREE_OPTIONS}
+    return [*_flat({key: value for key, value in own.items() if key not in given}), *extra]
+
+
+def sumocfg_arguments(sumocfg: str, seed: int | None, extra: Sequence[str]) -> list[str]:
+    """The command line of a look at a .sumocfg, with SUMO driving."""
+    given = option_names(extra)
+    own = {"configuration-file": str(Path(sumocfg).resolve()), **({} if seed is None else {"seed": str(seed)}), **REFEREE_OPTIONS}
+    return [*_flat({key: value for key, value in own.items() if key not in given}), *extra]
+
+
+def ssm_options(egos: Sequence[str], folder: Path) -> Options:
+    """Options that equip the egos with SUMO's surrogate safety device, as the referee reads it."""
+    return {
+        "device.ssm.explicit": ",".join(egos), "device.ssm.measures": "TTC DRAC PET", "device.ssm.thresholds": "3.0 3.0 2.0",
+        "device.ssm.range": "60", "device.ssm.extratime": "5", "device.ssm.file": str(folder / "ssm.xml"),
+    }  # fmt: skip
+
+
+def _check_files(sumo: SumoConfig) -> None:
+    named = {"sumocfg": [sumo.sumocfg], "net": [sumo.net], "routes": sumo.routes, "additional": sumo.additional}
+    for key, paths in named.items():
+        for path in paths:
+            if path is not None and not Path(path).is_file():
+                raise ConfigError(f"sumo.{key}: {path}: no such file")
+
+
+def _refuse(where: str, given: set[str], further: Sequence[str]) -> None:
+    """An option that is not the user's to set."""
+    for name in sorted(given):
+        if name in REFEREE_OPTIONS:
+            raise ConfigError(f"{where}: {name}: the referee needs {REFEREE_OPTIONS[name]}; leave it out")
+        if name in further or name.startswith("device.ssm."):
+            raise ConfigError(f"{where}: {name}: set by the scenario; leave it out")
+
+
+def _file_lists(sumo: SumoConfig, actors: list[str]) -> Options:
+    """Route and additional files. SUMO would forget those that a .sumocfg names where it is given others."""
+    result = {}
+    for name, paths in (("route-files", [*sumo.routes, *actors]), ("additional-files", list(sumo.additional))):
+        if paths:
+            result[name] = ",".join([*_named_in(sumo.sumocfg, name), *paths])
+    if any("," in path for path in (*sumo.routes, *sumo.additional, *actors)):
+        raise ConfigError("sumo.routes: SUMO splits file names at commas; rename the file")
+    return result
+
+
+def _named_in(sumocfg: str | None, name: str) -> list[str]:
+    """The files that a .sumocfg names under an option."""
+    if sumocfg is None:
+        return []
+    try:
+        root = ElementTree.parse(sumocfg).getroot()
+    except (ElementTree.ParseError, OSError) as error:
+        raise ConfigError(f"{sumocfg}: not a SUMO configuration ({error})") from None
+    values = [element.get("value") or element.get("v") or "" for element in root.iter() if full_name(element.tag) == name]
+    return [str(Path(sumocfg).parent / part.strip()) for value in values for part in value.split(",") if part.strip()]
+
+
+def _text(value: str | float | bool) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _flat(options: Mapping[str, str]) -> list[str]:
+    return [part for name, value in options.items() for part in (f"--{name}", value)]
