@@ -29,7 +29,7 @@ class RoadMap(NamedTuple):
     junction_ids: tuple[str, ...]
     signal_ids: tuple[str, ...]
     edge: Ints  # [L] index into edge_ids
-    index: Ints  # [L] position within the edge, 0 = rightmost
+    index: Ints  # type: ignore[assignment]  # [L] position within the edge, 0 = rightmost (tuple.index is not missed)
     internal: Bools  # [L] inside a junction
     length: Floats  # [L] SUMO's lane length, m
     shape_length: Floats  # [L] arc length of the shape, m

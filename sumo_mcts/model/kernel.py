@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast
 import numba
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+_SETTINGS: Any = numba.config  # its options are not in its type hints
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 
@@ -41,13 +42,13 @@ def making_arrays(function: _F) -> _F:
     return _compiled(function)
 
 
-def _compiled(function: _F, **options: bool) -> _F:
-    previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_CACHE)
+def _compiled(function: _F, **options: Any) -> _F:
+    previous = _SETTINGS.CACHE_DIR
+    _SETTINGS.CACHE_DIR = str(_CACHE)
     try:
         return cast(_F, numba.njit(cache=True, fastmath=False, error_model="numpy", **options)(function))
     finally:
-        numba.config.CACHE_DIR = previous
+        _SETTINGS.CACHE_DIR = previous
 
 
 def _writable(folder: Path) -> bool:

@@ -191,7 +191,7 @@ def _closed(
 ) -> NDArray[np.uint8]:
     """[W, T] red and yellow lights, and stop signs at which the ego has not stood yet."""
     closed = np.zeros((w, times), np.uint8)
-    grid = np.arange(times) * dt
+    grid = np.arange(times, dtype=np.float64) * dt
     for i in np.flatnonzero(route.stop[first : first + w]):
         n = first + int(i)
         if route.signal[n] < 0:

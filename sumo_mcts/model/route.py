@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sumo_mcts.model.geometry import chord, point_at
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.scene import ALLWAY, IGNORING, STOP, Bools, Floats, RoadMap
+from sumo_mcts.scene import ALLWAY, IGNORING, STOP, Bools, Floats, Ints, RoadMap
 
 Indices = NDArray[np.int64]
 SPACING = 1.0  # m between the rows of the pose and speed tables
@@ -178,7 +178,7 @@ def _poses(road: RoadMap, lane: Indices, previous: Indices, row: Indices, length
 
 @kernel
 def _fill_poses(
-    pose: Floats, lane: Indices, previous: Indices, row: Indices, length: Floats, vehicle: float, points: Floats, arc: Floats, offset: Indices, scale: Floats
+    pose: Floats, lane: Indices, previous: Indices, row: Indices, length: Floats, vehicle: float, points: Floats, arc: Floats, offset: Ints, scale: Floats
 ) -> None:
     for i in range(len(lane)):
         for k in range(row[i], row[i + 1]):

@@ -35,11 +35,11 @@ class TrafficParams(NamedTuple):
 
 
 class Paths(NamedTuple):
-    """A lanes paths for N vehicles."""
+    """The lanes that N vehicles are expected to drive."""
 
     lane: Ints  # [N, LANES] -1 beyond the end
     offset: Floats  # [N, LANES+1] where each lane begins, m from the start of the first
-    count: Ints  # [N]
+    count: Ints  # type: ignore[assignment]  # [N] (tuple.count is not missed)
 
 
 def predict(road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams, seconds: float, scripts: dict[int, "Scripted"]) -> Forecast:
@@ -51,7 +51,7 @@ def predict(road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, param
     times = int(math.ceil(seconds / params.step)) + 1
     agents, ego = scene.agents, scene.ego
     paths = _paths(road, agents, ego, ego_lanes)
-    grid = np.arange(times) * params.step
+    grid = np.arange(times, dtype=np.float64) * params.step
     x, v, polite = _drive(
         road, params, paths, *_start(agents, ego), nominal, _red_lights(road, scene, paths, grid), _stays(agents, params), _cruises(agents), times,
         _conflicts(road, paths) if params.interacting else None,

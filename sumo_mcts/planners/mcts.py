@@ -108,6 +108,6 @@ def follow_line(local: Local, task: Task, q: SearchParams, state: State, line: F
     nodes, motion, pose, terms = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4)), np.zeros(5)
     used = replay(local, task.ego, task.cost, q, state, line, nodes, motion, pose, terms)
     lanes = task.route.lane[nodes[:used]].astype(np.int32)
-    times = (np.arange(used) + 1.0) * task.ego.step
+    times = (np.arange(used, dtype=np.float64) + 1.0) * task.ego.step
     return Plan(times, motion[:used, 1].copy(), lanes, motion[:used, 0].copy(), pose[:used].copy()), terms
 

@@ -177,7 +177,7 @@ def _drive(local: Local, task: Task, w: Weights, state: State, action: Floats) -
         pose.append(pose_of(local.node, local.row, state, 0.0))
         if event == GOAL:
             break
-    return Plan((np.arange(len(v)) + 1.0) * task.ego.step, np.array(v), np.array(lane, np.int32), np.array(s), np.array(pose))
+    return Plan((np.arange(len(v), dtype=np.float64) + 1.0) * task.ego.step, np.array(v), np.array(lane, np.int32), np.array(s), np.array(pose))
 
 
 @making_arrays

@@ -182,7 +182,8 @@ class Observer:
 
     def _chain(self, lane: int) -> list[int]:
         """The internal lanes of a connection from its first one on."""
-        road, chain = self._road, []
+        road = self._road
+        chain: list[int] = []
         while lane >= 0 and road.internal[lane] and len(chain) < 8:
             chain.append(lane)
             first = road.successor_offset[lane]
@@ -217,11 +218,14 @@ def _heading(angle: float) -> float:
 def _columns(rows: list[tuple[Any, ...]]) -> Agents:
     names, *columns = zip(*rows, strict=True) if rows else ((),) * 15
     x, y, heading, v, a, trend, length, width, lane, s, d, blinker, standing, person = columns
-    floats: list[Floats] = [np.array(c, np.float64) for c in (x, y, heading, v, a, trend, length, width)]
     return Agents(
-        tuple(names), *floats, np.array(lane, np.int32), np.array(s, np.float64), np.array(d, np.float64), np.array(blinker, np.int32),
-        np.array(standing, np.float64), np.array(person, np.bool_),
+        tuple(names), _floats(x), _floats(y), _floats(heading), _floats(v), _floats(a), _floats(trend), _floats(length), _floats(width),
+        np.array(lane, np.int32), _floats(s), _floats(d), np.array(blinker, np.int32), _floats(standing), np.array(person, np.bool_),
     )  # fmt: skip
+
+
+def _floats(column: tuple[Any, ...]) -> Floats:
+    return np.array(column, np.float64)
 
 
 class _SignalReader:
