@@ -1,6 +1,7 @@
 """The front door: commands, no logic. Heavy imports wait until a command needs them, so that --help is quick."""
 
 import json
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -52,7 +53,7 @@ def run(
             return
         with say.progress("starting SUMO") as note:
             config = commands.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, tuple(context.args))
-            result = commands.run(config, seed, gui, tuple(context.args), note)
+            result = commands.run(config, scenario, seed, gui, tuple(context.args), note)
         if out is not None:
             with say.progress("drawing") as note:
                 written = commands.write(result, out, sys.argv[1:], note)
@@ -62,7 +63,10 @@ def run(
             typer.echo(commands.summary(result))
             if out is not None:
                 typer.echo("\n".join(f"  {path}" for path in written))
-    if any(row["outcome"] == "error" for row in result.rows):
+    failures = commands.failures(result)
+    for failure in failures:
+        typer.echo(f"error: {failure}", err=True)
+    if failures:
         raise typer.Exit(FAILED)
 
 
@@ -122,11 +126,36 @@ def bench(
 
 def main() -> None:
     """Entry point of the command."""
+    interrupted = False
+
+    def interrupt(*_: object) -> None:
+        nonlocal interrupted
+        interrupted = True
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, interrupt)
     try:
-        app()
-    except KeyboardInterrupt:
+        status = app(standalone_mode=False)
+    except (Exception, KeyboardInterrupt) as error:
+        if not interrupted:
+            status = _usage_status(error)
+    if interrupted:  # whatever numba made of it half-way through a compilation
+        status = INTERRUPTED
         typer.echo("interrupted", err=True)
-        sys.exit(INTERRUPTED)
+    sys.exit(status)
+
+
+def _usage_status(error: BaseException) -> int:
+    """Wrong usage in one line. Whatever else happened goes on: it is a bug, and its traceback is wanted."""
+    message = getattr(error, "format_message", None)  # typer's exceptions are click's, or its own, by version
+    if message is None:
+        raise error
+    if not sys.argv[1:]:
+        typer.echo(message(), err=True)  # the help
+    else:
+        context = getattr(error, "ctx", None)
+        typer.echo(f"error: {' '.join(message().split()).rstrip('.')}; see {context.command_path if context else 'sumo-mcts'} --help", err=True)
+    return INVALID
 
 
 def _list_candidates(scenario: str, seed: int | None, sumo_options: tuple[str, ...], as_json: bool, say: "_Voice") -> None:
@@ -137,7 +166,7 @@ def _list_candidates(scenario: str, seed: int | None, sumo_options: tuple[str, .
     if as_json:
         typer.echo(json.dumps([c._asdict() for c in found]))
         return
-    typer.echo(f"Vehicles of {scenario} that could be the ego (--ego ID, or --ego any):")
+    typer.echo(f"Vehicles of {scenario} that could be the ego (--ego ID, or --ego any):" if found else f"{scenario}: no vehicle departs")
     for c in found:
         typer.echo(f"  {c.id:30s} {c.vclass:12s} departs {c.depart_s:9.1f} s  {c.edges:4d} edges {c.length_m:8.0f} m  {c.why_not}")
 
@@ -165,7 +194,7 @@ class _Voice:
 
     @contextmanager
     def progress(self, what: str) -> Iterator[Callable[[str], None]]:
-        """A line that changes on a terminal; elsewhere the first words only."""
+        """A line that changes on a terminal; elsewhere, of what follows, the first words only."""
         if self._quiet:
             yield _nothing
         elif sys.stderr.isatty():
@@ -182,7 +211,6 @@ class _Voice:
                     said.add(words)
                     typer.echo(f"{words} ...", err=True)
 
-            tell(what)
             yield tell
 
 

@@ -1,7 +1,8 @@
 """What the commands do, as plain functions: no printing, no exit codes."""
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,9 @@ import yaml
 from sumo_mcts import assets, config, records
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.model.kernel import is_compiled
-from sumo_mcts.world.arguments import sumocfg_arguments
+from sumo_mcts.world.arguments import key_of_value, network_of, sumocfg_arguments
 from sumo_mcts.world.candidates import Candidate, candidates
+from sumo_mcts.world.roadmap import known_roadmap
 
 LISTED = 25  # candidates shown
 SEARCHED = 100_000  # vehicles looked at for `--ego any`
@@ -28,8 +29,7 @@ def resolve(scenario: str, seed: int | None, egos: Sequence[str], until: str | N
             names = list(egos) or [ego.id for ego in found]
             overrides = (*overrides, "egos=" + yaml.safe_dump([_ego(name, until) for name in names], default_flow_style=True))
         return config.load(assets.scenario_path(scenario), overrides)
-    if not Path(scenario).is_file():
-        raise ConfigError(f"{scenario}: no such file")
+    _check_sumocfg(scenario)
     names = [_first_suitable(scenario, seed, sumo_options) if name == "any" else name for name in egos]
     stem = "".join(c if c.isalnum() or c in "_-" else "_" for c in Path(scenario).stem)
     data = {"name": stem or "user", "sumo": {"sumocfg": str(Path(scenario).resolve())}, "egos": [_ego(name, until) for name in names]}
@@ -38,24 +38,28 @@ def resolve(scenario: str, seed: int | None, egos: Sequence[str], until: str | N
 
 def list_candidates(sumocfg: str, seed: int | None, sumo_options: Sequence[str]) -> list[Candidate]:
     """Vehicles that could be the ego, suitable ones first."""
-    if not Path(sumocfg).is_file():
-        raise ConfigError(f"{sumocfg}: no such file")
-    found = candidates(sumocfg_arguments(sumocfg, seed, sumo_options), 4 * LISTED)
+    _check_sumocfg(sumocfg)
+    with _named(sumocfg, sumocfg):
+        found = candidates(sumocfg_arguments(sumocfg, seed, sumo_options), 4 * LISTED)
     return sorted(found, key=lambda c: not c.suitable)[:LISTED]
 
 
-def run(scenario: ScenarioConfig, seed: int | None, gui: bool, sumo_options: Sequence[str], note: Note) -> EpisodeResult:
-    """One episode; the default seed is 0, but a .sumocfg keeps its own."""
+def run(scenario: ScenarioConfig, origin: str, seed: int | None, gui: bool, sumo_options: Sequence[str], note: Note) -> EpisodeResult:
+    """One episode; the default seed is 0, but a .sumocfg keeps its own. `origin` stands in error messages. Raises ConfigError."""
     if seed is None and scenario.sumo.sumocfg is None:
         seed = 0
-    if scenario.planner.name in ("mcts", "paper") and not is_compiled():
-        note("compiling the search, once for this version (about half a minute)")
-    return run_episode(scenario, seed, gui=gui, sumo_options=sumo_options, progress=note)
+    with _named(origin, scenario.sumo.sumocfg):
+        return run_episode(scenario, seed, gui=gui, sumo_options=sumo_options, progress=note)
+
+
+def failures(result: EpisodeResult) -> list[str]:
+    """A line for each ego whose outcome is `error`."""
+    return [f"{row['scenario']}: ego {row['ego']}: {row['error']}" for row in result.rows if row["outcome"] == "error"]
 
 
 def write(result: EpisodeResult, out: Path, command: Sequence[str], note: Note) -> list[Path]:
     """Manifest, rows, traces and pictures into a folder; returns the files a person wants to open."""
-    from sumo_mcts.reporting import birdseye
+    from sumo_mcts.reporting import birdseye  # noqa: PLC0415  # loads matplotlib, which takes a while
 
     out.mkdir(parents=True, exist_ok=True)
     records.write_manifest(out, {**result.manifest, "command": ["sumo-mcts", *command]})
@@ -117,12 +121,31 @@ def check_folder(folder: Path) -> None:
         raise ConfigError(f"--out {folder}: {existing} {'cannot be written' if existing.is_dir() else error.strerror}") from None
 
 
+@contextmanager
+def _named(origin: str, sumocfg: str | None = None) -> Iterator[None]:
+    """Wrong input is named with the file, and in a .sumocfg with the key, that it is about."""
+    try:
+        yield
+    except ConfigError as error:
+        message = str(error) + ("" if sumocfg is None else key_of_value(sumocfg, str(error).rpartition(" ")[2]))
+        here = (origin, str(Path(origin).resolve()), "--")
+        raise ConfigError(message if message.startswith(here) else f"{origin}: {message}") from None
+
+
 def _ego(name: str, until: str | None) -> dict[str, str]:
     return {"id": name} if until is None else {"id": name, "until": until}
 
 
+def _check_sumocfg(path: str) -> None:
+    if not Path(path).is_file():
+        raise ConfigError(f"{path}: no such file")
+    with _named(path):
+        known_roadmap(network_of(path, None))  # SUMO itself does not survive every network
+
+
 def _first_suitable(sumocfg: str, seed: int | None, sumo_options: Sequence[str]) -> str:
-    found = candidates(sumocfg_arguments(sumocfg, seed, sumo_options), SEARCHED, lambda c: c.suitable)
+    with _named(sumocfg, sumocfg):
+        found = candidates(sumocfg_arguments(sumocfg, seed, sumo_options), SEARCHED, lambda c: c.suitable)
     if not found or not found[-1].suitable:
         raise ConfigError(f"{sumocfg}: --ego any: no suitable vehicle departs; without --ego the candidates are listed")
     return found[-1].id
@@ -134,16 +157,19 @@ def _summary(row: dict[str, Any]) -> str:
 
     ratio = "" if row["travel_time_s"] is None or not row["free_flow_s"] else f" ({row['travel_time_s'] / row['free_flow_s']:.2f} x free flow)"
     fault = "" if row["at_fault"] is None else ", at fault" if row["at_fault"] else ", not at fault"
-    lines = [
-        f"{row['scenario']}  ego {row['ego']}  planner {row['variant']}  seed {show(row['seed'])}",
-        f"  outcome      {row['outcome']}{fault}" + (f": {row['error']}" if row["error"] else ""),
-        f"  travel time  {show(row['travel_time_s'], ' s')}{ratio}, {show(row['distance_m'], ' m')} driven",
-        f"  comfort      strongest braking {show(row['max_decel_mps2'], ' m/s2')}, rms jerk {show(row['rms_jerk_mps3'], ' m/s3')}, "
-        f"{show(100.0 * row['comfortable_share'] if row['comfortable_share'] is not None else None, ' %', 0)} of the time comfortable",
-        f"  others       braking imposed {show(row['imposed_max_decel_mps2'], ' m/s2')}, smallest TTC {show(row['min_ttc_s'], ' s')}, PET {show(row['min_pet_s'], ' s')}",
-        f"  rules        red lights run {show(row['red_lights_run'])}, speeding {show(row['speeding_share'], '', 3)}",
-        f"  planning     {show(row['cycles'])} decisions, {show(row['plan_ms_p50'], ' ms')} (p50) {show(row['plan_ms_p99'], ' ms')} (p99), "
-        f"{show(row['realtime_factor'], ' x real time')}",
-        f"  digest       {str(row['trace_digest'])[:16]}",
-    ]  # fmt: skip
-    return "\n".join(lines)
+    comfortable = None if row["comfortable_share"] is None else 100.0 * row["comfortable_share"]
+    comfort = f"strongest braking {show(row['max_decel_mps2'], ' m/s2')}, rms jerk {show(row['rms_jerk_mps3'], ' m/s3')}"
+    imposed = f"braking imposed {show(row['imposed_max_decel_mps2'], ' m/s2')}"
+    planning = f"{show(row['cycles'])} decisions, {show(row['plan_ms_p50'], ' ms')} (p50) {show(row['plan_ms_p99'], ' ms')} (p99)"
+    return "\n".join(
+        [
+            f"{row['scenario']}  ego {row['ego']}  planner {row['variant']}  seed {show(row['seed'])}",
+            f"  outcome      {row['outcome']}{fault}" + (f": {row['error']}" if row["error"] else ""),
+            f"  travel time  {show(row['travel_time_s'], ' s')}{ratio}, {show(row['distance_m'], ' m')} driven",
+            f"  comfort      {comfort}, {show(comfortable, ' %', 0)} of the time comfortable",
+            f"  others       {imposed}, smallest TTC {show(row['min_ttc_s'], ' s')}, PET {show(row['min_pet_s'], ' s')}",
+            f"  rules        red lights run {show(row['red_lights_run'])}, speeding {show(row['speeding_share'], '', 3)}",
+            f"  planning     {planning}, {show(row['realtime_factor'], ' x real time')}",
+            f"  digest       {str(row['trace_digest'])[:16]}",
+        ]
+    )

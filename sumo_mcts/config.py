@@ -276,7 +276,7 @@ def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+        raise ConfigError(f"{path}: not valid YAML: {_yaml_problem(error)}") from None
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: a scenario is a mapping of keys, see `sumo-mcts schema`")
     _absolute_paths(data.get("sumo"), path.parent)
@@ -284,9 +284,17 @@ def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     if base is None:
         return data
     base_path = (path.parent / str(base)).resolve()
+    if not base_path.is_file():
+        raise ConfigError(f"{path}: base: {base}: no such file")
     if base_path in seen:
         raise ConfigError(f"{path}: base: {base} leads back to itself")
     return _overlay(_read(base_path, (*seen, path.resolve())), data)
+
+
+def _yaml_problem(error: Exception) -> str:
+    """What is wrong and where, in one line."""
+    mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
+    return " ".join(str(error).split()) if mark is None or problem is None else f"line {mark.line + 1}, column {mark.column + 1}: {problem}"
 
 
 def _absolute_paths(sumo: object, folder: Path) -> None:
@@ -355,11 +363,8 @@ def _allowed_beside(location: tuple[int | str, ...]) -> str:
         if isinstance(part, int):
             continue
         field = model.model_fields.get(part)
-        inner = (
-            []
-            if field is None
-            else [t for t in (field.annotation, *getattr(field.annotation, "__args__", ())) if isinstance(t, type) and issubclass(t, BaseModel)]
-        )
+        kinds = () if field is None else (field.annotation, *getattr(field.annotation, "__args__", ()))
+        inner = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
         if not inner:
             return ""
         model = inner[0]

@@ -1,10 +1,10 @@
 """For a libsumo loop of your own: the controller drives one vehicle of it.
 
-    libsumo.start(["sumo", "-c", "my.sumocfg"])
-    controller = Controller("ego")
-    while libsumo.simulation.getMinExpectedNumber():
-        controller.step()
-        libsumo.simulationStep()
+libsumo.start(["sumo", "-c", "my.sumocfg"])
+controller = Controller("ego")
+while libsumo.simulation.getMinExpectedNumber():
+    controller.step()
+    libsumo.simulationStep()
 """
 
 from collections.abc import Mapping

@@ -8,7 +8,7 @@ import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.cost import CostParams
-from sumo_mcts.model.ego import EgoParams
+from sumo_mcts.model.ego import HALF, EgoParams
 from sumo_mcts.model.local import State, ego_state
 from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.script import script_poses
@@ -19,6 +19,7 @@ from sumo_mcts.planners.mcts import MctsParams, MctsPlanner
 from sumo_mcts.planners.paper import PaperParams, PaperPlanner
 from sumo_mcts.scene import GREEN, IGNORING, Agents, Decision, EgoState, Floats, Forecast, Ints, Plan, Release, RoadMap, Scene, Signals
 
+SEARCHING = ("mcts", "paper")  # planners that search a forecast
 NEAR_STOP = 3.0  # m before a stop sign within which standing counts
 NOMINAL_S = 2.0  # s of the last plan that the forecast takes for granted; afterwards the nominal ego follows its leader
 
@@ -73,7 +74,7 @@ class Driver:
         began = time.perf_counter()
         self._keep_route(scene.ego)
         route = self._route
-        state = None if route is None or scene.ego.lane < 0 else ego_state(route, scene.ego)
+        state = None if route is None or scene.ego.lane < 0 else ego_state(route, _on_its_side(scene.ego))
         if state is None or route is None:
             self._plan = None
             return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
@@ -127,7 +128,7 @@ class Driver:
 
 def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
     """Load (the first time: compile) what decisions need, by one that nobody executes; without it the ego's first decision would be late."""
-    if config.planner.name not in ("mcts", "paper"):
+    if config.planner.name not in SEARCHING:
         return
     tried = config.model_copy(update={"planner": config.planner.model_copy(update={"iterations": 1, "time_budget_ms": None})})
     scene = _still_life(road, physics.step)
@@ -135,6 +136,14 @@ def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
     if config.prediction.name == "script":
         row = np.zeros(1)
         script_poses(road, scene.agents.lane, row, row, row, physics.step, scene.ego.length)
+
+
+def _on_its_side(ego: EgoState) -> EgoState:
+    """The ego with a lane change on the side of half time where SUMO has it: there rounding decides, here it must agree with the lane."""
+    if ego.changing <= 0.0:
+        return ego
+    moved = ego.lane == ego.change_to
+    return ego._replace(changing=max(ego.changing, HALF + 1e-9) if moved else min(ego.changing, 0.5 - 1e-9))
 
 
 def make_planner(config: ScenarioConfig) -> Planner:

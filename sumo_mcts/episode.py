@@ -13,9 +13,10 @@ import numpy as np
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest
-from sumo_mcts.driver import Driver, streams, warm_up
+from sumo_mcts.driver import SEARCHING, Driver, streams, warm_up
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import Goal, Referee
+from sumo_mcts.model.kernel import is_compiled
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.pilot import Pilot, World, running_world
@@ -23,9 +24,10 @@ from sumo_mcts.recorder import Recorder
 from sumo_mcts.records import Row, Trace
 from sumo_mcts.scene import Decision, EgoState, Floats, Follow, RoadMap, Scene
 from sumo_mcts.world import gui as window
-from sumo_mcts.world.actors import Actors, draw
-from sumo_mcts.world.arguments import REFEREE_OPTIONS, sumo_arguments
+from sumo_mcts.world.actors import Actors, check, draw
+from sumo_mcts.world.arguments import REFEREE_OPTIONS, network_of, sumo_arguments
 from sumo_mcts.world.observe import Change
+from sumo_mcts.world.roadmap import has_edge, known_roadmap
 from sumo_mcts.world.simulation import Simulation, SimulationError
 
 FREE_FLOWS = 3.0  # the default time limit in free-flow times, and
@@ -59,6 +61,8 @@ def run_episode(
     loop = Loop(config, seed, gui=gui, sumo_options=sumo_options, progress=progress)
     try:
         loop.start()
+        if progress is not None and config.planner.name in SEARCHING and not is_compiled():
+            progress("compiling the search, once for this version (about half a minute)")
         warm_up(config, loop.world.road, loop.world.physics)
         drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.scripted) for ego in config.egos}
         while scenes := loop.scenes():
@@ -77,7 +81,7 @@ def run_episode(
 def default_variant(config: ScenarioConfig) -> str:
     """planner-prediction-effort, e.g. mcts-idm-1000."""
     planner = config.planner
-    if planner.name in ("sumo", "constant"):
+    if planner.name not in SEARCHING:
         return planner.name
     effort = str(planner.iterations) if planner.time_budget_ms is None else f"{planner.time_budget_ms:g}ms"
     return f"{planner.name}-{config.prediction.name}-{effort}"
@@ -120,13 +124,14 @@ class Loop:
         config = self.config
         actors = draw(config.traffic, np.random.default_rng(streams(self.seed).traffic))
         self.arguments = sumo_arguments(config, self.seed, actors, Path(self._folder.name), self._options)
+        road = known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net))  # SUMO itself does not survive every network
+        _check_edges(config, road)
+        for actor in actors:
+            check(actor, road)
         self._simulation = Simulation(self.arguments, gui=self._gui)
         self.world: World = running_world(config.planner.period_s)
-        _check_edges(config, self.world.road)
-        physics = self.world.physics
-        self._actors = Actors(
-            actors, self.world.road, physics.step, events=config.traffic.events, egos=[ego.id for ego in self._egos], change_s=physics.change_duration
-        )
+        physics, egos = self.world.physics, [ego.id for ego in self._egos]
+        self._actors = Actors(actors, self.world.road, physics.step, events=config.traffic.events, egos=egos, change_s=physics.change_duration)
         self._begin = self._news_due = self._simulation.time
 
     def scenes(self) -> dict[str, Scene]:
@@ -294,10 +299,11 @@ def _micro(x: float) -> int:
 
 def _check_edges(config: ScenarioConfig, road: RoadMap) -> None:
     """Raise ConfigError where the scenario names an edge that the network does not have."""
-    named = {f"egos: {ego.id}: until": ego.until for ego in config.egos} | {"episode.success_edge": config.episode.success_edge}
-    for key, edge in named.items():
-        if edge is not None and edge not in road.edge_ids:
-            raise ConfigError(f"{key}: the network has no edge {edge}")
+    for ego in config.egos:
+        if ego.until is not None:
+            has_edge(road, ego.until, f"egos: {ego.id}: until")
+    if config.episode.success_edge is not None:
+        has_edge(road, config.episode.success_edge, "episode.success_edge")
 
 
 def _goal(config: ScenarioConfig, road: RoadMap, ego: EgoState, until: str | None) -> Goal:
@@ -348,7 +354,6 @@ def _news(scenes: Mapping[str, Scene]) -> str:
 
 def _complete(row: Row, config: ScenarioConfig, seed: int | None, variant: str, recorder: Recorder, period: float, wall: float) -> Row:
     """The row with what is known about scenario, planner and time; `period` and `wall` in s."""
-    searches = config.planner.name in ("mcts", "paper")
     return {
         **records.row_defaults(),
         **row,
@@ -357,7 +362,7 @@ def _complete(row: Row, config: ScenarioConfig, seed: int | None, variant: str, 
         "scenario": config.name,
         "variant": variant,
         "planner": config.planner.name,
-        "prediction": config.prediction.name if searches else None,
+        "prediction": config.prediction.name if config.planner.name in SEARCHING else None,
         "seed": seed,
         "wall_s": wall,
         "realtime_factor": recorder.simulated(period) / wall if wall > 0 else None,

@@ -1,6 +1,5 @@
 """One driven ego's eyes and hands: when it has to decide, what it knows then, and what SUMO is told until the next time."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 from sumo_mcts.config import ScenarioConfig
@@ -8,13 +7,11 @@ from sumo_mcts.driver import Physics, ego_params
 from sumo_mcts.scene import Decision, Frame, RoadMap, Scene
 from sumo_mcts.world.command import Bounds, Commander
 from sumo_mcts.world.observe import Change, Observer
-from sumo_mcts.world.roadmap import read_roadmap
+from sumo_mcts.world.roadmap import known_roadmap
 from sumo_mcts.world.simulation import option, step_length
 
 SUBLANE_CHANGE_S = 3.0  # a lane's width at about 1 m/s, as SUMO's sublane model goes sideways
 _EPS = 1e-9
-
-_roads: dict[str, RoadMap] = {}  # read once in a process
 
 
 class World(NamedTuple):
@@ -29,7 +26,7 @@ class World(NamedTuple):
 def running_world(period_s: float) -> World:
     """What to know about the running simulation to decide every `period_s`. Raises ConfigError where its network cannot be read."""
     physics = Physics(step_length(), option("step-method.ballistic") == "true", _change_duration())
-    road = _road(option("net-file"))
+    road = known_roadmap(option("net-file"))
     return World(road, physics, Observer(road), max(1, round(period_s / physics.step)) * physics.step)
 
 
@@ -71,15 +68,6 @@ class Pilot:
     def release(self) -> None:
         """Hand the ego back to SUMO, if it is still there."""
         self._commander.release()
-
-
-def _road(net_file: str) -> RoadMap:
-    """The road map of a network, from memory where the file is the same."""
-    path = Path(net_file).resolve()
-    key = f"{path}:{path.stat().st_mtime_ns}" if path.is_file() else ""
-    if key not in _roads:
-        _roads[key] = read_roadmap(net_file)
-    return _roads[key]
 
 
 def _change_duration() -> float:

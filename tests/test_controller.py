@@ -1,5 +1,6 @@
 """Controller in a libsumo loop of one's own: the decisions of `run`, and nothing before, after or besides."""
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -119,7 +120,7 @@ def test_decides_once_a_period(simulation: Simulation) -> None:
         thoughts.append(controller.thought)
         simulation.step()
     assert thoughts[0] is None
-    assert [a is not b for a, b in zip(thoughts, thoughts[1:], strict=False)] == [True, False, False] * 4
+    assert [a is not b for a, b in pairwise(thoughts)] == [True, False, False] * 4
 
 
 @pytest.mark.parametrize(

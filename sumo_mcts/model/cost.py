@@ -6,7 +6,29 @@ from typing import NamedTuple
 from sumo_mcts.model.ego import EgoParams, halt_distance, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import COS, DRIVEN, ENTERS, MERGES, NODE_OF, STRETCH_END, WHO, GONE, HALF_LENGTH, HALF_WIDTH, NODE, POLITE, REACTS, SIN, Local, S, State, V, X, Y, chain_gap
+from sumo_mcts.model.local import (
+    COS,
+    DRIVEN,
+    ENTERS,
+    GONE,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    MERGES,
+    NODE,
+    NODE_OF,
+    POLITE,
+    REACTS,
+    SIN,
+    STRETCH_END,
+    WHO,
+    Local,
+    S,
+    State,
+    V,
+    X,
+    Y,
+    chain_gap,
+)
 from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT
 
 CLAIM_SAMPLES = 2
@@ -109,7 +131,8 @@ def place_is_free(local: Local, p: EgoParams, c: CostParams, changed: State, ind
             return False
         ahead = chain_gap(local, target, changed.s, node, local.agent[now, i, S]) - 2.0 * local.trait[i, HALF_LENGTH]
         closing = max(0.0, changed.v - local.agent[now, i, V])
-        if behind == math.inf and closing * closing > 2.0 * p.comfort_decel * max(ahead - 0.5, 0.0) or ahead < 0.5 <= ahead + 2.0 * local.trait[i, HALF_LENGTH]:
+        beside = ahead < 0.5 <= ahead + 2.0 * local.trait[i, HALF_LENGTH]
+        if beside or (behind == math.inf and closing * closing > 2.0 * p.comfort_decel * max(ahead - 0.5, 0.0)):
             return False
     return True
 
@@ -180,9 +203,7 @@ def _claim(local: Local, p: EgoParams, c: CostParams, x: float, y: float, cs: fl
             return 0.0
         bx, by = local.agent[at, i, X], local.agent[at, i, Y]
         if abs(bx - x) < reach and abs(by - y) < reach:
-            if boxes_touch(
-                x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width
-            ):
+            if boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width):
                 return c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
     return 0.0
 

@@ -12,6 +12,8 @@ LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a ste
 HALT_VIEW = 100.0  # m
 FOLLOW = 99.0  # in place of an acceleration: car following
 FREE, RED_LINE, GOAL = range(3)
+BEGUN = 1e-12  # progress of a lane change that is about to begin
+HALF = 0.5 + 1e-9  # progress beyond which the new lane counts; at half time itself SUMO's rounding decides
 
 
 class EgoParams(NamedTuple):
@@ -101,7 +103,7 @@ def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, 
     if progress > 0.0:
         before = progress
         progress += p.step / p.change_duration
-        if before < 0.5 - 1e-9 <= progress + 1e-9 and other >= 0:
+        if before <= HALF < progress and other >= 0:
             node, other = other, node
         if progress >= 1.0 - 1e-9:
             progress, other = 0.0, -1
@@ -123,7 +125,7 @@ def begin_change(local: Local, p: EgoParams, state: State, side: int) -> State:
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
     if p.change_duration <= 0.0:
         return State(target, state.s, state.v, state.a, 0.0, -1)
-    return State(state.node, state.s, state.v, state.a, 1e-6, target)
+    return State(state.node, state.s, state.v, state.a, BEGUN, target)
 
 
 @kernel

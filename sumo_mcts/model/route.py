@@ -95,7 +95,7 @@ def _collect(road: RoadMap, edges: tuple[int, ...], vclass: int) -> tuple[list[i
         legs += [leg] * len(here)
         if leg + 1 == len(edges):
             break
-        target = {i for i in _edge_lanes(road, edges[leg + 1], vclass)}
+        target = set(_edge_lanes(road, edges[leg + 1], vclass))
         for lane in here:
             ways = []
             for k in range(road.successor_offset[lane], road.successor_offset[lane + 1]):

@@ -38,7 +38,7 @@ class ConstantPlanner:
         if self._speed < 0.0:
             self._speed = max(state.v, 1.0)
         side = int(np.sign(route.changes[state.node])) if state.progress == 0.0 else 0
-        if side > 0 and route.left[state.node] < 0 or side < 0 and route.right[state.node] < 0:
+        if (side > 0 and route.left[state.node] < 0) or (side < 0 and route.right[state.node] < 0):
             side = 0
         steps = max(1, round(self._period / self._task.ego.step))
         return Decision(Follow(np.full(2 * steps, self._speed), side), None, (), -1, "constant", 0, 0)

@@ -110,4 +110,3 @@ def follow_line(local: Local, task: Task, q: SearchParams, state: State, line: F
     lanes = task.route.lane[nodes[:used]].astype(np.int32)
     times = (np.arange(used, dtype=np.float64) + 1.0) * task.ego.step
     return Plan(times, motion[:used, 1].copy(), lanes, motion[:used, 0].copy(), pose[:used].copy()), terms
-

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from sumo_mcts.model.ego import GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.geometry import box_distance
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, X, Y, Local, State, build_local
+from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, build_local
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
@@ -301,7 +301,8 @@ def _nearest(local: Local, p: EgoParams, state: State, time: float) -> float:
             continue
         bx, by, bc, bs = local.agent[now, i, X], local.agent[now, i, Y], local.agent[now, i, COS], local.agent[now, i, SIN]
         if abs(bx - x) < 40.0 and abs(by - y) < 40.0:
-            nearest = min(nearest, box_distance(x, y, c, s, p.half_length, p.half_width, bx, by, bc, bs, local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]))
+            length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
+            nearest = min(nearest, box_distance(x, y, c, s, p.half_length, p.half_width, bx, by, bc, bs, length, width))
     return nearest
 
 

@@ -65,9 +65,7 @@ class Ply(NamedTuple):
     loss: float  # where LOST
 
 
-def search_params(
-    step: float, forecast_dt: float, ply_s: float, check_s: float, look_ahead: int, rollout: int, exploration: float
-) -> SearchParams:
+def search_params(step: float, forecast_dt: float, ply_s: float, check_s: float, look_ahead: int, rollout: int, exploration: float) -> SearchParams:
     """Times in seconds to steps of the simulation; a step longer than the forecast's gets several checks."""
     ply = max(1, round(ply_s / step))
     check, checks = (0, max(1, round(step / forecast_dt))) if step > forecast_dt + 1e-9 else (max(1, round(check_s / step)), 1)
@@ -256,9 +254,7 @@ def _known(tree: Tree, node: int, action: int, state: State) -> bool:
 
 
 @kernel
-def _rollout(
-    tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, node: int, line: Floats, rng: Generator, first: bool
-) -> float:
+def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, node: int, line: Floats, rng: Generator, first: bool) -> float:
     """J of a continuation to the horizon; `line` receives its accelerations. The first from a node follows, later ones brake or keep first."""
     state, followers = state_of(tree, node), tree.followers[node]
     gap, leader_v = tree.leader[node, 0], tree.leader[node, 1]
@@ -335,7 +331,6 @@ def _bury(tree: Tree, node: int) -> None:
     while i != NONE and _exhausted(tree, i):
         tree.dead[i] = True
         i = tree.parent[i]
-
 
 
 @kernel

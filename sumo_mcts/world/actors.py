@@ -6,6 +6,7 @@ not yet moved, at the end of the first step that begins at t or later.
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -14,6 +15,7 @@ import numpy as np
 
 from sumo_mcts.config import Actor, ConfigError, Event, TrafficConfig, VehicleEvent
 from sumo_mcts.scene import Floats, Ints, RoadMap
+from sumo_mcts.world.roadmap import has_edge
 from sumo_mcts.world.simulation import import_libsumo
 
 ARRIVAL_SLACK = 0.1  # m before the end of its route at which SUMO takes a vehicle out
@@ -129,9 +131,11 @@ def appears(due: float, step: float) -> float:
 def check(actor: Actor, road: RoadMap) -> None:
     """Raise ConfigError where SUMO would refuse the actor or, worse, wait for ever in silence."""
     where = f"traffic.actors: {actor.id}"
-    unknown = [edge for edge in actor.route if edge not in road.edge_ids]
-    if unknown:
-        raise ConfigError(f"{where}: route: the network has no edge {unknown[0]}")
+    for edge in actor.route:
+        has_edge(road, edge, f"{where}: route")
+    for edge, following in pairwise(actor.route):
+        if not _connected(road, edge, following):
+            raise ConfigError(f"{where}: route: no connection leads from {edge} to {following}")
     lanes = np.flatnonzero(road.edge == road.edge_ids.index(actor.route[0]))
     if actor.depart.lane >= len(lanes):
         raise ConfigError(f"{where}: depart.lane: {actor.route[0]} has lanes 0 to {len(lanes) - 1}, got {actor.depart.lane}")
@@ -140,6 +144,12 @@ def check(actor: Actor, road: RoadMap) -> None:
         raise ConfigError(f"{where}: depart.pos_m: {road.lane_ids[lane]} is {road.length[lane]:.1f} m long, got {actor.depart.pos_m:g}")
     if actor.depart.speed_mps > road.speed[lane]:
         raise ConfigError(f"{where}: depart.speed_mps: the limit on {road.lane_ids[lane]} is {road.speed[lane]:g} m/s, got {actor.depart.speed_mps:g}")
+
+
+def _connected(road: RoadMap, edge: str, following: str) -> bool:
+    """Whether a lane of an edge leads onto another edge."""
+    lanes, onto = np.flatnonzero(road.edge == road.edge_ids.index(edge)), road.edge_ids.index(following)
+    return any(road.edge[road.exit[i]] == onto for lane in lanes for i in _successors(road, int(lane)))
 
 
 def compile_script(actor: Actor, road: RoadMap, step: float, seconds: float, change_s: float = 3.0) -> Script:

@@ -45,6 +45,16 @@ def sumocfg_arguments(sumocfg: str, seed: int | None, extra: Sequence[str]) -> l
     return [*_flat({key: value for key, value in own.items() if key not in given}), *extra]
 
 
+def network_of(sumocfg: str | None, net: str | None) -> str:
+    """The network file of a .sumocfg, or the one given. Raises ConfigError where there is none."""
+    named = [net] if sumocfg is None else _named_in(sumocfg, "net-file")
+    if not named or named[0] is None:
+        raise ConfigError(f"{sumocfg}: net-file: not given")
+    if not Path(named[0]).is_file():
+        raise ConfigError(f"{'sumo.net' if sumocfg is None else f'{sumocfg}: net-file'}: {named[0]}: no such file")
+    return named[0]
+
+
 def ssm_options(egos: Sequence[str], folder: Path) -> Options:
     """Options that equip the egos with SUMO's surrogate safety device, as the referee reads it."""
     return {
@@ -81,16 +91,27 @@ def _file_lists(sumo: SumoConfig, actors: list[str]) -> Options:
     return result
 
 
+def key_of_value(sumocfg: str, value: str) -> str:
+    """ " (key)" of the option that a .sumocfg gives this value, which SUMO's complaints leave out; "" where there is none."""
+    keys = [key for key, given in _entries(sumocfg) if given == value] if Path(sumocfg).is_file() else []
+    return f" ({keys[0]})" if keys else ""
+
+
 def _named_in(sumocfg: str | None, name: str) -> list[str]:
     """The files that a .sumocfg names under an option."""
     if sumocfg is None:
         return []
+    values = [value for key, value in _entries(sumocfg) if full_name(key) == name]
+    return [str(Path(sumocfg).resolve().parent / part.strip()) for value in values for part in value.split(",") if part.strip()]
+
+
+def _entries(sumocfg: str) -> list[tuple[str, str]]:
+    """Keys and values of a .sumocfg. Raises ConfigError where it is none."""
     try:
         root = ElementTree.parse(sumocfg).getroot()
     except (ElementTree.ParseError, OSError) as error:
         raise ConfigError(f"{sumocfg}: not a SUMO configuration ({error})") from None
-    values = [element.get("value") or element.get("v") or "" for element in root.iter() if full_name(element.tag) == name]
-    return [str(Path(sumocfg).parent / part.strip()) for value in values for part in value.split(",") if part.strip()]
+    return [(element.tag, element.get("value") or element.get("v") or "") for element in root.iter()]
 
 
 def _text(value: str | float | bool) -> str:

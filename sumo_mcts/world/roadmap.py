@@ -1,10 +1,11 @@
 """From a SUMO network file to scene.RoadMap: lanes, connections, right of way, and where the paths through a junction meet."""
 
-import os
 import zlib
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 from xml.sax import SAXException
 
@@ -35,6 +36,7 @@ TOUCH = 1.9  # m: the same where SUMO sees no foes: two cars of 1.8 m just pass
 SIDE_BY_SIDE = 0.75  # ... but never more than this share of the distance at which the two lanes would lie next to each other
 APART = 5.0  # m: two meetings of the same two paths count as one when less lies between them
 SAMPLING = 0.5  # m between the points at which two centre lines are compared
+NAMED = 6  # edges that a message names
 TINY = 0.01  # m: the length given to a lane whose shape has none, so that it has a heading
 
 _DIRECTIONS = {"s": STRAIGHT, "l": LEFT, "L": LEFT, "r": RIGHT, "R": RIGHT, "t": TURN, "T": TURN}
@@ -89,17 +91,37 @@ class _Conflict(NamedTuple):
 
 def read_roadmap(net_file: str) -> RoadMap:
     """The network in `net_file` (.net.xml or .net.xml.gz) as arrays; lanes in the order of the file. ConfigError where it cannot be read."""
-    if not os.path.isfile(net_file):
+    if not Path(net_file).is_file():
         raise ConfigError(f"{net_file}: no such network file")
     try:
         road = _convert(sumolib.net.readNet(net_file, withInternal=True))
     except _BROKEN as error:
         # sumolib fails in many ways on a file that is not what it expects
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = f"{error} is missing" if isinstance(error, LookupError) else " ".join(str(error).split()) or type(error).__name__
         raise ConfigError(f"{net_file}: not a readable SUMO network ({reason})") from error
     if not road.lane_ids:
         raise ConfigError(f"{net_file}: not a SUMO network with lanes")
     return road
+
+
+_known: dict[str, RoadMap] = {}  # read once in a process
+
+
+def known_roadmap(net_file: str) -> RoadMap:
+    """As read_roadmap, from memory where the file is still the same."""
+    path = Path(net_file).resolve()
+    key = f"{path}:{path.stat().st_mtime_ns}" if path.is_file() else ""
+    if key not in _known:
+        _known[key] = read_roadmap(net_file)
+    return _known[key]
+
+
+def has_edge(road: RoadMap, edge: str, where: str) -> None:
+    """Raise ConfigError, with `where` in front, where the network has no such edge."""
+    ordinary = [name for name in road.edge_ids if not name.startswith(":")]
+    if edge not in ordinary:
+        near = get_close_matches(edge, ordinary, NAMED, 0.5) or ordinary[:NAMED]
+        raise ConfigError(f"{where}: the network has no edge {edge}; among its {len(ordinary)} edges: {', '.join(near)}")
 
 
 def lane_index(road: RoadMap) -> dict[str, int]:

@@ -3,6 +3,7 @@
 import contextlib
 import ctypes
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -16,6 +17,8 @@ _PACKAGES = {"libGL.so": "libgl1", "libX11.so": "libx11-6", "libXext.so": "libxe
 
 _QUIET = {"verbose": "false", "no-step-log": "true", "duration-log.disable": "true", "no-warnings": "true"}
 _WINDOW = {"start": "true", "quit-on-end": "true", "delay": "60", "window-size": "1200,800"}
+
+_END_OF_ERROR = re.compile(r"\n(?=\S)|\nQuitting")  # what belongs to an error is indented
 
 _WITHOUT_DISPLAY = "leave --gui out, or start a virtual one: xvfb-run -a sumo-mcts run ... --gui"
 
@@ -52,17 +55,18 @@ class Simulation:
         own = {"error-log": str(self._log), **_QUIET, **(_WINDOW if gui else {})}
         further = [part for name, value in own.items() if name not in given for part in (f"--{name}", value)]
         try:
-            with _display_open() if gui else contextlib.nullcontext(), _muted():
-                self._libsumo.start(["sumo-gui" if gui else "sumo", *arguments, *further])
+            with _display_open() if gui else contextlib.nullcontext(), _muted(self._log):
+                self._start(["sumo-gui" if gui else "sumo", *arguments, *further])
         except ConfigError:
             self._log.unlink(missing_ok=True)
             raise
+
+    def _start(self, command: list[str]) -> None:
+        try:
+            self._libsumo.start(command)
         except Exception as error:  # libsumo's two exception types share no base of their own
-            text = self._take_log() or str(error)
-            self._libsumo.close()
-            self._log.unlink(missing_ok=True)
-            raise ConfigError(f"SUMO does not start: {text}") from None
-        self.gui = gui
+            self._libsumo.close()  # writes its log to the end
+            raise ConfigError(f"SUMO does not start: {self._reason(error)}") from None
 
     def __enter__(self) -> Self:
         return self
@@ -75,7 +79,7 @@ class Simulation:
         try:
             self._libsumo.simulationStep()
         except Exception as error:  # libsumo.FatalTraCIError does not derive from TraCIException
-            raise SimulationError(self._take_log() or str(error)) from None
+            raise SimulationError(self._reason(error)) from None
 
     @property
     def time(self) -> float:
@@ -97,11 +101,11 @@ class Simulation:
             self._libsumo.close()
         self._log.unlink(missing_ok=True)
 
-    def _take_log(self) -> str:
-        """The first error that SUMO wrote, in one line."""
-        lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines() if self._log.is_file() else []
-        errors = [line.removeprefix("Error: ").strip() for line in lines if line.strip() and not line.startswith("Quitting")]
-        return errors[0] if errors else ""
+    def _reason(self, error: Exception) -> str:
+        """Why SUMO failed, in one line: the exception often says no more than `Process Error`."""
+        text = self._log.read_text(encoding="utf-8", errors="replace") if self._log.is_file() else ""
+        first = text[text.find("Error: ") :].removeprefix("Error: ") if "Error: " in text else str(error)
+        return " ".join(_END_OF_ERROR.split(first)[0].split())
 
 
 def _temporary_file() -> Path:
@@ -169,17 +173,17 @@ def _display_open() -> Iterator[None]:
         x11.XCloseDisplay(display)
 
 
-class _muted:  # noqa: N801  # a context manager that reads as a word
-    """Keeps SUMO's own chatter off standard output and error; its errors are read from the error log."""
-
-    def __enter__(self) -> None:
-        self._null = os.open(os.devnull, os.O_WRONLY)
-        self._kept = [os.dup(1), os.dup(2)]
-        os.dup2(self._null, 1)
-        os.dup2(self._null, 2)
-
-    def __exit__(self, *_: object) -> None:
-        for number, kept in zip((1, 2), self._kept, strict=True):
-            os.dup2(kept, number)
-            os.close(kept)
-        os.close(self._null)
+@contextlib.contextmanager
+def _muted(into: Path = Path(os.devnull)) -> Iterator[None]:
+    """Sends what SUMO prints on standard output and error into a file."""
+    kept = [os.dup(1), os.dup(2)]
+    file = os.open(into, os.O_WRONLY | os.O_APPEND)
+    try:
+        os.dup2(file, 1)
+        os.dup2(file, 2)
+        yield
+    finally:
+        for number, before in zip((1, 2), kept, strict=True):
+            os.dup2(before, number)
+            os.close(before)
+        os.close(file)

@@ -7,6 +7,7 @@ Every episode is run with its twin (planner `sumo`, same seed). `--out FILE` kee
 """
 
 import argparse
+import copy
 import json
 import math
 import multiprocessing
@@ -91,7 +92,9 @@ def network_jobs(options: argparse.Namespace, folder: Path, pool: ProcessPoolExe
 def net_source(name: str, plans: Path | None, folder: Path) -> dict[str, Any]:
     """The `sumo` section for one of NETS."""
     net = NETS[name]
-    source: dict[str, Any] = {"sumocfg": str(GAME / net["cfg"])} if "cfg" in net else {"net": str(GAME / net["net"]), "routes": [str(GAME / r) for r in net["routes"]]}
+    source: dict[str, Any] = {"sumocfg": str(GAME / net["cfg"])} if "cfg" in net else {"net": str(GAME / net["net"])}
+    if "routes" in net:
+        source["routes"] = [str(GAME / route) for route in net["routes"]]
     plan = net.get("plan")
     if plan is None:
         return source
@@ -136,13 +139,19 @@ def run_pair(job: tuple[str, dict[str, Any], tuple[str, ...], int | None]) -> tu
     rows = []
     for more in ((), ("planner.name=sumo",)):
         overrides = (*sets, *more)
-        scenario = config.load(assets.scenario_path(source["scene"]), overrides) if "scene" in source else config.build(json.loads(json.dumps(source["data"])), name, overrides)
         try:
-            rows.append(run_episode(scenario, seed).rows[0])
+            rows.append(run_episode(scenario_of(name, source, overrides), seed).rows[0])
         except Exception as error:
             # libsumo's exceptions do not pickle
             raise RuntimeError(f"{name} {source}: {type(error).__name__}: {error}\n{traceback.format_exc()}") from None
     return name, (rows[0], rows[1])
+
+
+def scenario_of(name: str, source: dict[str, Any], overrides: tuple[str, ...]) -> config.ScenarioConfig:
+    """A built-in scene, or an ego in a network."""
+    if "scene" in source:
+        return config.load(assets.scenario_path(source["scene"]), overrides)
+    return config.build(copy.deepcopy(source["data"]), name, overrides)
 
 
 def show(row: dict[str, Any]) -> str:

@@ -1,7 +1,6 @@
 """RoadMap against what netconvert was asked to build, against shapely, and against sumolib's own account of the right of way."""
 
 import gzip
-import os
 import subprocess
 import xml.etree.ElementTree as ET
 from itertools import combinations
@@ -40,7 +39,7 @@ def netconvert(folder: Path, nodes: str, edges: str, connections: str, *options:
     for name, text in (("nodes", nodes), ("edges", edges), ("connections", connections)):
         (folder / f"{name}.xml").write_text(f"<{name}>{text}</{name}>")
     command = [
-        os.path.join(sumo.SUMO_HOME, "bin", "netconvert"),
+        str(Path(sumo.SUMO_HOME) / "bin" / "netconvert"),
         "--offset.disable-normalization",
         "true",
         "-n",

@@ -1,0 +1,256 @@
+"""Wrong input through the command line: one line that names file and key, status 2 (or an outcome), nothing left behind, no traceback."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from sumo_mcts import cli
+
+FILES = Path(__file__).parent / "bad_inputs"
+PATIENCE_S = 60.0
+
+
+class Answer(NamedTuple):
+    status: int
+    out: str
+    err: str
+
+
+Command = Callable[..., Answer]
+
+
+@pytest.fixture
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Iterator[Command]:
+    """sumo-mcts in this process, with a folder of its own for temporary files, which has to be empty afterwards."""
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(scratch))
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.chdir(FILES)
+    before = signal.getsignal(signal.SIGINT)
+
+    def run(*words: str) -> Answer:
+        monkeypatch.setattr(sys, "argv", ["sumo-mcts", *words])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return Answer(int(end.value.code or 0), *capfd.readouterr())
+
+    yield run
+    signal.signal(signal.SIGINT, before)
+    assert list(scratch.iterdir()) == []
+
+
+SCENARIOS = {
+    "net-missing": "sumo.net: {folder}/nowhere.net.xml: no such file",
+    "net-junk": "{folder}/junk.net.xml: not a readable SUMO network",
+    "net-truncated": "{folder}/truncated.net.xml: not a readable SUMO network",
+    "net-empty": "{folder}/empty.net.xml: not a readable SUMO network",
+    "routes-missing": "sumo.routes: {folder}/nowhere.rou.xml: no such file",
+    "routes-truncated": "In file '{folder}/truncated.rou.xml' At line",
+    "routes-unknown-edge": "The edge 'to_nowhere' within the route for vehicle 'ego' is not known",
+    "routes-unknown-type": "The vehicle type 'tank' for vehicle 'ego' is not known",
+    "routes-same-id": "'ego'",
+    "comma": "sumo.routes",
+    "not-yaml": "not valid YAML: line 2, column 5",
+    "not-a-mapping": "a scenario is a mapping of keys",
+    "nothing": "a scenario is a mapping of keys",
+    "not-text": "not valid YAML",
+    "base-missing": "base: nowhere.yaml: no such file",
+    "base-circle": "base: base-circle.yaml leads back to itself",
+    "key-unknown": "planner.iteration: unknown key; allowed: name, iterations,",
+    "section-unknown": "planer: unknown key; allowed: name, description, sumo,",
+    "weight-text": "cost.headway: Input should be a valid number, unable to parse string as a number, got 'heavy'",
+    "weight-nan": "cost.headway: Input should be a finite number, got nan",
+    "weight-negative": "cost.jerk: Input should be greater than or equal to 0, got -1",
+    "planner-unknown": "planner.name: Input should be 'mcts', 'paper', 'sumo' or 'constant', got 'alphazero'",
+    "sumo-both": "sumo: give either sumocfg or net",
+    "no-egos": "egos: Tuple should have at least 1 item",
+    "name-unsafe": "name: String should match pattern",
+    "option-unknown": "No option with the name 'warp-speed' exists",
+    "option-of-the-referee": "sumo.options: collision.action: the referee needs warn",
+    "step-zero": "sumo.step_length_s: Input should be greater than 0, got 0",
+    "success-unknown": "episode.success_edge: the network has no edge to_nowhere; among its 8 edges: ",
+    "success-off-route": "episode.success_edge: the route of ego does not pass edge to_south, only from_west to_north",
+    "until-unknown": "egos: ego: until: the network has no edge to_nort; among its 8 edges: to_north",
+    "until-off-route": "egos: ego: until: the route of ego does not pass edge to_east, only from_west to_north",
+    "actor-edge-unknown": "traffic.actors: ego: route: the network has no edge to_nowhere; among its 8 edges: ",
+    "actor-route-disconnected": "traffic.actors: ego: route: no connection leads from from_west to from_east",
+    "actor-lane": "traffic.actors: ego: depart.lane: from_west has lanes 0 to 2, got 7",
+    "actor-position": "traffic.actors: ego: depart.pos_m: from_west_0 is ",
+    "actor-type": "The vehicle type 'tank' for vehicle 'ego' is not known",
+}
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_scenarios(name: str, command: Command, tmp_path: Path) -> None:
+    check(command("run", f"{name}.yaml", "--out", str(tmp_path / "out")), f"{name}.yaml", SCENARIOS[name], tmp_path)
+
+
+SUMOCFGS = {
+    "truncated": "not a SUMO configuration",
+    "empty": "not a SUMO configuration",
+    "cfg-key-unknown": "No option with the name 'warp-speed' exists",
+    "cfg-step-text": "Invalid Number Format (double) fast (step-length)",
+    "cfg-net-missing": "net-file: {folder}/nowhere.net.xml: no such file",
+    "cfg-no-net": "net-file: not given",
+    "cfg-net-empty": "{folder}/empty.net.xml: not a readable SUMO network",
+    "cfg-routes-missing": "The route file '{folder}/nowhere.rou.xml' is not accessible",
+}
+
+
+@pytest.mark.parametrize("name", SUMOCFGS)
+@pytest.mark.parametrize("ego", [(), ("--ego", "any"), ("--ego", "ego")])
+def test_sumocfgs(name: str, ego: tuple[str, ...], command: Command, tmp_path: Path) -> None:
+    check(command("run", f"{name}.sumocfg", *ego, "--out", str(tmp_path / "out")), f"{name}.sumocfg", SUMOCFGS[name], tmp_path)
+
+
+OPTIONS = [
+    (("run", "nowhere"), "nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: highway-exit"),
+    (("run", "nowhere.yaml"), "nowhere.yaml: no such scenario"),
+    (("run", "nowhere.sumocfg", "--ego", "any"), "nowhere.sumocfg: no such file"),
+    (("run", "cfg-nobody.sumocfg", "--ego", "any"), "cfg-nobody.sumocfg: --ego any: no suitable vehicle departs"),
+    (("run", "good.yaml", "--set", "cost.headway=heavy"), "good.yaml: cost.headway: Input should be a valid number"),
+    (("run", "good.yaml", "--set", "cost.headway=[1"), "--set cost.headway=[1: the value is not valid YAML"),
+    (("run", "good.yaml", "--set", "cost.heading=1"), "good.yaml: cost.heading: unknown key; allowed: contact,"),
+    (("run", "good.yaml", "--set", "cost"), "--set cost: write it as key.subkey=value"),
+    (("run", "good.yaml", "--set", "name.x=1"), "--set name.x=1: name has no keys below it"),
+    (("run", "good.yaml", "--planner", "alphazero"), "good.yaml: planner.name"),
+    (("run", "good.yaml", "--prediction", "oracle"), "good.yaml: prediction.name"),
+    (("run", "good.yaml", "--time-budget", "-1"), "good.yaml: planner.time_budget_ms: Input should be greater than 0"),
+    (("run", "good.yaml", "--time-limit", "nan"), "good.yaml: episode.time_limit_s: Input should be a finite number"),
+    (("run", "good.yaml", "--ego-until", "to_nowhere"), "good.yaml: egos: ego: until: the network has no edge to_nowhere"),
+    (("run", "good.yaml", "--gui"), "--gui: no display"),
+    (("run", "good.yaml", "--", "--warp-speed", "9"), "good.yaml: SUMO does not start: On processing option '--warp-speed': No option"),
+    (("run", "good.yaml", "--", "--step-length", "0"), "good.yaml: SUMO does not start: the minimum step-length is 0.001"),
+    (("run", "good.yaml", "--", "--collision.action", "remove"), "options after --: collision.action: the referee needs warn"),
+    (("run", "good.yaml", "--", "--fcd-output", "/nowhere/fcd.xml"), "Could not build output file '/nowhere/fcd.xml'"),
+    (("run", "good.yaml", "--bogus"), "No such option: --bogus"),
+    (("run", "good.yaml", "--iterations", "many"), "'--iterations'"),
+    (("run", "good.yaml", "--iterations", "0"), "'--iterations'"),
+    (("run", "good.yaml", "--seed", "-1"), "'--seed'"),
+    (("run",), "Missing argument"),
+    (("bogus",), "No such command 'bogus'"),
+    (("validate", "key-unknown.yaml"), "key-unknown.yaml: planner.iteration: unknown key"),
+    (("validate", "net-missing.yaml"), "net-missing.yaml: sumo: {folder}/nowhere.net.xml: no such file"),
+    (("validate", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
+]
+
+
+@pytest.mark.parametrize(("words", "said"), OPTIONS, ids=[" ".join(words) for words, _ in OPTIONS])
+def test_options(words: tuple[str, ...], said: str, command: Command, tmp_path: Path) -> None:
+    check(command(*words), "", said, tmp_path)
+
+
+def check(answer: Answer, file: str, said: str, tmp_path: Path) -> None:
+    """Status 2 and one line that names the file and says what is wrong."""
+    assert answer.status == 2, answer
+    assert answer.out == ""
+    (line,) = answer.err.splitlines()
+    assert file in line
+    assert said.format(folder=FILES) in line
+    assert "Traceback" not in line
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("inside", ["", "/further/down"])
+def test_an_output_folder_that_cannot_be_written(inside: str, command: Command, tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("a file")
+    answer = command("run", "good.yaml", "--out", f"{tmp_path / 'out'}{inside}")
+    assert answer.status == 2
+    (line,) = answer.err.splitlines()
+    assert f"--out {tmp_path / 'out'}{inside}: {tmp_path / 'out'} is a file, not a folder" in line
+
+
+# --- what happens during the run is an outcome ---
+
+RUNS: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "unknown id": (("good.sumocfg", "--ego", "nobody"), "error", "never departed: no vehicle is left and none is to come; the first that did: ego, other"),
+    "too late": (("good.yaml", "--ego", "nobody", "--set", "episode.depart_limit_s=2"), "error", "never departed within 2 s (episode.depart_limit_s); the"),
+    "disconnected": (("routes-disconnected.yaml",), "error", "No connection between edge 'from_west' and edge 'from_east'"),
+    "vanished": (("vanishing.sumocfg", "--ego", "ego"), "error", "vanished"),
+    "teleported": (("teleported.sumocfg", "--ego", "ego"), "teleported", ""),
+}
+
+
+@pytest.mark.parametrize("case", RUNS)
+def test_outcomes(case: str, command: Command, tmp_path: Path) -> None:
+    words, outcome, error = RUNS[case]
+    answer = command("run", *words, "--planner", "sumo", "--json", "--out", str(tmp_path / "out"))
+    (row,) = json.loads(answer.out)["episodes"]
+    assert row["outcome"] == outcome
+    assert answer.status == (1 if outcome == "error" else 0)
+    assert error in (row["error"] or "")
+    assert answer.err.splitlines() == ([f"error: {row['scenario']}: ego {row['ego']}: {row['error']}"] if error else [])
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["episodes.csv", "episodes.jsonl", "figures", "manifest.json", "traces"]
+
+
+# --- what a user without an ego in mind sees ---
+
+
+def test_without_ego_lists(command: Command) -> None:
+    answer = command("run", "good.sumocfg")
+    assert (answer.status, answer.err) == (0, "")
+    assert [line.split()[0] for line in answer.out.splitlines()[1:]] == ["ego", "other"]
+    listed = json.loads(command("run", "good.sumocfg", "--json").out)
+    assert [item["id"] for item in listed] == ["ego", "other"]
+
+
+def test_any_ego(command: Command) -> None:
+    answer = command("run", "good.sumocfg", "--ego", "any", "--planner", "sumo", "--json")
+    assert (answer.status, answer.err) == (0, "")
+    (row,) = json.loads(answer.out)["episodes"]
+    assert (row["ego"], row["outcome"]) == ("ego", "arrived")
+
+
+# --- a process of its own ---
+
+
+def start(*words: str, **environment: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "sumo_mcts.cli", *words]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, **environment})
+
+
+@pytest.mark.parametrize("after_s", [1.0, 3.0])
+def test_interrupted(after_s: float, tmp_path: Path) -> None:
+    process = start("run", "straight-line", "--set", "planner.iterations=20000", "--out", str(tmp_path / "out"), XDG_CACHE_HOME=str(tmp_path))
+    time.sleep(after_s)
+    process.send_signal(signal.SIGINT)
+    sent = time.monotonic()
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert time.monotonic() - sent < 3.0
+    assert (process.returncode, out) == (130, "")
+    assert err.splitlines()[-1] == "interrupted"
+    assert "Traceback" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_help_is_quick() -> None:
+    def seconds() -> float:
+        """Of a core: what else the machine does is no matter."""
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        out, _ = start("run", "--help").communicate(timeout=PATIENCE_S)
+        assert "--ego-until" in out
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    assert min(seconds() for _ in range(3)) < 0.5
+
+
+def test_the_terminal_stays_clean_where_a_sumocfg_is_verbose(tmp_path: Path) -> None:
+    text = (FILES / "good.sumocfg").read_text().replace("../../", f"{FILES.parent.parent}/").replace('"one.', f'"{FILES}/one.')
+    chatty = tmp_path / "chatty.sumocfg"
+    chatty.write_text(text.replace("</conf", '    <verbose value="true"/>\n</conf'))
+    process = start("run", str(chatty), "--ego", "ego", "--planner", "sumo", "--json")
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, err) == (0, "")
+    assert json.loads(out)["schema_version"] == 1
