@@ -59,7 +59,7 @@ def failures(result: EpisodeResult) -> list[str]:
 
 def write(result: EpisodeResult, out: Path, command: Sequence[str], note: Note) -> list[Path]:
     """Manifest, rows, traces and pictures into a folder; returns the files a person wants to open."""
-    from sumo_mcts.reporting import birdseye  # noqa: PLC0415  # loads matplotlib, which takes a while
+    from sumo_mcts.reporting import birdseye  # loads matplotlib, which takes a while
 
     out.mkdir(parents=True, exist_ok=True)
     records.write_manifest(out, {**result.manifest, "command": ["sumo-mcts", *command]})

@@ -23,6 +23,8 @@ SEARCHING = ("mcts", "paper")  # planners that search a forecast
 NEAR_STOP = 3.0  # m before a stop sign within which standing counts
 NOMINAL_S = 2.0  # s of the last plan that the forecast takes for granted; afterwards the nominal ego follows its leader
 
+CENTRED = 0.02  # m from the middle of its lane within which no lane change is under way
+
 Scripts = Callable[[str, float, float, int], Scripted | None]  # vehicle, time, step, count
 
 
@@ -74,7 +76,7 @@ class Driver:
         began = time.perf_counter()
         self._keep_route(scene.ego)
         route = self._route
-        state = None if route is None or scene.ego.lane < 0 else ego_state(route, _on_its_side(scene.ego))
+        state = None if route is None or scene.ego.lane < 0 else ego_state(route, _as_seen(self._road, scene.ego))
         if state is None or route is None:
             self._plan = None
             return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
@@ -138,12 +140,19 @@ def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
         script_poses(road, scene.agents.lane, row, row, row, physics.step, scene.ego.length)
 
 
-def _on_its_side(ego: EgoState) -> EgoState:
-    """The ego with a lane change on the side of half time where SUMO has it: there rounding decides, here it must agree with the lane."""
-    if ego.changing <= 0.0:
+def _as_seen(road: RoadMap, ego: EgoState) -> EgoState:
+    """The ego with its lane change as far as SUMO has it by now, which may refuse one, be slower than its own clock, or end it in a junction."""
+    if ego.changing <= 0.0 or ego.lane < 0:
         return ego
-    moved = ego.lane == ego.change_to
-    return ego._replace(changing=max(ego.changing, HALF + 1e-9) if moved else min(ego.changing, 0.5 - 1e-9))
+    side = 1 if road.left[ego.change_from] == ego.change_to else -1
+    moved = ego.d * side < 0.0  # past the middle
+    other = int((road.left if (side > 0) != moved else road.right)[ego.lane])
+    if abs(ego.d) < CENTRED or other < 0:
+        return ego._replace(changing=0.0)
+    share = abs(ego.d) / float(road.width[ego.lane] + road.width[other]) * 2.0
+    if moved:  # at half time rounding decides: progress has to agree with the lane
+        return ego._replace(changing=max(1.0 - share, HALF + 1e-9), change_from=other, change_to=ego.lane)
+    return ego._replace(changing=min(share, 0.5 - 1e-9), change_from=ego.lane, change_to=other)
 
 
 def make_planner(config: ScenarioConfig) -> Planner:

@@ -127,7 +127,7 @@ OPTIONS = [
     (("run", "good.yaml", "--planner", "alphazero"), "good.yaml: planner.name"),
     (("run", "good.yaml", "--prediction", "oracle"), "good.yaml: prediction.name"),
     (("run", "good.yaml", "--time-budget", "-1"), "good.yaml: planner.time_budget_ms: Input should be greater than 0"),
-    (("run", "good.yaml", "--time-limit", "nan"), "good.yaml: episode.time_limit_s: Input should be a finite number"),
+    (("run", "good.yaml", "--time-limit", "nan"), "Input should be a finite number, got 'nan'"),
     (("run", "good.yaml", "--ego-until", "to_nowhere"), "good.yaml: egos: ego: until: the network has no edge to_nowhere"),
     (("run", "good.yaml", "--gui"), "--gui: no display"),
     (("run", "good.yaml", "--", "--warp-speed", "9"), "good.yaml: SUMO does not start: On processing option '--warp-speed': No option"),

@@ -116,7 +116,9 @@ def can_change(local: Local, p: EgoParams, state: State, side: int) -> bool:
     if state.progress > 0.0:
         return False
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
-    return target >= 0 and state.s + state.v * 0.5 * p.change_duration + 0.5 < local.node[state.node, LENGTH]
+    # SUMO moves a vehicle along its old lane first and changes lanes at the end of the step
+    room = max(state.v * 0.5 * p.change_duration, (state.v + p.max_accel * p.step) * p.step) + 0.5
+    return target >= 0 and state.s + room < local.node[state.node, LENGTH]
 
 
 @kernel

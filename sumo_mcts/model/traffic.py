@@ -16,6 +16,7 @@ from sumo_mcts.scene import GREEN, LEFT, RIGHT, STRAIGHT, Agents, Bools, EgoStat
 
 LANES = 14  # lanes of a path at most
 PATH = 200.0  # m of a path at most
+ASIDE = 0.2  # m off the centre line from which a blinking vehicle is taken to be changing lanes
 CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes
 FOES = 24  # conflicts looked at for each agent
 
@@ -49,7 +50,7 @@ def predict(road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, param
     the table is conditional on that. `scripts` (an oracle) replaces the forecast of the agents that it names.
     """
     times = int(math.ceil(seconds / params.step)) + 1
-    agents, ego = scene.agents, scene.ego
+    agents, ego = _changing(road, scene.agents), scene.ego
     paths = _paths(road, agents, ego, ego_lanes)
     grid = np.arange(times, dtype=np.float64) * params.step
     x, v, polite = _drive(
@@ -87,6 +88,15 @@ def _start(agents: Agents, ego: EgoState) -> tuple[Floats, Floats, Floats]:
 def _stays(agents: Agents, params: TrafficParams) -> Bools:
     """[N+1] whom nobody expects to move: it has stood for a while (why is looked at in _drive)."""
     return np.concatenate([[False], (agents.standing_s >= params.stays_after) & params.interacting])
+
+
+def _changing(road: RoadMap, agents: Agents) -> Agents:
+    """The agents, those that move towards a neighbouring lane with the blinker on as if they were there already, at its edge."""
+    side = np.where(agents.lane >= 0, agents.blinker, 0)
+    beside = np.where(side > 0, road.left[agents.lane], np.where(side < 0, road.right[agents.lane], -1))
+    moves = (beside >= 0) & (agents.d * side > ASIDE)
+    apart = 0.5 * (road.width[agents.lane] + road.width[beside])
+    return agents._replace(lane=np.where(moves, beside, agents.lane).astype(np.int32), d=np.where(moves, agents.d - side * apart, agents.d))
 
 
 def _cruises(agents: Agents) -> Bools:

@@ -36,6 +36,7 @@ class VehicleType(NamedTuple):
     max_speed: float
     speed_factor: float
     vclass: int
+    articulated: bool  # SUMO's angle is that of the tractor
 
 
 class Observer:
@@ -48,6 +49,7 @@ class Observer:
         self._edges = {edge: i for i, edge in enumerate(road.edge_ids)}
         self._types: dict[str, VehicleType] = {}
         self._standing: dict[str, float] = {}
+        self._came_from: dict[str, tuple[int, int]] = {}  # the lane before and the present one of articulated vehicles
         self._trend: dict[str, tuple[float, float]] = {}  # time and smoothed acceleration
         self._signals = _SignalReader(self._libsumo, road)
         self.step = step_length()
@@ -118,14 +120,29 @@ class Observer:
     def _vehicle_row(self, vehicle: str, px: float, py: float, time: float) -> tuple[Any, ...]:
         get = self._libsumo.vehicle
         kind = self._type(vehicle)
-        heading = _heading(get.getAngle(vehicle))
+        lane, s = self.lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle)
+        heading = self._chord(vehicle, lane, s - kind.length, px, py) if kind.articulated and lane >= 0 else _heading(get.getAngle(vehicle))
         v, a = get.getSpeed(vehicle), get.getAcceleration(vehicle)
         signals = get.getSignals(vehicle)
         return (
             vehicle, px - 0.5 * kind.length * math.cos(heading), py - 0.5 * kind.length * math.sin(heading), heading, v, a, self._smoothed(vehicle, a, time),
-            kind.length, kind.width, self.lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle), get.getLateralLanePosition(vehicle),
+            kind.length, kind.width, lane, s, get.getLateralLanePosition(vehicle),
             (-1 if signals & 1 else 1 if signals & 2 else 0), self._stood(vehicle, v, time), False,
         )  # fmt: skip
+
+    def _chord(self, vehicle: str, lane: int, rear: float, px: float, py: float) -> float:
+        """Heading from the rear, at lane position `rear` (m, negative: on the lane before), to the front of a long vehicle at (px, py)."""
+        before, now = self._came_from.get(vehicle, (lane, lane))
+        if now != lane:
+            before = now
+        self._came_from[vehicle] = before, lane
+        if rear < 0.0 and before != lane:
+            lane, rear = before, max(rear + float(self._road.length[before]), 0.0)
+        scale = self._road.shape_length[lane] / max(float(self._road.length[lane]), 1e-9)
+        first, last = int(self._road.point_offset[lane]), int(self._road.point_offset[lane + 1])
+        x = np.interp(rear * scale, self._road.point_s[first:last], self._road.points[first:last, 0])
+        y = np.interp(rear * scale, self._road.point_s[first:last], self._road.points[first:last, 1])
+        return math.atan2(py - float(y), px - float(x))
 
     def _person_row(self, person: str, px: float, py: float, time: float) -> tuple[Any, ...]:
         get = self._libsumo.person
@@ -156,6 +173,7 @@ class Observer:
             kind = VehicleType(
                 get.getLength(vehicle), get.getWidth(vehicle), get.getAccel(vehicle), get.getDecel(vehicle), get.getEmergencyDecel(vehicle),
                 get.getMaxSpeed(vehicle), get.getSpeedFactor(vehicle), vclass,
+                "trailer" in get.getShapeClass(vehicle),
             )  # fmt: skip
             self._types[vehicle] = kind
         return kind
