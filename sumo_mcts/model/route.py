@@ -15,7 +15,7 @@ Indices = NDArray[np.int64]
 SPACING = 1.0  # m between the rows of the pose and speed tables
 # Columns of RouteMap.table: compiled code is handed one array, since every array in a tuple costs at every call.
 NEXT, LEFT_NODE, RIGHT_NODE, LENGTH, LIMIT, STATION, REACH, STOP_LINE, INTERNAL, FIRST_ROW, LAST_ROW, JUNCTION = range(12)
-END_GAP = 0.5  # m kept to the end of a lane that leads nowhere
+END_GAP = 1.5  # m kept to the end of a lane that leads nowhere
 
 
 class RouteMap(NamedTuple):
