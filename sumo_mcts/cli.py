@@ -120,8 +120,12 @@ def bench(
     if as_json:
         typer.echo(json.dumps(rows))
         return
-    for row in rows:
-        typer.echo(f"{row['quantity']:72s} {row['value']:>12} {row['unit']:14s} budget {row['budget']}")
+    typer.echo("\n".join(_bench_line(**row) for row in rows))
+
+
+def _bench_line(quantity: str, value: float, unit: str, budget: float | None, ok: bool | None) -> str:
+    limit = "" if budget is None else f"budget {budget:9,.0f}" if budget >= 100 else f"budget {budget:9g}"
+    return f"{quantity:86s} {value:12,.{0 if value >= 1000 else 2}f} {unit:4s} {limit:16s} {'' if ok is None else 'ok' if ok else 'MISSED'}".rstrip()
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -134,7 +135,8 @@ def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
         return
     tried = config.model_copy(update={"planner": config.planner.model_copy(update={"iterations": 1, "time_budget_ms": None})})
     scene = _still_life(road, physics.step)
-    Driver(tried, road, physics, 0).decide(scene)
+    with suppress(Exception):  # what fails here fails again at the first real decision, where it becomes the outcome
+        Driver(tried, road, physics, 0).decide(scene)
     if config.prediction.name == "script":
         row = np.zeros(1)
         script_poses(road, scene.agents.lane, row, row, row, physics.step, scene.ego.length)

@@ -1,0 +1,248 @@
+"""How the others are expected to move."""
+
+import math
+
+import naive
+import numpy as np
+import pytest
+from helpers import Agent, Lane, build, crossing, ego_at, lights
+from helpers_model import forecast_of, lanes_east, road_with_light, scene_of, task_of, traffic_params
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sumo_mcts.assets import scenario_path
+from sumo_mcts.config import load
+from sumo_mcts.episode import run_episode
+from sumo_mcts.model.local import signal_states
+from sumo_mcts.model.traffic import TrafficParams, predict
+from sumo_mcts.scene import GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, RoadMap, Scene, Signals
+
+STEP = 0.2  # s between forecast times
+
+
+def predicted(
+    road: RoadMap, *agents: Agent, ego: str = "", seconds: float = 10.0, params: TrafficParams | None = None, signals: Signals | None = None, **traits: list[float]
+) -> tuple[Scene, Forecast]:
+    """The forecast for agents far from an ego at the start of its lane; `traits` replace columns of the agents."""
+    name = ego or road.lane_ids[0]
+    state = ego_at(road, name, 6.0, 0.0)
+    scene = scene_of(state, road, *agents, signals=signals)
+    columns = {key: np.array(values, dtype=getattr(scene.agents, key).dtype) for key, values in traits.items()}
+    scene = scene._replace(agents=scene.agents._replace(**columns))
+    return scene, forecast_of(task_of(road, state), scene, seconds, params)
+
+
+def along(road: RoadMap, forecast: Forecast, agent: int, *names: str) -> list[float]:
+    """How far an agent is at each time, m from the start of the first of these lanes, one behind the other."""
+    begins = dict(zip((road.lane_ids.index(name) for name in names), np.cumsum([0.0, *(road.length[road.lane_ids.index(name)] for name in names)]), strict=False))
+    return [float(begins[int(lane)] + s) for lane, s in zip(forecast.lane[0, :, agent], forecast.s[0, :, agent], strict=True)]
+
+
+# --- alone ---
+
+
+@given(st.floats(0.0, 25.0), st.floats(50.0, 500.0))
+def test_constant_velocity_is_constant(v: float, s: float) -> None:
+    road = lanes_east(3, 900.0)
+    _, forecast = predicted(road, Agent("a", "a_2", s, v), params=traffic_params(interacting=False))
+    times = np.arange(forecast.v.shape[1]) * STEP
+    assert np.all(forecast.v[0, :, 0] == v) and np.all(forecast.lane[0] == 2)
+    assert forecast.s[0, :, 0] == pytest.approx(s + v * times)
+    assert forecast.pose[0, :, 0] == pytest.approx(np.column_stack([s - 2.5 + v * times, np.full(len(times), 3.2), np.ones(len(times)), np.zeros(len(times))]))
+
+
+@given(st.floats(0.0, 15.0), st.floats(50.0, 200.0), st.sampled_from([0.1, 0.2, 0.5]))
+def test_a_free_car_drives_as_the_intelligent_driver_model_says(v: float, s: float, step: float) -> None:
+    road = lanes_east(3, 900.0)
+    params = traffic_params(step)
+    _, forecast = predicted(road, Agent("a", "a_2", s, v), params=params, trend=[2.0])
+    expected = naive.free_drive(s, v, 15.0, params.accel, step, forecast.v.shape[1])
+    assert np.column_stack([forecast.s[0, :, 0], forecast.v[0, :, 0]]) == pytest.approx(np.array(expected))
+
+
+def test_who_cruises_goes_on_cruising() -> None:
+    road = lanes_east(3, 900.0)
+    _, forecast = predicted(road, Agent("a", "a_2", 100.0, 9.0), trend=[0.1])
+    assert forecast.v[0, :, 0] == pytest.approx(9.0)
+    _, forecast = predicted(road, Agent("a", "a_2", 100.0, 9.0), trend=[1.0])
+    assert forecast.v[0, -1, 0] > 13.0
+
+
+def test_an_offset_from_the_lane_dies_away_and_people_walk_on() -> None:
+    road = lanes_east(3, 900.0)
+    _, forecast = predicted(road, Agent("a", "a_2", 100.0, 9.0, d=1.0), Agent("p", "", v=1.0, x=50.0, y=-20.0, length=0.3, width=0.5, heading=math.pi / 2))
+    aside = forecast.pose[0, :, 0, 1] - 3.2
+    assert aside[0] == pytest.approx(1.0) and np.all(np.diff(aside) < 0.0) and aside[-1] < 0.05
+    assert forecast.pose[0, -1, 1, :2] == pytest.approx((50.0, -10.0)) and np.all(forecast.lane[0, :, 1] == -1)
+
+
+def forked() -> RoadMap:
+    """Lane a_0 goes straight on to b_0 or left to c_0."""
+    return build(
+        [
+            Lane("a", 0, ((0, 0), (100, 0)), (":s_0", ":l_0")),
+            Lane(":s", 0, ((100, 0), (110, 0)), ("b_0",), junction="j", direction=STRAIGHT),
+            Lane(":l", 0, ((100, 0), (107, 3), (110, 10)), ("c_0",), 8.0, junction="j", direction=LEFT),
+            Lane("b", 0, ((110, 0), (300, 0))),
+            Lane("c", 0, ((110, 10), (110, 200))),
+        ]
+    )
+
+
+@pytest.mark.parametrize(("blinker", "end"), [(0, "b_0"), (1, "c_0"), (-1, "b_0")])
+def test_the_blinker_tells_the_way(blinker: int, end: str) -> None:
+    road = forked()
+    _, forecast = predicted(road, Agent("a", "a_0", 80.0, 8.0), blinker=[blinker])
+    assert road.lane_ids[forecast.lane[0, -1, 0]] == end
+
+
+def test_who_turns_slows_down_for_the_turn() -> None:
+    road = forked()
+    _, forecast = predicted(road, Agent("a", "a_0", 40.0, 15.0), blinker=[1], trend=[2.0])
+    inside = forecast.lane[0, :, 0] == road.lane_ids.index(":l_0")
+    assert forecast.v[0, inside, 0].max() < 8.6 and forecast.v[0, :, 0].min() > 6.0
+
+
+def test_who_reaches_the_end_of_the_road_is_gone() -> None:
+    road = lanes_east(3, 200.0)
+    _, forecast = predicted(road, Agent("a", "a_2", 150.0, 10.0), params=traffic_params(interacting=False))
+    assert forecast.valid[0, :, 0].tolist() == [150.0 + 10.0 * k * STEP <= 200.1 for k in range(forecast.valid.shape[1])]
+
+
+# --- with others ---
+
+platoons = st.lists(st.tuples(st.floats(0.0, 15.0), st.floats(0.5, 40.0)), min_size=2, max_size=6)
+
+
+@given(platoons, st.booleans())
+def test_nobody_overlaps_the_leader(platoon: list[tuple[float, float]], wall: bool) -> None:
+    """Where braking at 4.5 m/s2 after a second would do to begin with; `wall`: the first one stands and stays."""
+    road = lanes_east(3, 900.0)
+    place, ahead, agents = 500.0, 0.0, []
+    for k, (v, more) in enumerate(platoon):
+        v = 0.0 if wall and k == 0 else v
+        place -= 5.0 + more + v + max(0.0, v * v - ahead * ahead) / 9.0
+        agents.append(Agent(f"v{k}", "a_2", place, v))
+        ahead = v
+    _, forecast = predicted(road, *agents, standing_s=[9.0 if wall and k == 0 else 0.0 for k in range(len(agents))])
+    s = forecast.s[0]
+    assert np.all(s[:, :-1] - s[:, 1:] >= 5.0)
+    assert np.all(np.diff(s, axis=0) >= 0.0) and np.all(forecast.v >= 0.0)
+    assert not wall or np.all(s[:, 0] == s[0, 0])
+
+
+def test_a_follower_keeps_the_gap_it_likes() -> None:
+    road, params = lanes_east(3, 2000.0), traffic_params()
+    _, forecast = predicted(road, Agent("a", "a_2", 200.0, 8.0), Agent("b", "a_2", 160.0, 12.0), seconds=60.0, trend=[0.0, 1.0])
+    gap = float(forecast.s[0, -1, 0] - forecast.s[0, -1, 1]) - 5.0
+    wish = naive.desired_gap(8.0, 8.0, params.gap, params.headway, params.accel, params.decel)
+    assert forecast.v[0, -1] == pytest.approx(8.0, abs=0.05)
+    assert gap == pytest.approx(wish / math.sqrt(1.0 - (8.0 / 15.0) ** 4), rel=0.03)
+
+
+def test_the_head_of_a_standing_queue_stays_and_whoever_waits_for_a_leader_does_not() -> None:
+    road = lanes_east(3, 900.0)
+    queue = [Agent("a", "a_2", 300.0, 0.0), Agent("b", "a_2", 293.0, 0.0)]
+    _, forecast = predicted(road, *queue, standing_s=[5.0, 5.0])
+    assert np.all(forecast.s[0] == forecast.s[0, 0])
+    _, forecast = predicted(road, *queue, standing_s=[1.0, 5.0])
+    assert np.all(forecast.s[0, -1] > forecast.s[0, 0] + 20.0)
+
+
+def test_a_follower_stops_behind_a_standing_ego() -> None:
+    road = lanes_east(1, 900.0)
+    ego = ego_at(road, "a_0", 200.0, 0.0)
+    scene = scene_of(ego._replace(v=0.0), road, Agent("a", "a_0", 150.0, 12.0))
+    task = task_of(road, ego)
+    standing = forecast_of(task, scene, 10.0)
+    # the nominal ego drives off by car following; one that is known to stand is stopped for
+    waited = predict(road, scene, np.array([0], np.int32), np.zeros(100), traffic_params(), 10.0, {})
+    assert standing.s[0, -1, 0] > 200.0 > 195.0 > waited.s[0, -1, 0] > 188.0
+    assert waited.v[0, -1, 0] < 0.3 and waited.reacts[0]
+
+
+# --- signals and right of way ---
+
+
+def test_a_car_stops_for_red_and_goes_on_at_green() -> None:
+    road = road_with_light()
+    _, forecast = predicted(road, Agent("a", "a_0", 120.0, 12.0), signals=lights(RED), seconds=15.0)
+    assert 195.0 < forecast.s[0, -1, 0] <= 200.0 and forecast.v[0, -1, 0] < 0.3 and np.all(forecast.lane[0] == 0)
+    opening = Signals(np.array([0, 1], np.int32), np.array([[RED, GREEN]], np.int32), np.array([[10.0, np.inf]]))
+    _, forecast = predicted(road, Agent("a", "a_0", 120.0, 12.0), signals=opening, seconds=15.0)
+    crossed = np.flatnonzero(forecast.lane[0, :, 0] != 0)
+    assert len(crossed) and 10.0 < crossed[0] * STEP < 14.0
+    _, forecast = predicted(road, Agent("a", "a_0", 190.0, 12.0), signals=lights(YELLOW))
+    assert np.any(forecast.lane[0] > 0)  # too late to stop
+
+
+def test_who_has_to_yield_lets_the_other_pass() -> None:
+    """North-bound traffic waits for the west-east road; alone it does not."""
+    road = crossing(bridge=False)
+    north, east = Agent("n", "si_0", 55.0, 10.0), Agent("w", "wi_0", 55.0, 10.0)
+    _, alone = predicted(road, north, ego="no_0")
+    assert alone.v[0, :, 0].min() > 9.0
+    _, forecast = predicted(road, north, east, ego="no_0")
+    n, w = along(road, forecast, 0, "si_0", ":sn_0", "no_0"), along(road, forecast, 1, "wi_0", ":we_0", "eo_0")
+    assert forecast.v[0, :, 1].min() > 9.0  # who has the right of way does not brake
+    first = next(k for k, s in enumerate(n) if s > 90.0 + 6.2)
+    assert w[first] - 5.0 > 90.0 + 9.4  # nobody enters the shared stretch before the other has come out of it ...
+    assert forecast.v[0, :, 0].min() < 5.0
+    assert n[-1] > 100.0  # ... and afterwards it goes on
+
+
+def test_whoever_yields_to_the_ego_is_polite() -> None:
+    road = crossing(bridge=False)
+    ego = ego_at(road, "wi_0", 55.0, 10.0, route=(0, 2))
+    scene = scene_of(ego, road, Agent("n", "si_0", 45.0, 10.0))
+    assert forecast_of(task_of(road, ego), scene).yields.tolist() == [True]
+    assert forecast_of(task_of(road, ego), scene, params=traffic_params(interacting=False)).yields.tolist() == [False]
+    too_fast = scene_of(ego, road, Agent("n", "si_0", 84.0, 14.0))
+    assert forecast_of(task_of(road, ego), too_fast).yields.tolist() == [False]
+
+
+phases = st.integers(1, 6).flatmap(
+    lambda n: st.tuples(
+        st.lists(st.lists(st.sampled_from([GREEN, YELLOW, RED]), min_size=n, max_size=n), min_size=3, max_size=3),
+        st.lists(st.floats(0.1, 20.0), min_size=n, max_size=n),
+    )
+)
+
+
+@given(phases, phases, st.floats(0.05, 1.0))
+def test_signal_states_are_those_of_the_phase(first: tuple[list[list[int]], list[float]], second: tuple[list[list[int]], list[float]], dt: float) -> None:
+    count = max(len(first[1]), len(second[1]))
+    state = np.array([[*row, *[row[-1]] * (count - len(row))] for row in (*first[0], *second[0])], np.int32)
+    until = np.array([[*np.cumsum(ends)[:-1], *[np.inf] * (count - len(ends) + 1)] for ends in (first[1], second[1])])
+    signals = Signals(np.array([0, 3, 6], np.int32), state, until)
+    grid = np.arange(80) * dt
+    for signal, link in ((0, 0), (0, 2), (1, 1)):
+        assert signal_states(signals, signal, link, grid).tolist() == [naive.light_at(signals, signal, link, t) for t in grid]
+
+
+# --- scripts ---
+
+
+@pytest.mark.parametrize("name", ["unprotected-left-turn-scripted", "highway-exit-scripted", "straight-line-scripted"])
+def test_the_script_forecast_is_what_sumo_then_does(name: str) -> None:
+    """3 s ahead within 2 cm: the front of every agent; the centre too, but where SUMO turns an agent that goes sideways and the forecast does not."""
+    config = load(scenario_path(name), ("prediction.name=script", "planner.name=mcts", "planner.iterations=20"))
+    (trace,) = run_episode(config, seed=2).traces
+    fronts, centres = [], []
+    for before in trace.cycles:
+        after = next((cycle.agents for cycle in trace.cycles if abs(cycle.time - before.time - 3.0) < 1e-6), None)
+        k = round(3.0 / before.forecast.dt)
+        assert k * before.forecast.dt == pytest.approx(3.0)
+        for i, vehicle in enumerate(before.agents.ids if after is not None else ()):
+            if vehicle not in after.ids:
+                continue
+            j = after.ids.index(vehicle)
+            assert before.forecast.valid[0, k, i] and before.forecast.lane[0, k, i] == after.lane[j]
+            x, y, c, n = before.forecast.pose[0, k, i]
+            ahead, cj, nj = after.length[j] / 2, math.cos(after.heading[j]), math.sin(after.heading[j])
+            fronts.append(math.dist((x + ahead * c, y + ahead * n), (after.x[j] + ahead * cj, after.y[j] + ahead * nj)))
+            if c * cj + n * nj > math.cos(math.radians(0.5)):
+                centres.append(math.dist((x, y), (after.x[j], after.y[j])))
+    assert len(centres) > 20
+    assert max(fronts) < 0.02
+    assert max(centres) < 0.02

@@ -1,0 +1,24 @@
+"""The bench measures what the table of budgets names; how fast this machine is, it does not judge."""
+
+import pytest
+
+from sumo_mcts import benchmark
+
+
+@pytest.mark.slow
+def test_every_quantity_is_measured() -> None:
+    said: list[str] = []
+    rows = benchmark.run(0.05, said.append)
+    assert all(list(row) == ["quantity", "value", "unit", "budget", "ok"] and row["value"] > 0 for row in rows)
+    quantities = " ".join(row["quantity"] for row in rows)
+    for words in ("--help", "warm start", "5 tabulated agents", "50 tabulated agents", "3000 iterations", "300 vehicles"):
+        assert words in quantities
+    assert "first compilation" not in quantities
+    assert said[0].startswith("starting")
+
+
+def test_budgets_are_judged_from_their_side() -> None:
+    floor, ceiling = benchmark.Budget("rate", "1/s", 100.0, at_least=True), benchmark.Budget("time", "ms", 20.0)
+    assert [benchmark._row(floor, value)["ok"] for value in (99.0, 100.0)] == [False, True]
+    assert [benchmark._row(ceiling, value)["ok"] for value in (20.0, 20.1)] == [True, False]
+    assert benchmark._row(ceiling._replace(limit=None), 3.0)["ok"] is None

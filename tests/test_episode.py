@@ -1,0 +1,122 @@
+"""Whole episodes in SUMO: the loop's promises, and what happens when something in it fails."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sumo_mcts import assets, config, records
+from sumo_mcts.driver import Driver
+from sumo_mcts.episode import run_episode
+from sumo_mcts.records import ROW_KEYS
+
+DIGEST = """
+from sumo_mcts import assets, config
+from sumo_mcts.episode import run_episode
+scene = config.load(assets.scenario_path("unprotected-left-turn"), ("planner.iterations=200", "planner.name={planner}"))
+print(run_episode(scene, {seed}).rows[0]["trace_digest"])
+"""
+
+
+def digest(seed: int, hash_seed: int, planner: str = "mcts") -> str:
+    """The digest of an episode in a process of its own."""
+    run = subprocess.run(
+        [sys.executable, "-c", DIGEST.format(seed=seed, planner=planner)],
+        env={**os.environ, "PYTHONHASHSEED": str(hash_seed)},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+    return run.stdout.strip()
+
+
+@pytest.mark.parametrize("planner", ["mcts", "paper"])
+def test_same_seed_same_run_in_another_process(planner: str) -> None:
+    first = digest(3, 0, planner)
+    assert len(first) == 64
+    assert digest(3, 1234, planner) == first
+
+
+def test_another_seed_is_another_run() -> None:
+    assert digest(3, 0) != digest(4, 0)
+
+
+@pytest.mark.parametrize("name", ["unprotected-left-turn", "highway-exit", "straight-line"])
+def test_mcts_drives_the_reactive_scenes(name: str) -> None:
+    scene = config.load(assets.scenario_path(name))
+    row = run_episode(scene, 1).rows[0]
+    assert row["outcome"] == "arrived", row
+    assert row["red_lights_run"] == 0
+    assert row["speeding_share"] == 0
+    assert set(row) == set(ROW_KEYS)
+    assert row["iterations"] > 100 * row["cycles"]
+    json.dumps(row, allow_nan=False)
+
+
+@pytest.mark.parametrize("name", ["unprotected-left-turn", "highway-exit", "straight-line"])
+def test_the_oracle_solves_the_fixed_scripted_scenes(name: str) -> None:
+    scene = config.load(assets.scenario_path(f"{name}-scripted"), ("prediction.name=script", "traffic.vary=0"))
+    row = run_episode(scene, 0).rows[0]
+    assert row["outcome"] == "arrived", row
+
+
+def test_a_blind_driver_collides_where_the_search_does_not() -> None:
+    scene = config.load(assets.scenario_path("unprotected-left-turn-scripted"), ("planner.name=constant", "traffic.vary=0"))
+    assert run_episode(scene, 0).rows[0]["outcome"] == "collision"
+
+
+def test_the_twin_is_driven_by_sumo() -> None:
+    scene = config.load(assets.scenario_path("straight-line"), ("planner.name=sumo",))
+    result = run_episode(scene, 1)
+    row = result.rows[0]
+    assert row["outcome"] == "arrived"
+    assert row["iterations"] == 0
+    assert row["prediction"] is None
+    assert all(cycle.decision.plan is None for cycle in result.traces[0].cycles)
+
+
+def test_two_egos_get_a_row_each() -> None:
+    scene = config.load(assets.scenario_path("straight-line"), ("planner.iterations=200", "egos=[{id: ego, until: road}, {id: behind, until: road}]"))
+    result = run_episode(scene, 1)
+    assert [row["ego"] for row in result.rows] == ["ego", "behind"]
+    assert [row["outcome"] for row in result.rows] == ["arrived", "arrived"]
+    assert len({row["key"] for row in result.rows}) == 2
+    assert len(result.traces) == 2
+
+
+def test_a_planner_that_raises_is_an_outcome(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("as planned")
+
+    monkeypatch.setattr(Driver, "decide", broken)
+    scene = config.load(assets.scenario_path("straight-line"))
+    row = run_episode(scene, 1).rows[0]
+    assert row["outcome"] == "error"
+    assert "as planned" in row["error"]
+    assert set(row) == set(ROW_KEYS)
+
+
+def test_an_ego_that_never_comes_is_an_error() -> None:
+    scene = config.load(assets.scenario_path("straight-line"), ("egos=[{id: nobody}]", "episode.depart_limit_s=5"))
+    row = run_episode(scene, 1).rows[0]
+    assert row["outcome"] == "error"
+    assert "never departed" in row["error"]
+
+
+def test_the_trace_tells_what_the_row_says(tmp_path: Path) -> None:
+    scene = config.load(assets.scenario_path("highway-exit"), ("planner.iterations=200",))
+    result = run_episode(scene, 2)
+    trace = result.traces[0]
+    assert len(trace.cycles) == result.rows[0]["cycles"]
+    path = tmp_path / "trace.npz"
+    records.save_trace(path, trace)
+    again = records.load_trace(path)
+    assert [c.decision.chosen for c in again.cycles] == [c.decision.chosen for c in trace.cycles]
+    for cycle in again.cycles[:-1]:
+        if cycle.deviation == "":
+            assert abs(cycle.commanded_speed - cycle.executed_speed) < 0.06
+    assert sum(cycle.deviation != "" for cycle in again.cycles) <= 1
