@@ -44,7 +44,7 @@ class SumoConfig(_Section):
 class EgoConfig(_Section):
     """A vehicle that the planner drives."""
 
-    id: str = Field(description="vehicle id; `any`: the first suitable one that departs")
+    id: str = Field(description="vehicle id")
     until: str | None = Field(None, description="the goal: the end of this edge; default the last of its route")
 
 
@@ -266,7 +266,9 @@ def digest(config: BaseModel) -> str:
 
 def json_schema() -> dict[str, Any]:
     """The JSON schema of a scenario file."""
-    return ScenarioConfig.model_json_schema()
+    schema = ScenarioConfig.model_json_schema()
+    schema["properties"]["base"] = {"type": "string", "description": "another scenario file, relative to this one, over which this one is laid"}
+    return schema
 
 
 def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
