@@ -1,10 +1,14 @@
 """Where a scripted vehicle's box lies: from lane, position and lateral offset to poses."""
 
+import math
+
 import numpy as np
 
 from sumo_mcts.model.geometry import chord, point_at
-from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.scene import Floats, Ints, RoadMap
+
+TANGENT = 0.5  # m over which the direction of a lane is measured
 
 
 def script_poses(road: RoadMap, lane: Ints, s: Floats, d: Floats, v: Floats, step: float, length: float) -> Floats:
@@ -16,16 +20,40 @@ def script_poses(road: RoadMap, lane: Ints, s: Floats, d: Floats, v: Floats, ste
     return pose
 
 
-@kernel
+@making_arrays
 def _fill(pose: Floats, lane: Ints, s: Floats, d: Floats, driven: Floats, length: float, points: Floats, arc: Floats, first: Ints, scale: Floats) -> None:
-    rear = 0
+    shift = np.zeros((len(lane), 2))  # how far sideways the lanes lie that it has changed to, m
+    rear, turned = 0, 0.0
     for m in range(len(lane)):
         here = lane[m]
         fx, fy = point_at(points, arc, first[here], first[here + 1], s[m] * scale[here])
+        ax, ay = point_at(points, arc, first[here], first[here + 1], s[m] * scale[here] - TANGENT)
+        tx, ty = (fx - ax) / TANGENT, (fy - ay) / TANGENT
+        forward, left = 0.0, 0.0
+        if m > 0:
+            shift[m] = shift[m - 1]
+            forward, left = driven[m] - driven[m - 1], d[m] - d[m - 1]
+            before = lane[m - 1]
+            if here != before and abs(s[m] - s[m - 1] - forward) < 1e-6:
+                bx, by = point_at(points, arc, first[before], first[before + 1], s[m] * scale[before])
+                shift[m, 0] += fx - bx
+                shift[m, 1] += fy - by
+                left += (fy - by) * tx - (fx - bx) * ty
         while rear < m and driven[rear + 1] <= driven[m] - length:
             rear += 1
-        there = lane[rear] if driven[m] >= length else lane[0]
-        at = s[rear] + (driven[m] - length - driven[rear])
-        rx, ry = point_at(points, arc, first[there], first[there + 1], at * scale[there])
-        x, y, c, n = chord(fx, fy, rx, ry, 1.0, 0.0)
-        pose[m, 0], pose[m, 1], pose[m, 2], pose[m, 3] = x - d[m] * n, y + d[m] * c, c, n
+        there = lane[rear]
+        rx, ry = point_at(points, arc, first[there], first[there + 1], (s[rear] + driven[m] - length - driven[rear]) * scale[there])
+        _, _, c, n = chord(fx, fy, rx + shift[m, 0] - shift[rear, 0], ry + shift[m, 1] - shift[rear, 1], 1.0, 0.0)
+        turned = _turned(turned, forward, left, length)
+        ct, nt = math.cos(turned), math.sin(turned)
+        c, n = c * ct - n * nt, n * ct + c * nt
+        pose[m, 0], pose[m, 1] = fx - d[m] * ty - 0.5 * length * c, fy + d[m] * tx - 0.5 * length * n
+        pose[m, 2], pose[m, 3] = c, n
+
+
+@kernel
+def _turned(turned: float, forward: float, left: float, length: float) -> float:
+    """The angle (rad) between a vehicle and its lane after a step forward and to the left (m): its rear follows its front."""
+    if left * left + forward * forward > length * length:
+        return math.atan2(left, forward)
+    return turned + math.asin(min(max(math.cos(turned) * (left - math.tan(turned) * forward) / length, -1.0), 1.0))

@@ -26,6 +26,7 @@ import sumolib
 
 from sumo_mcts import assets, config
 from sumo_mcts.episode import run_episode
+from sumo_mcts.world.arguments import sumo_arguments
 from sumo_mcts.world.candidates import candidates
 
 GAME = Path(sumo.__file__).parent / "tools" / "game"
@@ -98,11 +99,10 @@ def net_source(name: str, plans: Path | None, folder: Path) -> dict[str, Any]:
     plan = net.get("plan")
     if plan is None:
         return source
-    extra = fixed_plan(GAME / net["cfg"], folder / f"{name}.add.xml") if plan == "own" else (plans / plan if plans else None)
-    if extra is not None:
-        # a list on the command line replaces the configuration's own
-        own = [str(p) for p in files_of(GAME / net["cfg"], "additional-files") if "settings" not in p.name and "tls" not in p.name] if "cfg" in net else []
-        source["additional"] = [*own, str(extra)]
+    if plan == "own":
+        source["additional"] = [str(fixed_plan(GAME / net["cfg"], folder / f"{name}.add.xml"))]
+    elif plans is not None:
+        source["additional"] = [str((plans / plan).resolve())]
     return source
 
 
@@ -127,10 +127,10 @@ def fixed_plan(cfg: Path, path: Path) -> Path:
 
 def suitable(source: dict[str, Any]) -> list[str]:
     """Vehicles that could be egos, in the order of departure."""
-    arguments = ["-c", source["sumocfg"]] if "sumocfg" in source else ["-n", source["net"], "-r", ",".join(source["routes"])]
-    if source.get("additional"):
-        arguments += ["-a", ",".join(source["additional"])]
-    return [c.id for c in candidates(arguments, SCAN) if c.suitable]
+    scenario = config.build({"name": "scan", "sumo": source, "egos": [{"id": "nobody"}]}, "scan")
+    with tempfile.TemporaryDirectory() as folder:
+        arguments = sumo_arguments(scenario, None, (), Path(folder), ())
+        return [c.id for c in candidates(arguments, SCAN) if c.suitable]
 
 
 def run_pair(job: tuple[str, dict[str, Any], tuple[str, ...], int | None]) -> tuple[str, tuple[dict[str, Any], dict[str, Any]]]:
