@@ -1,5 +1,6 @@
 """The planner that people should use: UCT on a deterministic forecast, best-value backup, informed rollouts, braking when nothing is free."""
 
+import math
 import time
 from typing import NamedTuple
 
@@ -12,7 +13,8 @@ from sumo_mcts.planners.tree import ALIVE, SearchParams, Tree, new_tree, replay,
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
 
 STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow (measures: yellow_run)
-SLICE = 100  # passes between looks at the clock
+SLICE = 20_000  # passes after which an interrupt from the keyboard is heard
+TIMED_SLICE = 100  # passes between looks at the clock
 
 
 class MctsParams(NamedTuple):
@@ -51,13 +53,12 @@ class MctsPlanner:
         q = search_params(task.ego.step, local.dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
         tree = new_tree(p.iterations + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps)
         done = known = 0
-        if p.time_budget_s == float("inf"):
-            done, known = search(tree, local, task.ego, task.cost, q, self._actions, situation.state, p.iterations, self._rng)
-        else:
-            end = time.perf_counter() + p.time_budget_s
-            while time.perf_counter() < end and done + known < p.iterations and not tree.dead[0]:
-                more = search(tree, local, task.ego, task.cost, q, self._actions, situation.state, SLICE, self._rng)
-                done, known = done + more[0], known + more[1]
+        timed = p.time_budget_s < math.inf
+        end = time.perf_counter() + p.time_budget_s
+        while done + known < p.iterations and not tree.dead[0] and (not timed or time.perf_counter() < end):
+            count = min(TIMED_SLICE if timed else SLICE, p.iterations - done - known)
+            more = search(tree, local, task.ego, task.cost, q, self._actions, situation.state, count, self._rng)
+            done, known = done + more[0], known + more[1]
         children = _children(tree, local, task, q, self._actions, situation.state)
         chosen = min(range(len(children)), key=lambda i: children[i][0].best)
         child, plan = children[chosen]

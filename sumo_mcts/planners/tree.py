@@ -129,7 +129,7 @@ def search(
     while done + known < iterations and not tree.dead[0]:
         node = _select(tree, q)
         if tree.level[node] == q.look_ahead:
-            j = _rollout(tree, local, p, c, q, node, line, rng, tree.visits[node] == 0)
+            j = _rollout(tree, local, p, c, q, node, line, rng)
             done += 1
             _back_up(tree, actions, node, j, line)
             continue
@@ -146,11 +146,11 @@ def search(
             _back_up(tree, actions, child, tree.best[child], line)
             _bury(tree, child)
             continue
-        j = _rollout(tree, local, p, c, q, child, line, rng, True)
+        j = _rollout(tree, local, p, c, q, child, line, rng)
         done += 1
         _back_up(tree, actions, child, j, line)
         if j > c.contact * 0.5 and done + known < iterations:  # car following ran into something: would braking have helped?
-            j = _rollout(tree, local, p, c, q, child, line, rng, False)
+            j = _rollout(tree, local, p, c, q, child, line, rng)
             done += 1
             _back_up(tree, actions, child, j, line)
     return done, known
@@ -254,12 +254,12 @@ def _known(tree: Tree, node: int, action: int, state: State) -> bool:
 
 
 @kernel
-def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, node: int, line: Floats, rng: Generator, first: bool) -> float:
+def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, node: int, line: Floats, rng: Generator) -> float:
     """J of a continuation to the horizon; `line` receives its accelerations. The first from a node follows, later ones brake or keep first."""
     state, followers = state_of(tree, node), tree.followers[node]
     gap, leader_v = tree.leader[node, 0], tree.leader[node, 1]
     level, last = tree.level[node], q.look_ahead + q.rollout
-    policy = 0 if first else 1 + int(rng.random() * 3.0)
+    policy = 0 if tree.visits[node] == 0 else 1 + int(rng.random() * 3.0)
     turn = level + 1 + int(rng.random() * (last - level)) if policy == 3 else last
     line[:] = np.nan
     j = tree.cost[node].sum()

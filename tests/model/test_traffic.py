@@ -225,10 +225,10 @@ def test_signal_states_are_those_of_the_phase(first: tuple[list[list[int]], list
 
 @pytest.mark.parametrize("name", ["unprotected-left-turn-scripted", "highway-exit-scripted", "straight-line-scripted"])
 def test_the_script_forecast_is_what_sumo_then_does(name: str) -> None:
-    """3 s ahead within 2 cm: the front of every agent; the centre too, but where SUMO turns an agent that goes sideways and the forecast does not."""
+    """3 s ahead within 2 cm and half a degree, also in lane changes, in which SUMO turns a vehicle."""
     config = load(scenario_path(name), ("prediction.name=script", "planner.name=mcts", "planner.iterations=20"))
     (trace,) = run_episode(config, seed=2).traces
-    fronts, centres = [], []
+    centres = []
     for before in trace.cycles:
         after = next((cycle.agents for cycle in trace.cycles if abs(cycle.time - before.time - 3.0) < 1e-6), None)
         k = round(3.0 / before.forecast.dt)
@@ -239,10 +239,6 @@ def test_the_script_forecast_is_what_sumo_then_does(name: str) -> None:
             j = after.ids.index(vehicle)
             assert before.forecast.valid[0, k, i] and before.forecast.lane[0, k, i] == after.lane[j]
             x, y, c, n = before.forecast.pose[0, k, i]
-            ahead, cj, nj = after.length[j] / 2, math.cos(after.heading[j]), math.sin(after.heading[j])
-            fronts.append(math.dist((x + ahead * c, y + ahead * n), (after.x[j] + ahead * cj, after.y[j] + ahead * nj)))
-            if c * cj + n * nj > math.cos(math.radians(0.5)):
-                centres.append(math.dist((x, y), (after.x[j], after.y[j])))
+            centres.append((math.dist((x, y), (after.x[j], after.y[j])), abs(math.remainder(math.atan2(n, c) - after.heading[j], math.tau))))
     assert len(centres) > 20
-    assert max(fronts) < 0.02
-    assert max(centres) < 0.02
+    assert np.all(np.array(centres) < (0.02, math.radians(0.5)))

@@ -1,0 +1,114 @@
+"""Searches on scenes made by hand, and their trees as plain data. Run as a program it renews the golden trees."""
+
+import json
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from helpers import Agent, edges, ego_at, lights
+from helpers_model import lanes_east, local_of, road_with_light, scenario, scene_of, situation_of, task_of
+
+from sumo_mcts.driver import make_planner
+from sumo_mcts.model.local import Local, State
+from sumo_mcts.planners.base import Task
+from sumo_mcts.planners.mcts import root_actions
+from sumo_mcts.planners.tree import SearchParams, Tree, new_tree, search, search_params
+from sumo_mcts.scene import RED, Decision, EgoState, Floats, RoadMap, Scene
+
+GOLDEN = Path(__file__).parent / "planners" / "golden_tree.json"
+
+
+class Toy(NamedTuple):
+    """A scene and the configuration of its search."""
+
+    road: RoadMap
+    scene: Scene
+    sets: tuple[str, ...] = ()
+
+
+class Grown(NamedTuple):
+    """A tree with all that it was grown from."""
+
+    tree: Tree
+    local: Local
+    task: Task
+    q: SearchParams
+    actions: Floats
+    root: State
+    done: int
+    known: int
+
+
+def on_three_lanes(ego: EgoState | None = None, *agents: Agent, sets: tuple[str, ...] = ()) -> Toy:
+    """The ego in the middle of three lanes at 10 m/s, 100 m along, if nothing else is said."""
+    road = lanes_east(3, 900.0)
+    return Toy(road, scene_of(ego or ego_at(road, "a_1", 100.0, 10.0), road, *agents), sets)
+
+
+def before_a_light(shows: int, distance: float = 60.0, v: float = 12.0) -> Toy:
+    """The ego `distance` m before a stop line."""
+    road = road_with_light()
+    return Toy(road, scene_of(ego_at(road, "a_0", 200.0 - distance, v, route=edges(road, "a", "b")), road, signals=lights(shows)))
+
+
+TOYS = {
+    "free": on_three_lanes(),
+    "traffic": on_three_lanes(None, Agent("ahead", "a_1", 130.0, 6.0), Agent("beside", "a_2", 98.0, 11.0), Agent("behind", "a_0", 80.0, 13.0)),
+    "wall": on_three_lanes(None, *(Agent(f"w{k}", f"a_{k}", 135.0, 0.0) for k in range(3))),
+    "red": before_a_light(RED),
+}
+
+
+def grow(toy: Toy, iterations: int, seed: int = 1) -> Grown:
+    """The tree after a number of passes."""
+    config = scenario(*toy.sets)
+    task = task_of(toy.road, toy.scene.ego, config)
+    local, root = local_of(task, toy.scene)
+    p = config.planner
+    actions = root_actions(p.accelerations_mps2, p.lane_change_accelerations_mps2)
+    q = search_params(task.ego.step, local.dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
+    tree = new_tree(iterations + 2, len(actions), p.look_ahead_steps + p.rollout_steps)
+    done, known = search(tree, local, task.ego, task.cost, q, actions, root, iterations, np.random.Generator(np.random.PCG64(seed)))
+    return Grown(tree, local, task, q, actions, root, int(done), int(known))
+
+
+def decide(toy: Toy, *sets: str, seed: int = 1) -> Decision:
+    """What the planner of the configuration decides."""
+    config = scenario(*toy.sets, *sets)
+    planner = make_planner(config)
+    task = task_of(toy.road, toy.scene.ego, config)
+    planner.start(task, seed)
+    return planner.plan(situation_of(task, toy.scene))
+
+
+def plain(grown: Grown) -> dict[str, Any]:
+    """The tree to the bit: floats as hexadecimal text."""
+    tree, used = grown.tree, int(grown.tree.used[0])
+    return {
+        "passes": [grown.done, grown.known],
+        "parent": tree.parent[:used].tolist(),
+        "visits": tree.visits[:used].tolist(),
+        "dead": tree.dead[:used].astype(int).tolist(),
+        "best": [float(best).hex() for best in tree.best[:used]],
+    }
+
+
+def rough(data: Mapping[str, Any]) -> dict[str, Any]:
+    """The same with values as numbers, for comparison across platforms."""
+    return {**data, "best": [float.fromhex(best) if best != "inf" else math.inf for best in data["best"]]}
+
+
+def small_trees(iterations: int = 150) -> dict[str, Any]:
+    """The toys' trees after a few passes."""
+    return {name: plain(grow(toy, iterations)) for name, toy in TOYS.items()}
+
+
+if __name__ == "__main__":
+    trees = small_trees()
+    if "--print" in sys.argv:
+        sys.stdout.write(json.dumps(trees))
+    else:
+        GOLDEN.write_text(json.dumps(trees, indent=None, separators=(",", ":")) + "\n")
