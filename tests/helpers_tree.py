@@ -48,6 +48,14 @@ def on_three_lanes(ego: EgoState | None = None, *agents: Agent, sets: tuple[str,
     return Toy(road, scene_of(ego or ego_at(road, "a_1", 100.0, 10.0), road, *agents), sets)
 
 
+def mirrored(toy: Toy) -> Toy:
+    """Left and right exchanged, on lanes that mirror into themselves at y = 0."""
+    ego, others, last = toy.scene.ego, toy.scene.agents, len(toy.road.lane_ids) - 1
+    ego = ego._replace(y=-ego.y, heading=-ego.heading, d=-ego.d, lane=last - ego.lane)
+    others = others._replace(y=-others.y, heading=-others.heading, d=-others.d, lane=(last - others.lane).astype(np.int32), blinker=-others.blinker)
+    return toy._replace(scene=toy.scene._replace(ego=ego, agents=others))
+
+
 def before_a_light(shows: int, distance: float = 60.0, v: float = 12.0) -> Toy:
     """The ego `distance` m before a stop line."""
     road = road_with_light()

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from sumo_mcts.model.ego import EgoParams, halt_distance, pose_of
+from sumo_mcts.model.ego import EgoParams, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import (
@@ -33,8 +33,7 @@ from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT
 
 CLAIM_SAMPLES = 2
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
-ROOM = 0.12  # 1/s, speed that is worth something for each metre of room
-TAIL_RANGE = 150.0  # m ahead at which a slow leader begins to count
+TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
 REACH = 80.0  # m beyond which an agent is not looked at
 
 
@@ -231,15 +230,16 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
 
 
 @kernel
-def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: float, time: float) -> float:
+def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: float) -> float:
     """What is still to come at the horizon: the time lost until the limit is reached, and behind a slow leader for tail_s more.
 
-    Speed counts only as far as there is room for it: else it would pay to reach a queue or a red light late. Everything here grows more slowly with
-    the way driven than the time that is gained by driving it, or it would pay to stand; so the limit is that of the lane where the ego is now.
+    Nothing here may fall by more than 1 / limit for a metre less driven, the time that is gained by driving it, or it would pay to stand. So speed
+    counts behind a leader only as far as there is room for it, before a red light or a dead end not at all (Local.free), and the limit is that of
+    the lane where the ego is now, the same for all.
     """
-    useful = min(state.v, leader_v + ROOM * gap, ROOM * halt_distance(local, state, time))
-    missing = max(0.0, local.limit - max(useful, 0.0))
-    behind = (1.0 - min(leader_v, local.limit) / local.limit) * max(0.0, 1.0 - gap / TAIL_RANGE)
+    useful = min(state.v, leader_v + gap / local.limit)
+    missing = max(0.0, local.limit - useful) if local.free else 0.0
+    behind = (1.0 - min(leader_v, local.limit) / local.limit) * max(0.0, 1.0 - TAIL_SLOPE * gap / (c.tail_s * local.limit + 1e-9))
     return c.progress * (missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind)
 
 

@@ -9,7 +9,6 @@ from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, 
 from sumo_mcts.scene import Floats
 
 LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a step where that is longer
-HALT_VIEW = 100.0  # m
 FOLLOW = 99.0  # in place of an acceleration: car following
 FREE, RED_LINE, GOAL = range(3)
 BEGUN = 1e-12  # progress of a lane change that is about to begin
@@ -192,21 +191,6 @@ def _line_cap(p: EgoParams, v: float, distance: float, look: float) -> float:
 
 
 @kernel
-def halt_distance(local: Local, state: State, time: float) -> float:
-    """m to the next closed stop line or dead end; inf where there is none within HALT_VIEW."""
-    node, distance = state.node, -state.s
-    while distance < HALT_VIEW:
-        distance += local.node[node, LENGTH]
-        if is_closed(local, node, time):
-            return distance
-        follow = int(local.node[node, NEXT])
-        if follow < 0:
-            return math.inf if math.isinf(local.node[node, REACH]) else distance
-        node = follow
-    return math.inf
-
-
-@kernel
 def is_closed(local: Local, node: int, time: float) -> bool:
     """Whether the stop line at the node's end may not be crossed at `time` (s from now)."""
     i = node - local.first
@@ -218,7 +202,8 @@ def is_closed(local: Local, node: int, time: float) -> bool:
 @kernel
 def follow_accel(p: EgoParams, v: float, limit: float, gap: float, leader_v: float) -> float:
     """Car following (Treiber, Hennecke, Helbing 2000): acceleration (m/s2) for a gap (m, inf: free road) to a leader at leader_v (m/s)."""
-    free = 1.0 - (v / max(limit, 0.1)) ** 4
+    square = (v / max(limit, 0.1)) ** 2
+    free = 1.0 - square * square  # a fourth power would be rounded otherwise without compilation
     if math.isinf(gap):
         return p.max_accel * free
     wish = p.gap + max(0.0, v * p.headway + v * (v - leader_v) / (2.0 * math.sqrt(p.max_accel * p.approach_decel)))

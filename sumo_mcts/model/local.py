@@ -14,6 +14,7 @@ BACK = 100.0  # m of the route behind the ego where followers are seen
 VIEW = 400.0  # m of the route ahead that a search may see
 GONE = -2  # Local.agent's NODE of an agent that is not there
 JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are looked at
+FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
 CHAIN = 250.0  # m over which one lane is followed into the next
 
 
@@ -30,6 +31,7 @@ class Local(NamedTuple):
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
+    free: bool  # no light that stays red and no dead end ahead of the ego, as far as it could come
     followers: int  # bit i: agent i is behind the ego in its lane and reacts: its contact is imposed braking
     dt: float  # s between forecast times
 
@@ -103,13 +105,28 @@ def build_local(
     s, v = forecast.s[hypothesis], forecast.v[hypothesis]
     driven = np.zeros_like(v)
     driven[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * forecast.dt, axis=0)
+    closed = _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel)
     return Local(
-        route.table, route.rows, _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel), ahead,
+        route.table, route.rows, closed, ahead,
         _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven]),
         np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields]).astype(np.float64),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven), first, float(route.limit[state.node]),
+        _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
         _followers(node[0], s[0], forecast.reacts, ahead, state, first), forecast.dt,
     )  # fmt: skip
+
+
+def _is_free(route: RouteMap, closed: NDArray[np.uint8], first: int, state: State, distance: float) -> bool:
+    """Whether the ego's lane goes on for so many metres, past lights that are open when the forecast ends."""
+    node, left = state.node, distance + state.s
+    while left > 0.0:
+        left -= route.length[node]
+        if left > 0.0 and node - first < len(closed) and closed[node - first, -1]:
+            return False
+        if route.next[node] < 0:
+            return left <= 0.0 or bool(np.isinf(route.reach[node]))
+        node = int(route.next[node])
+    return True
 
 
 def _duties(

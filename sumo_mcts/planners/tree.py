@@ -277,7 +277,7 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
         if ply.end == ARRIVED:
             return j
         state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
-    return j + terminal(local, c, state, gap, leader_v, last * q.ply * p.step)
+    return j + terminal(local, c, state, gap, leader_v)
 
 
 @kernel

