@@ -112,7 +112,8 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
         rate += _in_the_way(local, p, c, state, now)
     wish = c.headway_gap + c.headway_s * state.v
     if gap < wish:
-        rate += c.headway * (1.0 - max(gap, 0.0) / wish) ** 2
+        missing = 1.0 - max(gap, 0.0) / wish
+        rate += c.headway * missing * missing
     return Meeting(False, rate, once, gap, leader_v, followers)
 
 

@@ -202,9 +202,10 @@ def is_closed(local: Local, node: int, time: float) -> bool:
 @kernel
 def follow_accel(p: EgoParams, v: float, limit: float, gap: float, leader_v: float) -> float:
     """Car following (Treiber, Hennecke, Helbing 2000): acceleration (m/s2) for a gap (m, inf: free road) to a leader at leader_v (m/s)."""
-    square = (v / max(limit, 0.1)) ** 2
-    free = 1.0 - square * square  # a fourth power would be rounded otherwise without compilation
+    share = v / max(limit, 0.1)
+    free = 1.0 - (share * share) * (share * share)  # powers would be rounded otherwise without compilation
     if math.isinf(gap):
         return p.max_accel * free
     wish = p.gap + max(0.0, v * p.headway + v * (v - leader_v) / (2.0 * math.sqrt(p.max_accel * p.approach_decel)))
-    return p.max_accel * (free - (wish / max(gap, 0.1)) ** 2)
+    close = wish / max(gap, 0.1)
+    return p.max_accel * (free - close * close)

@@ -21,7 +21,13 @@ STEP = 0.2  # s between forecast times
 
 
 def predicted(
-    road: RoadMap, *agents: Agent, ego: str = "", seconds: float = 10.0, params: TrafficParams | None = None, signals: Signals | None = None, **traits: list[float]
+    road: RoadMap,
+    *agents: Agent,
+    ego: str = "",
+    seconds: float = 10.0,
+    params: TrafficParams | None = None,
+    signals: Signals | None = None,
+    **traits: list[float],
 ) -> tuple[Scene, Forecast]:
     """The forecast for agents far from an ego at the start of its lane; `traits` replace columns of the agents."""
     name = ego or road.lane_ids[0]
@@ -34,7 +40,9 @@ def predicted(
 
 def along(road: RoadMap, forecast: Forecast, agent: int, *names: str) -> list[float]:
     """How far an agent is at each time, m from the start of the first of these lanes, one behind the other."""
-    begins = dict(zip((road.lane_ids.index(name) for name in names), np.cumsum([0.0, *(road.length[road.lane_ids.index(name)] for name in names)]), strict=False))
+    begins = dict(
+        zip((road.lane_ids.index(name) for name in names), np.cumsum([0.0, *(road.length[road.lane_ids.index(name)] for name in names)]), strict=False)
+    )
     return [float(begins[int(lane)] + s) for lane, s in zip(forecast.lane[0, :, agent], forecast.s[0, :, agent], strict=True)]
 
 
@@ -119,8 +127,8 @@ def test_nobody_overlaps_the_leader(platoon: list[tuple[float, float]], wall: bo
     """Where braking at 4.5 m/s2 after a second would do to begin with; `wall`: the first one stands and stays."""
     road = lanes_east(3, 900.0)
     place, ahead, agents = 500.0, 0.0, []
-    for k, (v, more) in enumerate(platoon):
-        v = 0.0 if wall and k == 0 else v
+    for k, (speed, more) in enumerate(platoon):
+        v = 0.0 if wall and k == 0 else speed
         place -= 5.0 + more + v + max(0.0, v * v - ahead * ahead) / 9.0
         agents.append(Agent(f"v{k}", "a_2", place, v))
         ahead = v
@@ -157,7 +165,8 @@ def test_a_follower_stops_behind_a_standing_ego() -> None:
     standing = forecast_of(task, scene, 10.0)
     # the nominal ego drives off by car following; one that is known to stand is stopped for
     waited = predict(road, scene, np.array([0], np.int32), np.zeros(100), traffic_params(), 10.0, {})
-    assert standing.s[0, -1, 0] > 200.0 > 195.0 > waited.s[0, -1, 0] > 188.0
+    assert standing.s[0, -1, 0] > 200.0
+    assert 188.0 < waited.s[0, -1, 0] < 195.0
     assert waited.v[0, -1, 0] < 0.3 and waited.reacts[0]
 
 

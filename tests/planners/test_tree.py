@@ -88,7 +88,7 @@ def test_a_search_in_pieces_is_the_search_in_one() -> None:
     rng = np.random.Generator(np.random.PCG64(1))
     for passes in (100, 1, 199):
         search(tree, whole.local, whole.task.ego, whole.task.cost, whole.q, whole.actions, whole.root, passes, rng)
-    # a pass that would be repeated with brakes at the border of a piece is not
+    # A pass that would be repeated with brakes at the border of a piece is not
     assert tree.visits[0] == whole.tree.visits[0]
     assert tree.best[0] == pytest.approx(whole.tree.best[0], rel=0.02)
 
@@ -160,7 +160,9 @@ def drive(toy: Toy, cycles: int) -> Toy:
         ego = toy.scene.ego
         before = float(plan.v[k - 1]) if k > 0 else ego.v
         x, y, c, n = (float(value) for value in plan.pose[k])
-        change = ego._replace(x=x, y=y, heading=float(np.arctan2(n, c)), v=float(plan.v[k]), a=(float(plan.v[k]) - before) / 0.1, s=float(plan.s[k]), lane=int(plan.lane[k]))
+        change = ego._replace(
+            x=x, y=y, heading=float(np.arctan2(n, c)), v=float(plan.v[k]), a=(float(plan.v[k]) - before) / 0.1, s=float(plan.s[k]), lane=int(plan.lane[k])
+        )
         toy = toy._replace(scene=toy.scene._replace(ego=change))
     return toy
 

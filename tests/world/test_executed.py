@@ -138,7 +138,13 @@ def test_the_search_among_others(name: str) -> None:
 
 
 def test_where_lanes_and_their_shapes_differ_in_length() -> None:
-    data = {"name": "grid6", "sumo": {"sumocfg": str(GAME / "grid6.sumocfg")}, "egos": [{"id": "topBottom.0"}], "planner": {"iterations": 100}, "episode": {"time_limit_s": 60}}
+    data = {
+        "name": "grid6",
+        "sumo": {"sumocfg": str(GAME / "grid6.sumocfg")},
+        "egos": [{"id": "topBottom.0"}],
+        "planner": {"iterations": 100},
+        "episode": {"time_limit_s": 60},
+    }
     found = differences(run_episode(build(data, "test"), seed=1))
     assert len(found) > 10
     check(found, place=0.3)
