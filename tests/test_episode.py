@@ -6,12 +6,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sumo_mcts import assets, config, records
-from sumo_mcts.driver import Driver
+from sumo_mcts.driver import Driver, Thought
 from sumo_mcts.episode import run_episode
 from sumo_mcts.records import ROW_KEYS
+from sumo_mcts.reporting import birdseye
+from sumo_mcts.scene import Scene
 
 DIGEST = """
 from sumo_mcts import assets, config
@@ -120,3 +123,38 @@ def test_the_trace_tells_what_the_row_says(tmp_path: Path) -> None:
         if cycle.deviation == "":
             assert abs(cycle.commanded_speed - cycle.executed_speed) < 0.06
     assert sum(cycle.deviation != "" for cycle in again.cycles) <= 1
+
+
+def test_a_planner_that_raises_under_way_leaves_what_was_driven_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    decide = Driver.decide
+
+    def tired(self: Driver, scene: Scene) -> Thought:
+        if scene.time > 3.0:
+            raise RuntimeError("enough")
+        return decide(self, scene)
+
+    monkeypatch.setattr(Driver, "decide", tired)
+    result = run_episode(config.load(assets.scenario_path("straight-line"), ("planner.iterations=50",)), 1)
+    row = result.rows[0]
+    assert (row["outcome"], row["error"], row["cycles"]) == ("error", "RuntimeError: enough", 6)
+    assert len(result.traces[0].cycles) == 6
+    assert row["distance_m"] > 5.0
+    assert set(row) == set(ROW_KEYS)
+    json.dumps(row, allow_nan=False)
+
+
+def test_an_episode_leaves_nothing_behind_for_the_next() -> None:
+    scene = config.load(assets.scenario_path("highway-exit"), ("planner.iterations=50",))
+    first, _, again = (run_episode(scene, seed).rows[0]["trace_digest"] for seed in (5, 6, 5))
+    assert first == again
+
+
+def test_a_trace_is_drawn_the_same_after_it_was_loaded(tmp_path: Path) -> None:
+    trace = run_episode(config.load(assets.scenario_path("unprotected-left-turn"), ("planner.iterations=100",)), 2).traces[0]
+    records.save_trace(tmp_path / "trace.npz", trace)
+    again = records.load_trace(tmp_path / "trace.npz")
+    middle = trace.cycles[len(trace.cycles) // 2].time
+    before, after = (np.asarray(birdseye.picture(one, middle)[0], dtype=int) for one in (trace, again))
+    assert before.shape == after.shape
+    assert (np.abs(before - after).max(axis=2) > 24).mean() < 0.001  # poses are kept in single precision
+    assert before.std() > 10.0
