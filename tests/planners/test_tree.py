@@ -93,6 +93,14 @@ def test_a_search_in_pieces_is_the_search_in_one() -> None:
     assert tree.best[0] == pytest.approx(whole.tree.best[0], rel=0.02)
 
 
+def test_it_looks_most_where_it_is_best() -> None:
+    grown = grow(TOYS["traffic"], 5000)
+    below = sorted(children_of(grown, 0), key=lambda i: grown.tree.best[i])
+    assert max(below, key=lambda i: grown.tree.visits[i]) in below[:3]
+    assert grown.tree.visits[below[0]] > 2.0 * np.mean(grown.tree.visits[below])
+    assert grown.tree.visits[below[-1]] < 0.5 * np.mean(grown.tree.visits[below])
+
+
 # --- the same tree everywhere ---
 
 
