@@ -122,6 +122,8 @@ def test_the_end_of_the_route_is_the_goal_and_a_dead_end_a_wall() -> None:
     assert all(event == FREE for _, event in states)
     assert 98.0 < states[-1][0].s <= 100.0 and states[-1][0].v == pytest.approx(0.0, abs=0.05)
     assert min(s.a for s, _ in states) > -3.0  # without haste
+    (held, event), *_ = drive(local, task.ego, state._replace(s=99.5, v=15.0), [0.0])  # too late: SUMO holds it there
+    assert (held.s, held.v, event) == (100.0, 0.0, FREE)
 
 
 # --- stop lines ---

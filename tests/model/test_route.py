@@ -231,7 +231,9 @@ def chain(lengths: Sequence[float], limits: Sequence[float], dead: bool) -> tupl
 
 
 roads = st.integers(2, 6).flatmap(
-    lambda n: st.tuples(st.lists(st.floats(0.6, 60.0), min_size=n, max_size=n), st.lists(st.floats(2.0, 40.0), min_size=n, max_size=n), st.booleans())
+    lambda n: st.tuples(
+        st.lists(st.floats(naive.END_GAP + 0.1, 60.0), min_size=n, max_size=n), st.lists(st.floats(2.0, 40.0), min_size=n, max_size=n), st.booleans()
+    )
 )
 
 
