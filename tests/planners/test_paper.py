@@ -57,9 +57,10 @@ def test_every_tree(toy: Toy) -> None:
     assert np.sum(tree.child[0] != IMPOSSIBLE) == ACTIONS if len(toy.road.lane_ids) > 3 else True
 
 
+@pytest.mark.parametrize("passes", [15, 40, 300])
 @pytest.mark.parametrize("toy", TOYS.values(), ids=TOYS)
-def test_it_takes_the_child_with_the_lowest_mean(toy: Toy) -> None:
-    planner, decision = plan(toy)
+def test_it_takes_the_child_with_the_lowest_mean(toy: Toy, passes: int) -> None:
+    planner, decision = plan(toy, f"planner.iterations={passes}")
     tree = planner.tree
     alive = [int(i) for i in tree.child[0] if i >= 0 and tree.end[i] != LOST and tree.visits[i] > 0]
     assert [child.mean for child in decision.children] == [tree.total[i] / tree.visits[i] for i in alive]

@@ -206,6 +206,21 @@ def test_where_everything_is_lost_it_brakes_as_hard_as_it_can() -> None:
     assert grown.tree.dead[0] and all(grown.tree.end[i] == LOST for i in children_of(grown, 0) if not children_of(grown, i))
 
 
+def test_where_every_way_ends_in_a_contact_the_root_dies() -> None:
+    """People fill the road: they are no leaders, so that every action is tried."""
+    people = [Agent(f"p{k}", "", x=109.0, y=3.2 * (k - 1), v=0.0, length=3.0, width=3.2) for k in range(3)]
+    grown = grow(on_three_lanes(ego_at(lanes_east(3, 900.0), "a_1", 100.0, 14.0), *people), 3000)
+    assert grown.tree.dead[0] and len(children_of(grown, 0)) > 8
+    check(grown)
+
+
+def test_the_line_of_a_lane_change_leads_to_its_side() -> None:
+    decision = decide(TOYS["free"], "planner.iterations=2000")
+    sides = [(child.lane_change, float(child.poses[25, 1])) for child in decision.children]
+    assert {side for side, _ in sides} == {-1, 0, 1}
+    assert all(y * side > 2.0 if side else True for side, y in sides)
+
+
 def test_the_plan_is_the_best_line_driven_again() -> None:
     """The chosen child's terms add up to its value, and its poses are the plan's."""
     for toy in TOYS.values():
