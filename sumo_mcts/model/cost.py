@@ -54,6 +54,7 @@ class CostParams(NamedTuple):
     braking: float
     progress: float
     tail_s: float
+    wrong_lane_s: float
     blocking: float
     route: float
     lane_change: float
@@ -224,7 +225,7 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
     rate = c.progress * (1.0 - min(after.v, limit) / limit)
     i = after.node - local.first
     if 0 <= i < local.urgency.shape[0]:
-        rate += c.route * local.urgency[i]
+        rate += c.route * abs(local.urgency[i])
         if local.node[after.node, INTERNAL] > 0.0 and after.v < 1.0:
             rate += c.blocking
     return rate * p.step
@@ -240,8 +241,10 @@ def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: fl
     """
     useful = min(state.v, leader_v + gap / local.limit)
     missing = max(0.0, local.limit - useful) if local.free else 0.0
+    i = state.node - local.first
+    lane = c.route * abs(local.urgency[i]) * c.wrong_lane_s if 0 <= i < local.urgency.shape[0] else 0.0
     behind = (1.0 - min(leader_v, local.limit) / local.limit) * max(0.0, 1.0 - TAIL_SLOPE * gap / (c.tail_s * local.limit + 1e-9))
-    return c.progress * (missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind)
+    return lane + c.progress * (missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind)
 
 
 @kernel

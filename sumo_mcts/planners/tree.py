@@ -216,14 +216,11 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     state, side = state_of(tree, node), int(actions[k, 1])
     changed = 0.0
     if side != 0:
-        if not can_change(local, p, state, side):
+        if not _may_change(local, p, c, state, side, int(tree.level[node] * q.ply * p.step / local.dt + 0.5)):
             tree.child[node, k] = IMPOSSIBLE
             return IMPOSSIBLE
         state = begin_change(local, p, state, side)
         changed = c.lane_change
-        if not place_is_free(local, p, c, state, int(tree.level[node] * q.ply * p.step / local.dt + 0.5)):
-            tree.child[node, k] = IMPOSSIBLE
-            return IMPOSSIBLE
     ply = simulate(local, p, c, q, state, tree.followers[node], tree.leader[node, 0], tree.leader[node, 1], actions[k, 0], tree.level[node] * q.ply)
     if side == 0 and _known(tree, node, k, ply.state):
         tree.child[node, k] = IMPOSSIBLE
@@ -270,6 +267,11 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
         elif policy == 2 and k == level:
             accel = -0.5 * p.approach_decel
         line[k] = accel
+        side = _needed_side(local, state)
+        if side != 0 and _may_change(local, p, c, state, side, int(k * q.ply * p.step / local.dt + 0.5)):
+            state = begin_change(local, p, state, side)
+            line[k] = accel + 1000.0 * side
+            j += c.lane_change
         ply = simulate(local, p, c, q, state, followers, gap, leader_v, accel, k * q.ply)
         j += ply.safety + ply.comfort + ply.passability
         if ply.end == LOST:
@@ -278,6 +280,21 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
             return j
         state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
     return j + terminal(local, c, state, gap, leader_v)
+
+
+@kernel
+def _needed_side(local: Local, state: State) -> int:
+    """The side of the lane change that the route needs next: -1, 0, 1."""
+    i = state.node - local.first
+    if not 0 <= i < local.urgency.shape[0] or local.urgency[i] == 0.0:
+        return 0
+    return 1 if local.urgency[i] > 0.0 else -1
+
+
+@kernel
+def _may_change(local: Local, p: EgoParams, c: CostParams, state: State, side: int, index: int) -> bool:
+    """Whether a lane change may begin at forecast time `index`: the road allows it and the place is free."""
+    return can_change(local, p, state, side) and place_is_free(local, p, c, begin_change(local, p, state, side), index)
 
 
 @kernel
