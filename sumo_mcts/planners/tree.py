@@ -353,37 +353,34 @@ def _bury(tree: Tree, node: int) -> None:
 @kernel
 def replay(
     local: Local, p: EgoParams, c: CostParams, q: SearchParams, root: State, line: Floats, lanes: Indices, motion: Floats, pose: Floats, terms: Floats
-) -> int:
-    """Drive a sequence (as in Tree.plan) once more and write down every simulation step.
+) -> tuple[int, int]:
+    """Drive a sequence of M steps (each 1000 * lane change + acceleration) and write down every one of them.
 
     lanes [M] node, motion [M, 2] s and v, pose [M, 4]; terms [5] receives safety, comfort, passability, other and loss. Returns the number of
-    steps written: fewer than M where the sequence ends in a contact, at a red line or at the goal.
+    steps written and how it ended: ALIVE at the end of the sequence, LOST, ARRIVED, or IMPOSSIBLE where a lane change cannot begin.
     """
     meeting = meet(local, p, c, root, local.followers, 0.0, 0)
     state, followers, gap, leader_v = root, meeting.followers, meeting.gap, meeting.leader_v
     one = SearchParams(1, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon)
     terms[:] = 0.0
-    for n in range(len(line)):
-        if math.isnan(line[n]):
-            return n * q.ply
-        side = int(round(line[n] / 1000.0)) if abs(line[n]) > 500.0 else 0
-        accel = line[n] - 1000.0 * side
+    for at in range(len(line)):
+        side = int(round(line[at] / 1000.0)) if abs(line[at]) > 500.0 else 0
         if side != 0:
-            if not can_change(local, p, state, side):
-                return n * q.ply
+            if not _may_change(local, p, c, state, side, int(at * p.step / local.dt + 0.5)):
+                return at, IMPOSSIBLE
             state = begin_change(local, p, state, side)
             terms[3] += c.lane_change
-        for k in range(q.ply):
-            at = n * q.ply + k
-            ply = simulate(local, p, c, one, state, followers, gap, leader_v, accel, at)
-            state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
-            terms[0] += ply.safety
-            terms[1] += ply.comfort
-            terms[2] += ply.passability
-            lanes[at] = state.node
-            motion[at, 0], motion[at, 1] = state.s, state.v
-            pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local.node, local.row, state, 0.0)
-            terms[4] += ply.loss
-            if ply.end != ALIVE:
-                return at + 1
-    return len(line) * q.ply
+        ply = simulate(local, p, c, one, state, followers, gap, leader_v, line[at] - 1000.0 * side, at)
+        state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
+        terms[0] += ply.safety
+        terms[1] += ply.comfort
+        terms[2] += ply.passability
+        lanes[at] = state.node
+        motion[at, 0], motion[at, 1] = state.s, state.v
+        pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local.node, local.row, state, 0.0)
+        terms[4] += ply.loss
+        if ply.end != ALIVE:
+            return at + 1, ply.end
+    if (len(line) + 0.5) * p.step > q.horizon:
+        terms[2] += terminal(local, c, state, gap, leader_v)
+    return len(line), ALIVE
