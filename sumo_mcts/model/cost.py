@@ -34,6 +34,7 @@ from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT
 CLAIM_SAMPLES = 2
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
+ASIDE = 0.2  # m by which a vehicle that changes lanes may be elsewhere than predicted: it trails on when the change is over
 REACH = 80.0  # m beyond which an agent is not looked at
 
 
@@ -76,8 +77,9 @@ class Meeting(NamedTuple):
 @kernel
 def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int, back: float, index: int) -> Meeting:
     """Contacts, headway and claims at forecast time `index`; the ego's pose lies `back` metres before `state`."""
-    x, y, cs, sn = pose_of(local.node, local.row, state, back)
+    x, y, cs, sn = pose_of(local, p, state, back)
     now = min(index, local.agent.shape[0] - 1)
+    half_width = p.half_width + (ASIDE if state.progress > 0.0 else 0.0)
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
     for i in range(local.agent.shape[1]):
         bx, by, node = local.agent[now, i, X], local.agent[now, i, Y], int(local.agent[now, i, NODE])
@@ -103,7 +105,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
             bc, bs = local.agent[now, i, COS], local.agent[now, i, SIN]
             # Longer by what they drive until half-way to the next check: nobody slips through between two.
             swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * local.agent[now, i, V] * local.dt
-            if boxes_touch(x, y, cs, sn, swept, p.half_width, bx, by, bc, bs, sweep, width):
+            if boxes_touch(x, y, cs, sn, swept, half_width, bx, by, bc, bs, sweep, width):
                 return Meeting(True, rate, once, gap, leader_v, followers)
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
                 rate += c.margin

@@ -377,7 +377,7 @@ def replay(
         terms[2] += ply.passability
         lanes[at] = state.node
         motion[at, 0], motion[at, 1] = state.s, state.v
-        pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local.node, local.row, state, 0.0)
+        pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local, p, state, 0.0)
         terms[4] += ply.loss
         if ply.end != ALIVE:
             return at + 1, ply.end
