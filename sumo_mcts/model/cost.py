@@ -93,6 +93,8 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
                 continue  # the table has it where it would be without the ego
             if 0.0 <= to_agent < math.inf and to_agent - 2.0 * length < gap:
                 gap, leader_v = to_agent - 2.0 * length, local.agent[now, i, V]
+            if state.progress > 0.0 and _beside_in_lane(local, p, state, back, node, local.agent[now, i, S], length):
+                return Meeting(True, rate, once, gap, leader_v, followers)
             if i < 63 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
                 price = _cut_in(c, to_ego - 2.0 * p.half_length, local.agent[now, i, V], state.v)
                 if price >= 0.0:
@@ -156,6 +158,19 @@ def _gap_behind(local: Local, state: State, back: float, node: int, s: float) ->
     if state.other >= 0:
         gap = min(gap, chain_gap(local, node, s, state.other, state.s - back))
     return gap
+
+
+@kernel
+def _beside_in_lane(local: Local, p: EgoParams, state: State, back: float, node: int, s: float, half_length: float) -> bool:
+    """Whether an agent is beside the ego in the lane that the ego counts to: SUMO calls that a collision, however far aside the ego has moved.
+
+    It looks before it moves vehicles over, so that at half time the old lane counts for a step more, and another one for its rounding.
+    """
+    old = 0.5 < state.progress < 0.5 + 2.5 * p.step / p.change_duration and state.other >= 0
+    lane = state.other if old else state.node
+    ahead = chain_gap(local, lane, state.s - back, node, s)
+    behind = chain_gap(local, node, s, lane, state.s - back)
+    return 0.0 <= ahead < 2.0 * half_length or 0.0 <= behind < 2.0 * p.half_length
 
 
 @kernel
