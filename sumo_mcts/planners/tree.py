@@ -256,8 +256,9 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
     state, followers = state_of(tree, node), tree.followers[node]
     gap, leader_v = tree.leader[node, 0], tree.leader[node, 1]
     level, last = tree.level[node], q.look_ahead + q.rollout
-    policy = 0 if tree.visits[node] == 0 else 1 + int(rng.random() * 3.0)
-    turn = level + 1 + int(rng.random() * (last - level)) if policy == 3 else last
+    policy = 0 if tree.visits[node] == 0 else 1 + int(rng.random() * 5.0)
+    turn = level + int(rng.random() * (last - level)) if policy >= 3 else last
+    way = (1 if rng.random() < 0.5 else -1) if policy == 5 else 0
     line[:] = np.nan
     j = tree.cost[node].sum()
     for k in range(level, last):
@@ -266,8 +267,10 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
             accel = -p.approach_decel
         elif policy == 2 and k == level:
             accel = -0.5 * p.approach_decel
+        elif (policy == 4 and k <= turn) or (policy == 5 and turn <= k < turn + 2):
+            accel = p.max_accel
         line[k] = accel
-        side = _needed_side(local, state)
+        side = way if k == turn and way != 0 else _needed_side(local, state)
         if side != 0 and _may_change(local, p, c, state, side, int(k * q.ply * p.step / local.dt + 0.5)):
             state = begin_change(local, p, state, side)
             line[k] = accel + 1000.0 * side
