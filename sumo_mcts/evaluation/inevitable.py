@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.evaluation.referee import Goal
-from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, can_change, pose_of
+from sumo_mcts.model.ego import GOAL, HALF, EgoParams, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, build_local, ego_state
 from sumo_mcts.model.route import RouteMap, route_map
+from sumo_mcts.model.script import swung
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.scene import Bools, EgoState, Floats, Forecast, RoadMap, Scene
 
@@ -23,7 +24,8 @@ BEFORE_S = 3.0  # s before the contact from which a way out is looked for
 HORIZON_S = 8.0  # s that a way out has to last: as far as planners look
 PLY_S = 0.5  # s of one action
 CHECK_S = 0.05  # s between two looks at the boxes
-CELL = (0.25, 0.25, 1.0, 0.05)  # m, m/s, m/s2, progress: states within a cell count as one, or there would be no end of them
+MARGIN = 0.1  # m all around the ego: a way out by a hair's breadth is none in SUMO, which rounds otherwise
+CELL = (0.25, 0.25, 1.0, 0.05, 0.05)  # m, m/s, m/s2, progress, rad: states within a cell count as one, or there would be no end of them
 
 ALIVE, TOUCHED, HOME = range(3)
 
@@ -37,6 +39,13 @@ class Future(NamedTuple):
 
 
 Futures = Callable[[float, int], Sequence[Future]]  # of everybody, from a time (s) on: so many states, a step of the simulation apart
+
+
+class Body(NamedTuple):
+    """The ego in the search. SUMO turns whoever goes sideways: the rear follows the front."""
+
+    state: State
+    turn: float  # rad between the box and its lane, to the left
 
 
 class Hindsight:
@@ -66,7 +75,7 @@ class Hindsight:
         # a stop sign holds nobody who has to get out of the way
         served = frozenset(np.flatnonzero(self._route.sign).tolist())
         local = build_local(self._road, self._route, state, scene, forecast, 0, served, p.comfort_decel)
-        return not has_way_out(local, p, state, actions(p), self._home, ply, plies, max(1, round(p.step / CHECK_S)), CELL)
+        return not has_way_out(local, p, _body(local, state, scene.ego), actions(p), self._home, ply, plies, max(1, round(p.step / CHECK_S)), CELL)
 
 
 def actions(p: EgoParams) -> Floats:
@@ -81,6 +90,12 @@ def _home(route: RouteMap, goal: Goal) -> Bools:
     beyond = (route.leg >= len(goal.edges)) | ((route.leg == len(goal.edges) - 1) & route.internal)
     reached = (route.leg >= success) & ~route.internal if success >= 0 else np.zeros(len(route.leg), np.bool_)
     return np.asarray(beyond | reached)
+
+
+def _body(local: Local, state: State, ego: EgoState) -> Body:
+    """The ego as it stands there, turned as far as it is."""
+    _, _, c, n = pose_of(local.node, local.row, state, 0.0)
+    return Body(state, math.remainder(ego.heading - math.atan2(n, c), 2.0 * math.pi))
 
 
 def _forecast(futures: Sequence[Future], dt: float, times: int) -> Forecast:
@@ -100,7 +115,7 @@ def _forecast(futures: Sequence[Future], dt: float, times: int) -> Forecast:
 
 @making_arrays
 def has_way_out(
-    local: Local, p: EgoParams, root: State, choice: Floats, home: Bools, ply: int, plies: int, looks: int, cell: tuple[float, float, float, float]
+    local: Local, p: EgoParams, root: Body, choice: Floats, home: Bools, ply: int, plies: int, looks: int, cell: tuple[float, float, float, float, float]
 ) -> bool:
     """Whether some sequence of `plies` actions from `choice` [A, 2], `ply` steps each, touches nobody, or arrives on a node of `home` [W] before.
 
@@ -109,13 +124,13 @@ def has_way_out(
     todo = [(root, 0)]
     seen = {_cell_of(root, 0, cell)}
     while len(todo) > 0:
-        state, level = todo.pop()
+        body, level = todo.pop()
         for k in range(len(choice)):
             side = int(choice[k, 1])
-            if side != 0 and not can_change(local, p, state, side):
+            if side != 0 and not can_change(local, p, body.state, side):
                 continue
-            begun = begin_change(local, p, state, side) if side != 0 else state
-            after, end = _drive(local, p, home, begun, choice[k, 0], level * ply, ply, looks)
+            begun = Body(begin_change(local, p, body.state, side), body.turn) if side != 0 else body
+            after, end = drive(local, p, home, begun, choice[k, 0], level * ply, ply, looks)
             if end == TOUCHED:
                 continue
             if end == HOME or level + 1 == plies:
@@ -128,30 +143,53 @@ def has_way_out(
 
 
 @kernel
-def _cell_of(state: State, level: int, cell: tuple[float, float, float, float]) -> tuple[int, int, int, int, int, int, int]:
+def _cell_of(body: Body, level: int, cell: tuple[float, float, float, float, float]) -> tuple[int, int, int, int, int, int, int, int]:
+    state = body.state
     return (
         level, int(state.node), int(state.other), round(state.s / cell[0]), round(state.v / cell[1]), round(state.a / cell[2]),
-        round(state.progress / cell[3]),
+        round(state.progress / cell[3]), round(body.turn / cell[4]),
     )  # fmt: skip
 
 
 @kernel
-def _drive(local: Local, p: EgoParams, home: Bools, state: State, accel: float, at: int, steps: int, looks: int) -> tuple[State, int]:
-    """`steps` steps towards an acceleration (m/s2) from step `at` on: the state, and ALIVE, TOUCHED or HOME. A red light crossed is no contact."""
+def drive(local: Local, p: EgoParams, home: Bools, body: Body, accel: float, at: int, steps: int, looks: int) -> tuple[Body, int]:
+    """`steps` steps towards an acceleration (m/s2) from step `at` on: where it leads, and ALIVE, TOUCHED or HOME. A red light run is no contact."""
     for k in range(at, at + steps):
-        state, event = advance(local, p, state, accel, k * p.step)
+        state, event = advance(local, p, body.state, accel, k * p.step)
+        body = Body(state, swung(body.turn, state.v * p.step, _aside(local, p, body.state), 2.0 * p.half_length))
         for look in range(1, looks + 1):
-            if _touched(local, p, state, k, look / looks):
-                return state, TOUCHED
+            if _touched(local, p, body, k, look / looks):
+                return body, TOUCHED
         if event == GOAL or home[state.node]:
-            return state, HOME
-    return state, ALIVE
+            return body, HOME
+    return body, ALIVE
 
 
 @kernel
-def _touched(local: Local, p: EgoParams, state: State, row: int, share: float) -> bool:
-    """Whether the ego touches anybody when a share of the step has passed that leads from forecast time `row` to `state`."""
-    x, y, c, n = pose_of(local.node, local.row, state, (1.0 - share) * state.v * p.step)
+def _aside(local: Local, p: EgoParams, before: State) -> float:
+    """m to the left within the step that follows, if a lane change is under way."""
+    if before.progress <= 0.0 or before.other < 0 or p.change_duration <= 0.0:
+        return 0.0
+    x, y, c, n = pose_of(local.node, local.row, State(before.node, before.s, before.v, before.a, 0.0, -1), 0.0)
+    ox, oy, _, _ = pose_of(local.node, local.row, State(before.other, before.s, before.v, before.a, 0.0, -1), 0.0)
+    other = (oy - y) * c - (ox - x) * n
+    return (other if before.progress <= HALF else -other) * min(p.step / p.change_duration, 1.0 - before.progress)
+
+
+@kernel
+def box_of(local: Local, p: EgoParams, body: Body, back: float) -> tuple[float, float, float, float]:
+    """Centre x, y, cos and sin of the heading of the ego's box, its front `back` metres before the state."""
+    x, y, c, n = pose_of(local.node, local.row, body.state, back)
+    ct, nt = math.cos(body.turn), math.sin(body.turn)
+    cosine, sine = c * ct - n * nt, n * ct + c * nt
+    return x + p.half_length * (c - cosine), y + p.half_length * (n - sine), cosine, sine
+
+
+@kernel
+def _touched(local: Local, p: EgoParams, body: Body, row: int, share: float) -> bool:
+    """Whether the ego touches anybody when a share of the step has passed that leads from forecast time `row` to `body`."""
+    x, y, c, n = box_of(local, p, body, (1.0 - share) * body.state.v * p.step)
+    own_length, own_width = p.half_length + MARGIN, p.half_width + MARGIN
     for i in range(local.agent.shape[1]):
         before, after = local.agent[row, i], local.agent[row + 1, i]
         if after[NODE] == GONE:
@@ -162,11 +200,11 @@ def _touched(local: Local, p: EgoParams, state: State, row: int, share: float) -
             before = after
         ox, oy = before[X] + share * (after[X] - before[X]), before[Y] + share * (after[Y] - before[Y])
         length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
-        reach = p.half_length + p.half_width + length + width
+        reach = own_length + own_width + length + width
         if abs(ox - x) > reach or abs(oy - y) > reach:
             continue
         oc, on = before[COS] + share * (after[COS] - before[COS]), before[SIN] + share * (after[SIN] - before[SIN])
         norm = math.sqrt(oc * oc + on * on)
-        if boxes_touch(x, y, c, n, p.half_length, p.half_width, ox, oy, oc / norm, on / norm, length, width):
+        if boxes_touch(x, y, c, n, own_length, own_width, ox, oy, oc / norm, on / norm, length, width):
             return True
     return False
