@@ -15,7 +15,7 @@ from sumo_mcts.model.ego import GOAL, HALF, EgoParams, advance, begin_change, ca
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, build_local, ego_state
-from sumo_mcts.model.route import RouteMap, route_map
+from sumo_mcts.model.route import Indices, RouteMap, route_map
 from sumo_mcts.model.script import swung
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.scene import Bools, EgoState, Floats, Forecast, RoadMap, Scene
@@ -25,7 +25,7 @@ HORIZON_S = 8.0  # s that a way out has to last: as far as planners look
 PLY_S = 0.5  # s of one action
 CHECK_S = 0.05  # s between two looks at the boxes
 MARGIN = 0.1  # m all around the ego: a way out by a hair's breadth is none in SUMO, which rounds otherwise
-CELL = (0.25, 0.25, 1.0, 0.05, 0.05)  # m, m/s, m/s2, progress, rad: states within a cell count as one, or there would be no end of them
+CELL = (0.5, 0.5, 2.0, 0.05, 0.1)  # m, m/s, m/s2, progress, rad: states in a cell count as one, or there would be no end of them
 
 ALIVE, TOUCHED, HOME = range(3)
 
@@ -75,7 +75,8 @@ class Hindsight:
         # a stop sign holds nobody who has to get out of the way
         served = frozenset(np.flatnonzero(self._route.sign).tolist())
         local = build_local(self._road, self._route, state, scene, forecast, 0, served, p.comfort_decel)
-        return not has_way_out(local, p, _body(local, state, scene.ego), actions(p), self._home, ply, plies, max(1, round(p.step / CHECK_S)), CELL)
+        looks = max(1, round(p.step / CHECK_S))
+        return len(way_out(local, p, _body(local, state, scene.ego), actions(p), self._home, ply, plies, looks, CELL)) == 0
 
 
 def actions(p: EgoParams) -> Floats:
@@ -114,17 +115,18 @@ def _forecast(futures: Sequence[Future], dt: float, times: int) -> Forecast:
 
 
 @making_arrays
-def has_way_out(
+def way_out(
     local: Local, p: EgoParams, root: Body, choice: Floats, home: Bools, ply: int, plies: int, looks: int, cell: tuple[float, float, float, float, float]
-) -> bool:
-    """Whether some sequence of `plies` actions from `choice` [A, 2], `ply` steps each, touches nobody, or arrives on a node of `home` [W] before.
+) -> Indices:
+    """[K] rows of `choice` [A, 2], `ply` steps each, that touch nobody for `plies` actions or until a node of `home` [W]; empty where there are none.
 
     Depth first, since most states have many ways out: only where there is none everything has to be tried. `looks`: box tests within a step.
     """
-    todo = [(root, 0)]
+    todo = [(root, 0, -1)]  # how many actions led there, the last of them as an index into `taken`
+    taken = [(-1, -1) for _ in range(0)]  # the action before, row of `choice`
     seen = {_cell_of(root, 0, cell)}
     while len(todo) > 0:
-        body, level = todo.pop()
+        body, level, last = todo.pop()
         for k in range(len(choice)):
             side = int(choice[k, 1])
             if side != 0 and not can_change(local, p, body.state, side):
@@ -133,13 +135,19 @@ def has_way_out(
             after, end = drive(local, p, home, begun, choice[k, 0], level * ply, ply, looks)
             if end == TOUCHED:
                 continue
-            if end == HOME or level + 1 == plies:
-                return True
             place = _cell_of(after, level + 1, cell)
-            if place not in seen:
-                seen.add(place)
-                todo.append((after, level + 1))
-    return False
+            if place in seen and end == ALIVE:
+                continue
+            seen.add(place)
+            taken.append((last, k))
+            todo.append((after, level + 1, len(taken) - 1))
+            if end == HOME or level + 1 == plies:
+                way = np.zeros(level + 1, np.int64)
+                at = len(taken) - 1
+                for i in range(level, -1, -1):
+                    at, way[i] = taken[at]
+                return way
+    return np.zeros(0, np.int64)
 
 
 @kernel
