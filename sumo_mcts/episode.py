@@ -62,7 +62,7 @@ def run_episode(
     loop = Loop(config, seed, gui=gui, sumo_options=sumo_options, progress=progress)
     try:
         loop.start()
-        if progress is not None and config.planner.name in SEARCHING and not is_compiled():
+        if progress is not None and _searches(config) and not is_compiled():
             progress("compiling the search, once for this version (about half a minute)")
         warm_up(config, loop.world.road, loop.world.physics)
         drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.scripted) for ego in config.egos}
@@ -77,6 +77,11 @@ def run_episode(
     full = [_complete(row, config, seed, name, recorders[row["ego"]], loop.world.period, wall) for row in rows]
     traces = [recorders[row["ego"]].trace(row["key"], config.name, row["outcome"], loop.world.road) for row in full]
     return EpisodeResult(tuple(full), tuple(trace for trace in traces if trace is not None), _manifest(config, seed, loop))
+
+
+def _searches(config: ScenarioConfig) -> bool:
+    """Whether the planner does, or the reference of inevitable collisions may have to."""
+    return config.planner.name in SEARCHING or any(actor.driver == "script" for actor in config.traffic.actors)
 
 
 def default_variant(config: ScenarioConfig) -> str:
