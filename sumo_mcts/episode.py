@@ -140,6 +140,7 @@ class Loop:
         self.world: World = running_world(config.planner.period_s)
         physics, egos = self.world.physics, [ego.id for ego in self._egos]
         self._actors = Actors(actors, self.world.road, physics.step, events=config.traffic.events, egos=egos, change_s=physics.change_duration)
+        self._varied = actors != config.traffic.actors  # else the next draw is the same
         self._departed: list[str] = []  # a few vehicles that departed while an ego did not
         self._script_poses: dict[str, Floats] = {}
         self._begin = self._news_due = self._simulation.time
@@ -249,7 +250,7 @@ class Loop:
         pilot = Pilot(ego.id, self.config, self.world, judged=True)
         goal = _goal(self.config, self.world.road, pilot.frame.ego, ego.until)
         ego.hindsight = self._hindsight(goal, pilot.frame)
-        if ego.hindsight is not None and self.config.traffic.vary > 0 and ego.hindsight.inevitable():
+        if ego.hindsight is not None and self._varied and ego.hindsight.inevitable():
             self._redraw(ego)
             return
         ego.referee = Referee(self.world.road, goal, self.world.physics.step, pilot.frame)

@@ -27,6 +27,8 @@ CHECK_S = 0.05  # s between two looks at the boxes
 MARGIN = 0.1  # m all around the ego: a way out by a hair's breadth is none in SUMO, which rounds otherwise
 CELL = (0.5, 0.5, 2.0, 0.05, 0.1)  # m, m/s, m/s2, progress, rad: states in a cell count as one, or there would be no end of them
 
+ASIDE = 0.2  # m off the middle of a lane from which a lane change must be under way
+
 ALIVE, TOUCHED, HOME = range(3)
 
 
@@ -64,10 +66,13 @@ class Hindsight:
         self._scenes.append(scene)
 
     def inevitable(self) -> bool | None:
-        """Whether no motion from BEFORE_S ago (the take-over, if that is later) was free of contacts; None where the ego was off its route."""
+        """Whether no motion from BEFORE_S ago (the take-over, if that is later) was free of contacts.
+
+        None where the ego was off its route, or in the middle of a lane change of SUMO's driver, who does not say where to.
+        """
         scene, p = self._scenes[0], self._params
         state = ego_state(self._route, scene.ego)
-        if state is None:
+        if state is None or (state.progress == 0.0 and abs(scene.ego.d) > ASIDE):
             return None
         ply = max(1, round(PLY_S / p.step))
         plies = math.ceil(HORIZON_S / (ply * p.step) - 1e-9)
@@ -122,8 +127,8 @@ def way_out(
 
     Depth first, since most states have many ways out: only where there is none everything has to be tried. `looks`: box tests within a step.
     """
-    todo = [(root, 0, -1)]  # how many actions led there, the last of them as an index into `taken`
-    taken = [(-1, -1) for _ in range(0)]  # the action before, row of `choice`
+    taken = [(-1, -1)]  # actions: index of the one before, row of `choice`; the first stands for none
+    todo = [(root, 0, 0)]  # how many actions led there, and the last of them
     seen = {_cell_of(root, 0, cell)}
     while len(todo) > 0:
         body, level, last = todo.pop()

@@ -160,11 +160,14 @@ def test_looked_at_is_the_state_3_s_before_or_the_take_over() -> None:
     assert answers == {False, True}
 
 
-def test_unknown_off_the_route() -> None:
-    road = lanes_east(1)
+def test_unknown_where_the_ego_goes_nobody_knows_where() -> None:
+    road = lanes_east(2)
     asked = hindsight(road, ego_at(road, "a_0", 100.0))
     asked._scenes[0] = asked._scenes[0]._replace(ego=ego_at(road, "a_0", 100.0)._replace(lane=-1))
     assert asked.inevitable() is None
+    assert hindsight(road, ego_at(road, "a_0", 100.0, d=0.8)).inevitable() is None
+    changing = ego_at(road, "a_0", 100.0, d=0.8)._replace(changing=0.25, change_from=0, change_to=1)
+    assert hindsight(road, changing).inevitable() is False
 
 
 # --- the search against a slow and obvious one ---
