@@ -205,12 +205,8 @@ def _touched(local: Local, p: EgoParams, body: Body, row: int, share: float) -> 
     own_length, own_width = p.half_length + MARGIN, p.half_width + MARGIN
     for i in range(local.agent.shape[1]):
         before, after = local.agent[row, i], local.agent[row + 1, i]
-        if after[NODE] == GONE:
+        if before[NODE] == GONE or after[NODE] == GONE:
             continue
-        if before[NODE] == GONE:  # appears when the step ends
-            if share < 1.0:
-                continue
-            before = after
         ox, oy = before[X] + share * (after[X] - before[X]), before[Y] + share * (after[Y] - before[Y])
         length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
         reach = own_length + own_width + length + width
