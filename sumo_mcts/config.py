@@ -214,6 +214,7 @@ class CostConfig(_Section):
     cut_in_decel_mps2: Positive = Field(3.0, description="braking that a follower is trusted to do when the ego moves in front of it")
     progress: NonNegative = Field(1.0, description="per second of standing where the limit could be driven")
     tail_s: NonNegative = Field(4.0, description="for how long beyond the horizon a slow leader still counts")
+    wrong_lane_s: NonNegative = Field(4.0, description="for how long beyond the horizon a lane that the route leaves still counts")
     blocking: NonNegative = Field(0.3, description="per second of standing inside a junction")
     route: NonNegative = Field(0.5, description="per second on a lane that the route leaves, at full urgency")
     lane_change: NonNegative = Field(0.6, description="C_o,lc per change begun")

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.evaluation.referee import Goal
-from sumo_mcts.model.ego import GOAL, HALF, EgoParams, advance, begin_change, can_change, pose_of
+from sumo_mcts.model.ego import GOAL, HALF, EgoParams, advance, begin_change, can_change, lane_pose
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, build_local, ego_state
@@ -44,7 +44,7 @@ Futures = Callable[[float, int], Sequence[Future]]  # of everybody, from a time 
 
 
 class Body(NamedTuple):
-    """The ego in the search. SUMO turns whoever goes sideways: the rear follows the front."""
+    """The ego in the search. SUMO turns whoever goes sideways: the rear follows the front, and still does when the lane change is over."""
 
     state: State
     turn: float  # rad between the box and its lane, to the left
@@ -100,7 +100,7 @@ def _home(route: RouteMap, goal: Goal) -> Bools:
 
 def _body(local: Local, state: State, ego: EgoState) -> Body:
     """The ego as it stands there, turned as far as it is."""
-    _, _, c, n = pose_of(local.node, local.row, state, 0.0)
+    _, _, c, n = lane_pose(local.node, local.row, state.node, state.s)
     return Body(state, math.remainder(ego.heading - math.atan2(n, c), 2.0 * math.pi))
 
 
@@ -183,8 +183,8 @@ def _aside(local: Local, p: EgoParams, before: State) -> float:
     """m to the left within the step that follows, if a lane change is under way."""
     if before.progress <= 0.0 or before.other < 0 or p.change_duration <= 0.0:
         return 0.0
-    x, y, c, n = pose_of(local.node, local.row, State(before.node, before.s, before.v, before.a, 0.0, -1), 0.0)
-    ox, oy, _, _ = pose_of(local.node, local.row, State(before.other, before.s, before.v, before.a, 0.0, -1), 0.0)
+    x, y, c, n = lane_pose(local.node, local.row, before.node, before.s)
+    ox, oy, _, _ = lane_pose(local.node, local.row, before.other, before.s)
     other = (oy - y) * c - (ox - x) * n
     return (other if before.progress <= HALF else -other) * min(p.step / p.change_duration, 1.0 - before.progress)
 
@@ -192,7 +192,12 @@ def _aside(local: Local, p: EgoParams, before: State) -> float:
 @kernel
 def box_of(local: Local, p: EgoParams, body: Body, back: float) -> tuple[float, float, float, float]:
     """Centre x, y, cos and sin of the heading of the ego's box, its front `back` metres before the state."""
-    x, y, c, n = pose_of(local.node, local.row, body.state, back)
+    state = body.state
+    x, y, c, n = lane_pose(local.node, local.row, state.node, state.s - back)
+    if state.progress > 0.0 and state.other >= 0:
+        ox, oy, _, _ = lane_pose(local.node, local.row, state.other, state.s - back)
+        share = state.progress if state.progress <= HALF else 1.0 - state.progress
+        x, y = x + share * (ox - x), y + share * (oy - y)
     ct, nt = math.cos(body.turn), math.sin(body.turn)
     cosine, sine = c * ct - n * nt, n * ct + c * nt
     return x + p.half_length * (c - cosine), y + p.half_length * (n - sine), cosine, sine

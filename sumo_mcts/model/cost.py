@@ -34,6 +34,7 @@ from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT
 CLAIM_SAMPLES = 2
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
+ASIDE = 0.2  # m by which a vehicle that changes lanes may be elsewhere than predicted: it trails on when the change is over
 REACH = 80.0  # m beyond which an agent is not looked at
 
 
@@ -54,6 +55,7 @@ class CostParams(NamedTuple):
     braking: float
     progress: float
     tail_s: float
+    wrong_lane_s: float
     blocking: float
     route: float
     lane_change: float
@@ -75,8 +77,9 @@ class Meeting(NamedTuple):
 @kernel
 def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int, back: float, index: int) -> Meeting:
     """Contacts, headway and claims at forecast time `index`; the ego's pose lies `back` metres before `state`."""
-    x, y, cs, sn = pose_of(local.node, local.row, state, back)
+    x, y, cs, sn = pose_of(local, p, state, back)
     now = min(index, local.agent.shape[0] - 1)
+    half_width = p.half_width + (ASIDE if state.progress > 0.0 else 0.0)
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
     for i in range(local.agent.shape[1]):
         bx, by, node = local.agent[now, i, X], local.agent[now, i, Y], int(local.agent[now, i, NODE])
@@ -90,6 +93,8 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
                 continue  # the table has it where it would be without the ego
             if 0.0 <= to_agent < math.inf and to_agent - 2.0 * length < gap:
                 gap, leader_v = to_agent - 2.0 * length, local.agent[now, i, V]
+            if state.progress > 0.0 and _beside_in_lane(local, p, state, back, node, local.agent[now, i, S], length):
+                return Meeting(True, rate, once, gap, leader_v, followers)
             if i < 63 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
                 price = _cut_in(c, to_ego - 2.0 * p.half_length, local.agent[now, i, V], state.v)
                 if price >= 0.0:
@@ -102,7 +107,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
             bc, bs = local.agent[now, i, COS], local.agent[now, i, SIN]
             # Longer by what they drive until half-way to the next check: nobody slips through between two.
             swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * local.agent[now, i, V] * local.dt
-            if boxes_touch(x, y, cs, sn, swept, p.half_width, bx, by, bc, bs, sweep, width):
+            if boxes_touch(x, y, cs, sn, swept, half_width, bx, by, bc, bs, sweep, width):
                 return Meeting(True, rate, once, gap, leader_v, followers)
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
                 rate += c.margin
@@ -153,6 +158,19 @@ def _gap_behind(local: Local, state: State, back: float, node: int, s: float) ->
     if state.other >= 0:
         gap = min(gap, chain_gap(local, node, s, state.other, state.s - back))
     return gap
+
+
+@kernel
+def _beside_in_lane(local: Local, p: EgoParams, state: State, back: float, node: int, s: float, half_length: float) -> bool:
+    """Whether an agent is beside the ego in the lane that the ego counts to: SUMO calls that a collision, however far aside the ego has moved.
+
+    It looks before it moves vehicles over, so that at half time the old lane counts for a step more, and another one for its rounding.
+    """
+    old = 0.5 < state.progress < 0.5 + 2.5 * p.step / p.change_duration and state.other >= 0
+    lane = state.other if old else state.node
+    ahead = chain_gap(local, lane, state.s - back, node, s)
+    behind = chain_gap(local, node, s, lane, state.s - back)
+    return 0.0 <= ahead < 2.0 * half_length or 0.0 <= behind < 2.0 * p.half_length
 
 
 @kernel
@@ -224,7 +242,7 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
     rate = c.progress * (1.0 - min(after.v, limit) / limit)
     i = after.node - local.first
     if 0 <= i < local.urgency.shape[0]:
-        rate += c.route * local.urgency[i]
+        rate += c.route * abs(local.urgency[i])
         if local.node[after.node, INTERNAL] > 0.0 and after.v < 1.0:
             rate += c.blocking
     return rate * p.step
@@ -240,8 +258,10 @@ def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: fl
     """
     useful = min(state.v, leader_v + gap / local.limit)
     missing = max(0.0, local.limit - useful) if local.free else 0.0
+    i = state.node - local.first
+    lane = c.route * abs(local.urgency[i]) * c.wrong_lane_s if 0 <= i < local.urgency.shape[0] else 0.0
     behind = (1.0 - min(leader_v, local.limit) / local.limit) * max(0.0, 1.0 - TAIL_SLOPE * gap / (c.tail_s * local.limit + 1e-9))
-    return c.progress * (missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind)
+    return lane + c.progress * (missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind)
 
 
 @kernel

@@ -130,18 +130,30 @@ def begin_change(local: Local, p: EgoParams, state: State, side: int) -> State:
 
 
 @kernel
-def pose_of(node: Floats, row: Floats, state: State, back: float) -> tuple[float, float, float, float]:
-    """Centre x, y, cos and sin of the heading, `back` metres before the state (for states inside a step); tables as in Local."""
-    x, y, c, n = _lane_pose(node, row, state.node, state.s - back)
+def pose_of(local: Local, p: EgoParams, state: State, back: float) -> tuple[float, float, float, float]:
+    """Centre x, y, cos and sin of the heading, `back` metres before the state (for states inside a step)."""
+    x, y, c, n = lane_pose(local.node, local.row, state.node, state.s - back)
     if state.progress <= 0.0 or state.other < 0:
         return x, y, c, n
-    share = state.progress if state.progress < 0.5 else 1.0 - state.progress
-    ox, oy, _, _ = _lane_pose(node, row, state.other, state.s - back)
-    return x + share * (ox - x), y + share * (oy - y), c, n
+    ox, oy, _, _ = lane_pose(local.node, local.row, state.other, state.s - back)
+    front, rear = state.progress, _rear_progress(p, state)
+    if state.progress > HALF:  # `node` is the new lane by now
+        front, rear = 1.0 - front, 1.0 - rear
+    share = 0.5 * (front + rear)
+    turn = (front - rear) * (c * (oy - y) - n * (ox - x)) / (2.0 * p.half_length)
+    norm = math.sqrt(1.0 + turn * turn)
+    return x + share * (ox - x), y + share * (oy - y), (c - turn * n) / norm, (n + turn * c) / norm
 
 
 @kernel
-def _lane_pose(table: Floats, row: Floats, node: int, s: float) -> tuple[float, float, float, float]:
+def _rear_progress(p: EgoParams, state: State) -> float:
+    """How far the rear has changed lanes: it trails the front, which goes sideways evenly, like a wheel that does not steer (a tractrix)."""
+    reach = max(state.v, 0.01) * p.change_duration / (2.0 * p.half_length)  # vehicle lengths driven during the change
+    return state.progress - (1.0 - math.exp(-state.progress * reach)) / reach
+
+
+@kernel
+def lane_pose(table: Floats, row: Floats, node: int, s: float) -> tuple[float, float, float, float]:
     first, last = int(table[node, FIRST_ROW]), int(table[node, LAST_ROW])
     position = max(s, 0.0) / SPACING
     k = min(int(position), last - first - 1)

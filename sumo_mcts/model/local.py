@@ -25,7 +25,7 @@ class Local(NamedTuple):
     row: Floats  # RouteMap.rows
     closed: NDArray[np.uint8]  # [W, T] the stop line at the node's end may not be crossed
     ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
-    urgency: Floats  # [W] 0..3, lane changes needed and how soon
+    urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below
     trait: Floats  # [N, 4] HALF_LENGTH .. POLITE below
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
@@ -197,10 +197,10 @@ def _followers(node: Indices, s: Floats, reacts: Bools, ahead: Floats, state: St
 
 
 def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
-    """[W] the number of changes needed (at most 3) where the lane is about to be lost, falling to 0 at 200 m for each of them."""
+    """[W] the number of changes needed (at most 3, positive to the left) where the lane is about to be lost, falling to 0 at 200 m for each of them."""
     room = np.maximum(route.station[view] + route.reach[view] - here, 1.0)
-    needed = np.abs(route.changes[view])
-    return np.where(needed > 0, np.clip(1.6 - room / (125.0 * np.maximum(needed, 1)), 0.0, 1.0) * np.minimum(needed, 3), 0.0)
+    needed = np.clip(route.needed[view], -3, 3)
+    return np.where(needed != 0, np.clip(1.6 - room / (125.0 * np.maximum(np.abs(route.needed[view]), 1)), 0.0, 1.0) * needed, 0.0)
 
 
 def _closed(

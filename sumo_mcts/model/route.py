@@ -31,6 +31,7 @@ class RouteMap(NamedTuple):
     limit: Floats  # [W] speed limit times the ego's speed factor, at most its own top speed, m/s
     station: Floats  # [W] where it begins, m from the start of the route
     changes: Indices  # [W] lane changes to the lane of this edge that leads furthest; positive: to the left
+    needed: Indices  # [W] the changes that come first down the node's way: its own, else those of the nodes after it
     reach: Floats  # [W] m from the node's start to where the route is lost without a lane change; inf: never
     stop: Bools  # [W] a stop line at its end: signal, stop sign
     signal: Indices  # [W] signal of that stop line, -1 none
@@ -69,7 +70,7 @@ def route_map(road: RoadMap, edges: tuple[int, ...], vclass: int, length: float,
     pose = _poses(road, lane, previous, row, node_length, length)
     cap = _caps(nxt, row, node_length, limit, last & ~internal, decel)
     return RouteMap(
-        lane, leg, nxt, left, right, node_length, limit, station, changes, reach, stop, signal,
+        lane, leg, nxt, left, right, node_length, limit, station, changes, _needed(nxt, changes), reach, stop, signal,
         np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
         np.column_stack([nxt, left, right, node_length, limit, station, reach, stop, internal, row[:-1], row[1:] - 1, road.junction[lane]]).astype(np.float64),
         np.column_stack([pose, cap]),
@@ -147,6 +148,15 @@ def _continuations(
             for i in here:
                 changes[i] = min((g - int(road.index[lane[i]]) for g in good), key=abs)
     return nxt, changes, reach
+
+
+def _needed(nxt: Indices, changes: Indices) -> Indices:
+    """The first changes on each node's way. With `changes` alone, driving on to where the lanes multiply would look like a loss."""
+    needed = changes.copy()
+    for i in range(len(nxt) - 1, -1, -1):
+        if needed[i] == 0 and nxt[i] >= 0:
+            needed[i] = needed[nxt[i]]
+    return needed
 
 
 def _stations(road: RoadMap, edges: tuple[int, ...], lane: Indices, leg: Indices, nxt: Indices) -> Floats:

@@ -9,7 +9,7 @@ import numpy as np
 from sumo_mcts.model.ego import FOLLOW
 from sumo_mcts.model.local import Local, State, build_local
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.tree import ALIVE, SearchParams, Tree, new_tree, replay, search, search_params
+from sumo_mcts.planners.tree import ALIVE, ARRIVED, SearchParams, Tree, new_tree, replay, search, search_params
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
 
 STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow (measures: yellow_run)
@@ -32,6 +32,14 @@ class MctsParams(NamedTuple):
     exploration: float
 
 
+class Way(NamedTuple):
+    """A root child and the best that is known to follow it."""
+
+    child: RootChild
+    plan: Plan
+    line: Floats  # [steps] 1000 * lane change + acceleration
+
+
 class MctsPlanner:
     """Monte-Carlo tree search over the forecast."""
 
@@ -45,26 +53,41 @@ class MctsPlanner:
         """Take the ego over."""
         self._task = task
         self._rng = np.random.Generator(np.random.PCG64(seed))
+        self._line, self._line_time = np.zeros(0), 0.0
 
     def plan(self, situation: Situation) -> Decision:
-        """Search from the present state."""
+        """Search from the present state; where the last plan, carried on, is no worse than what was found, it goes on."""
         p, task = self._params, self._task
         local = build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
         q = search_params(task.ego.step, local.dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
         tree = new_tree(p.iterations + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps)
+        done, known = self._search(tree, local, q, situation.state)
+        found = _children(tree, local, task, q, self._actions, situation.state)
+        carried = _carried(local, task, q, situation.state, self._remaining(situation.scene.time, round(q.horizon / task.ego.step)), p.period_s)
+        found += [carried] if carried is not None else []
+        chosen = min(range(len(found)), key=lambda i: (found[i].child.best, -i))
+        child, plan, line = found[chosen]
+        self._line, self._line_time = line if child.terms[4] == 0.0 else np.zeros(0), situation.scene.time
+        reason = "brake" if child.terms[4] > 0.0 else "carried on" if carried is not None and chosen == len(found) - 1 else "search"
+        return Decision(Follow(plan.v, child.lane_change), plan, tuple(way.child for way in found), chosen, reason, done, known)
+
+    def _search(self, tree: Tree, local: Local, q: SearchParams, state: State) -> tuple[int, int]:
+        """Passes until the budget is spent: to the horizon, and to a known terminal node."""
+        p, task = self._params, self._task
         done = known = 0
         timed = p.time_budget_s < math.inf
         end = time.perf_counter() + p.time_budget_s
         while done + known < p.iterations and not tree.dead[0] and (not timed or time.perf_counter() < end):
             count = min(TIMED_SLICE if timed else SLICE, p.iterations - done - known)
-            more = search(tree, local, task.ego, task.cost, q, self._actions, situation.state, count, self._rng)
+            more = search(tree, local, task.ego, task.cost, q, self._actions, state, count, self._rng)
             done, known = done + more[0], known + more[1]
-        children = _children(tree, local, task, q, self._actions, situation.state)
-        chosen = min(range(len(children)), key=lambda i: children[i][0].best)
-        child, plan = children[chosen]
-        return Decision(
-            Follow(plan.v, child.lane_change), plan, tuple(c for c, _ in children), chosen, "search" if child.terms[4] == 0.0 else "brake", done, known
-        )
+        return done, known
+
+    def _remaining(self, now: float, steps: int) -> Floats:
+        """What is left of the last line, with car following up to `steps`; empty where there is none."""
+        begin = round((now - self._line_time) / self._task.ego.step)
+        left = self._line[begin : begin + steps]
+        return np.concatenate([left, np.full(steps - len(left), FOLLOW)]) if 0 < begin < len(self._line) else np.zeros(0)
 
 
 def root_actions(accelerations: tuple[float, ...], lane_change_accelerations: tuple[float, ...]) -> Floats:
@@ -73,19 +96,32 @@ def root_actions(accelerations: tuple[float, ...], lane_change_accelerations: tu
     return np.array(keep + [(a, side) for side in (1.0, -1.0) for a in lane_change_accelerations])
 
 
-def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Floats, state: State) -> list[tuple[RootChild, Plan]]:
-    """The root's children and the best plan through each of them."""
+def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Floats, state: State) -> list[Way]:
+    """The root's children, each with the best way through it."""
     result = []
     for k in range(len(actions)):
         i = int(tree.child[0, k])
         if i < 0:
             continue
-        line = _tidy(tree.plan[k], actions[k], int(tree.end[i]))
-        plan, terms = follow_line(local, task, q, state, line)
+        line = _steps(tree.plan[k], actions[k], int(tree.end[i]), q.ply)
+        plan, terms, _ = follow_line(local, task, q, state, line)
         accel = float(actions[k, 0]) if actions[k, 0] != FOLLOW else _first_accel(plan, state.v, q.ply * task.ego.step)
         child = RootChild(accel, int(actions[k, 1]), int(tree.visits[i]), float(tree.total[i] / max(tree.visits[i], 1)), float(tree.best[i]), terms, plan.pose)
-        result.append((child, plan))
+        result.append(Way(child, plan, line))
     return result
+
+
+def _carried(local: Local, task: Task, q: SearchParams, state: State, line: Floats, period_s: float) -> Way | None:
+    """The last plan carried on, if that is possible without a contact. Its half-driven actions are none that the tree could try."""
+    later = line[1 : round(period_s / task.ego.step)]
+    if not len(line) or np.any((np.abs(later) > 500.0)):  # a lane change begins with a decision period or not at all
+        return None
+    plan, terms, end = follow_line(local, task, q, state, line)
+    if end not in (ALIVE, ARRIVED):
+        return None
+    side = round(line[0] / 1000.0) if abs(line[0]) > 500.0 else 0
+    cost = float(terms.sum())
+    return Way(RootChild(_first_accel(plan, state.v, q.ply * task.ego.step), side, 0, cost, cost, terms, plan.pose), plan, line)
 
 
 def _first_accel(plan: Plan, v: float, seconds: float) -> float:
@@ -94,20 +130,22 @@ def _first_accel(plan: Plan, v: float, seconds: float) -> float:
     return float((plan.v[steps - 1] - v) / plan.time[steps - 1]) if steps else 0.0
 
 
-def _tidy(line: Floats, action: Floats, end: int) -> Floats:
-    """A sequence that certainly starts with its own action."""
+def _steps(line: Floats, action: Floats, end: int, ply: int) -> Floats:
+    """A sequence of actions of the tree as one entry a simulation step; it certainly starts with its own action."""
     line = line.copy()
     line[0] = action[0] + 1000.0 * action[1]
-    if end != ALIVE:
-        line[1:] = np.nan
-    return line
+    line = line[: 1 if end != ALIVE else len(line) if not np.isnan(line).any() else int(np.argmax(np.isnan(line)))]
+    side = np.where(np.abs(line) > 500.0, np.round(line / 1000.0), 0.0)
+    steps = np.repeat(line - 1000.0 * side, ply)
+    steps[::ply] += 1000.0 * side
+    return steps
 
 
-def follow_line(local: Local, task: Task, q: SearchParams, state: State, line: Floats) -> tuple[Plan, Floats]:
-    """The plan, step by step, and the cost terms [5] of a sequence of actions."""
-    steps = len(line) * q.ply
+def follow_line(local: Local, task: Task, q: SearchParams, state: State, line: Floats) -> tuple[Plan, Floats, int]:
+    """The plan, step by step, the cost terms [5] of a sequence, and how it ends (see tree.replay)."""
+    steps = len(line)
     nodes, motion, pose, terms = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4)), np.zeros(5)
-    used = replay(local, task.ego, task.cost, q, state, line, nodes, motion, pose, terms)
+    used, end = replay(local, task.ego, task.cost, q, state, line, nodes, motion, pose, terms)
     lanes = task.route.lane[nodes[:used]].astype(np.int32)
     times = (np.arange(used, dtype=np.float64) + 1.0) * task.ego.step
-    return Plan(times, motion[:used, 1].copy(), lanes, motion[:used, 0].copy(), pose[:used].copy()), terms
+    return Plan(times, motion[:used, 1].copy(), lanes, motion[:used, 0].copy(), pose[:used].copy()), terms, end

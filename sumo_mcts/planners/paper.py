@@ -174,7 +174,7 @@ def _drive(local: Local, task: Task, w: Weights, state: State, action: Floats) -
         v.append(state.v)
         lane.append(int(task.route.lane[state.node]))
         s.append(state.s)
-        pose.append(pose_of(local.node, local.row, state, 0.0))
+        pose.append(pose_of(local, task.ego, state, 0.0))
         if event == GOAL:
             break
     return Plan((np.arange(len(v), dtype=np.float64) + 1.0) * task.ego.step, np.array(v), np.array(lane, np.int32), np.array(s), np.array(pose))
@@ -293,7 +293,7 @@ def _ply(
 @kernel
 def _nearest(local: Local, p: EgoParams, state: State, time: float) -> float:
     """Distance between the boxes of the ego and of the nearest agent, m; 0 at contact."""
-    x, y, c, s = pose_of(local.node, local.row, state, 0.0)
+    x, y, c, s = pose_of(local, p, state, 0.0)
     now = min(int(time / local.dt + 0.5), local.agent.shape[0] - 1)
     nearest = math.inf
     for i in range(local.agent.shape[1]):

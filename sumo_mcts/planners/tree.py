@@ -216,14 +216,11 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     state, side = state_of(tree, node), int(actions[k, 1])
     changed = 0.0
     if side != 0:
-        if not can_change(local, p, state, side):
+        if not _may_change(local, p, c, state, side, int(tree.level[node] * q.ply * p.step / local.dt + 0.5)):
             tree.child[node, k] = IMPOSSIBLE
             return IMPOSSIBLE
         state = begin_change(local, p, state, side)
         changed = c.lane_change
-        if not place_is_free(local, p, c, state, int(tree.level[node] * q.ply * p.step / local.dt + 0.5)):
-            tree.child[node, k] = IMPOSSIBLE
-            return IMPOSSIBLE
     ply = simulate(local, p, c, q, state, tree.followers[node], tree.leader[node, 0], tree.leader[node, 1], actions[k, 0], tree.level[node] * q.ply)
     if side == 0 and _known(tree, node, k, ply.state):
         tree.child[node, k] = IMPOSSIBLE
@@ -270,6 +267,11 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
         elif policy == 2 and k == level:
             accel = -0.5 * p.approach_decel
         line[k] = accel
+        side = _needed_side(local, state)
+        if side != 0 and _may_change(local, p, c, state, side, int(k * q.ply * p.step / local.dt + 0.5)):
+            state = begin_change(local, p, state, side)
+            line[k] = accel + 1000.0 * side
+            j += c.lane_change
         ply = simulate(local, p, c, q, state, followers, gap, leader_v, accel, k * q.ply)
         j += ply.safety + ply.comfort + ply.passability
         if ply.end == LOST:
@@ -278,6 +280,21 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
             return j
         state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
     return j + terminal(local, c, state, gap, leader_v)
+
+
+@kernel
+def _needed_side(local: Local, state: State) -> int:
+    """The side of the lane change that the route needs next: -1, 0, 1."""
+    i = state.node - local.first
+    if not 0 <= i < local.urgency.shape[0] or local.urgency[i] == 0.0:
+        return 0
+    return 1 if local.urgency[i] > 0.0 else -1
+
+
+@kernel
+def _may_change(local: Local, p: EgoParams, c: CostParams, state: State, side: int, index: int) -> bool:
+    """Whether a lane change may begin at forecast time `index`: the road allows it and the place is free."""
+    return can_change(local, p, state, side) and place_is_free(local, p, c, begin_change(local, p, state, side), index)
 
 
 @kernel
@@ -336,37 +353,34 @@ def _bury(tree: Tree, node: int) -> None:
 @kernel
 def replay(
     local: Local, p: EgoParams, c: CostParams, q: SearchParams, root: State, line: Floats, lanes: Indices, motion: Floats, pose: Floats, terms: Floats
-) -> int:
-    """Drive a sequence (as in Tree.plan) once more and write down every simulation step.
+) -> tuple[int, int]:
+    """Drive a sequence of M steps (each 1000 * lane change + acceleration) and write down every one of them.
 
     lanes [M] node, motion [M, 2] s and v, pose [M, 4]; terms [5] receives safety, comfort, passability, other and loss. Returns the number of
-    steps written: fewer than M where the sequence ends in a contact, at a red line or at the goal.
+    steps written and how it ended: ALIVE at the end of the sequence, LOST, ARRIVED, or IMPOSSIBLE where a lane change cannot begin.
     """
     meeting = meet(local, p, c, root, local.followers, 0.0, 0)
     state, followers, gap, leader_v = root, meeting.followers, meeting.gap, meeting.leader_v
     one = SearchParams(1, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon)
     terms[:] = 0.0
-    for n in range(len(line)):
-        if math.isnan(line[n]):
-            return n * q.ply
-        side = int(round(line[n] / 1000.0)) if abs(line[n]) > 500.0 else 0
-        accel = line[n] - 1000.0 * side
+    for at in range(len(line)):
+        side = int(round(line[at] / 1000.0)) if abs(line[at]) > 500.0 else 0
         if side != 0:
-            if not can_change(local, p, state, side):
-                return n * q.ply
+            if not _may_change(local, p, c, state, side, int(at * p.step / local.dt + 0.5)):
+                return at, IMPOSSIBLE
             state = begin_change(local, p, state, side)
             terms[3] += c.lane_change
-        for k in range(q.ply):
-            at = n * q.ply + k
-            ply = simulate(local, p, c, one, state, followers, gap, leader_v, accel, at)
-            state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
-            terms[0] += ply.safety
-            terms[1] += ply.comfort
-            terms[2] += ply.passability
-            lanes[at] = state.node
-            motion[at, 0], motion[at, 1] = state.s, state.v
-            pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local.node, local.row, state, 0.0)
-            terms[4] += ply.loss
-            if ply.end != ALIVE:
-                return at + 1
-    return len(line) * q.ply
+        ply = simulate(local, p, c, one, state, followers, gap, leader_v, line[at] - 1000.0 * side, at)
+        state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
+        terms[0] += ply.safety
+        terms[1] += ply.comfort
+        terms[2] += ply.passability
+        lanes[at] = state.node
+        motion[at, 0], motion[at, 1] = state.s, state.v
+        pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local, p, state, 0.0)
+        terms[4] += ply.loss
+        if ply.end != ALIVE:
+            return at + 1, ply.end
+    if (len(line) + 0.5) * p.step > q.horizon:
+        terms[2] += terminal(local, c, state, gap, leader_v)
+    return len(line), ALIVE

@@ -183,7 +183,7 @@ def test_a_change_to_the_right_mirrors_one_to_the_left(moves: Physics, v: float,
     for side in (1, -1):
         assert can_change(local, task.ego, state, side)
         states = drive(local, task.ego, begin_change(local, task.ego, state, side), asked)
-        ways.append(np.array([pose_of(task.route.table, task.route.rows, after, 0.0) for after, _ in states]))
+        ways.append(np.array([pose_of(local, task.ego, after, 0.0) for after, _ in states]))
         assert [after.node - state.node for after, _ in states] == sorted((after.node - state.node for after, _ in states), reverse=side < 0)
     assert ways[0] == pytest.approx(ways[1] * (1, -1, 1, -1))
 
@@ -192,7 +192,7 @@ def test_a_change_to_the_right_mirrors_one_to_the_left(moves: Physics, v: float,
 def test_a_change_takes_its_time_and_flips_the_lane_at_half(side: int, target: float) -> None:
     task, local, state = on_road(lanes_east(), "a_1", 50.0, 10.0)
     states = [after for after, _ in drive(local, task.ego, begin_change(local, task.ego, state, side), [0.0] * 4)]
-    y = np.array([pose_of(task.route.table, task.route.rows, after, 0.0)[1] for after in states])
+    y = np.array([pose_of(local, task.ego, after, 0.0)[1] for after in states])
     assert np.diff(y[:30]) == pytest.approx(np.full(29, target / 30), abs=1e-4)
     assert y[29:] == pytest.approx(target, abs=1e-4)
     assert [k for k, (a, b) in enumerate(pairwise(states)) if a.node != b.node] == [14]  # with the 16th of 30 steps, as SUMO's rounding has it

@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 
 from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import load
-from sumo_mcts.model.ego import pose_of
+from sumo_mcts.model.ego import lane_pose
 from sumo_mcts.model.local import State
 from sumo_mcts.model.route import SPACING, RouteMap, route_map
 from sumo_mcts.scene import STOP, EgoState, RoadMap
@@ -135,7 +135,7 @@ def test_poses_are_sumos(name: str) -> None:
             continue
         route = laid_out(name, vehicle.whole, ego.vclass, ego.length)
         (node,) = np.flatnonzero(route.lane == ego.lane)
-        x, y, c, n = pose_of(route.table, route.rows, State(int(node), ego.s, ego.v, 0.0, 0.0, -1), 0.0)
+        x, y, c, n = lane_pose(route.table, route.rows, int(node), ego.s)
         error = (math.hypot(x - ego.x, y - ego.y), math.degrees(abs(math.remainder(math.atan2(n, c) - ego.heading, math.tau))))
         points = road.point_offset[ego.lane + 1] - road.point_offset[ego.lane]
         (straight if points == 2 and ego.s > ego.length else turning).append(error)

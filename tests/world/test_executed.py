@@ -53,7 +53,7 @@ class Erratic:
             np.array([s.v for s in states]),
             np.array([task.route.lane[s.node] for s in states], np.int32),
             np.array([s.s for s in states]),
-            np.array([pose_of(local.node, local.row, s, 0.0) for s in states]),
+            np.array([pose_of(local, task.ego, s, 0.0) for s in states]),
         )
         over = next((k for k, event in enumerate(events) if event != FREE), len(events))
         return Decision(Follow(plan.v, side), Plan(*(field[:over] for field in plan)), (), -1, "erratic", 0, 0)
