@@ -77,7 +77,7 @@ class Driver:
         began = time.perf_counter()
         self._keep_route(scene.ego)
         route = self._route
-        state = None if route is None or scene.ego.lane < 0 else ego_state(route, _as_seen(self._road, scene.ego))
+        state = None if route is None or scene.ego.lane < 0 else ego_state(route, as_seen(self._road, scene.ego))
         if state is None or route is None:
             self._plan = None
             return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
@@ -142,7 +142,7 @@ def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
         script_poses(road, scene.agents.lane, row, row, row, physics.step, scene.ego.length)
 
 
-def _as_seen(road: RoadMap, ego: EgoState) -> EgoState:
+def as_seen(road: RoadMap, ego: EgoState) -> EgoState:
     """The ego with its lane change as far as SUMO has it by now, which may refuse one, be slower than its own clock, or end it in a junction."""
     if ego.changing <= 0.0 or ego.lane < 0:
         return ego

@@ -13,20 +13,20 @@ import numpy as np
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest
-from sumo_mcts.driver import SEARCHING, Driver, streams, warm_up
+from sumo_mcts.driver import SEARCHING, Driver, as_seen, ego_params, streams, warm_up
+from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
-from sumo_mcts.evaluation.referee import Goal, Referee
+from sumo_mcts.evaluation.referee import COLLISION, Goal, Referee
 from sumo_mcts.model.kernel import is_compiled
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.pilot import Pilot, World, running_world
 from sumo_mcts.recorder import Recorder
 from sumo_mcts.records import Row, Trace
-from sumo_mcts.scene import Decision, EgoState, Floats, Follow, RoadMap, Scene
+from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Frame, RoadMap, Scene
 from sumo_mcts.world import gui as window
 from sumo_mcts.world.actors import Actors, check, draw
 from sumo_mcts.world.arguments import REFEREE_OPTIONS, network_of, sumo_arguments
-from sumo_mcts.world.observe import Change
 from sumo_mcts.world.roadmap import has_edge, known_roadmap
 from sumo_mcts.world.simulation import Simulation, SimulationError
 
@@ -34,6 +34,7 @@ FREE_FLOWS = 3.0  # the default time limit in free-flow times, and
 LIMIT_SLACK_S = 120.0  # what comes on top: see measures.md
 NAMED = 5  # vehicles that a message names
 WAITING_NEWS_S = 30.0  # between two words about an ego that has not departed
+MOST_REDRAWN = 20  # draws in a row without a way out: it is not the draw's fault
 
 Progress = Callable[[str], None]
 
@@ -61,7 +62,7 @@ def run_episode(
     loop = Loop(config, seed, gui=gui, sumo_options=sumo_options, progress=progress)
     try:
         loop.start()
-        if progress is not None and config.planner.name in SEARCHING and not is_compiled():
+        if progress is not None and _searches(config) and not is_compiled():
             progress("compiling the search, once for this version (about half a minute)")
         warm_up(config, loop.world.road, loop.world.physics)
         drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.scripted) for ego in config.egos}
@@ -76,6 +77,11 @@ def run_episode(
     full = [_complete(row, config, seed, name, recorders[row["ego"]], loop.world.period, wall) for row in rows]
     traces = [recorders[row["ego"]].trace(row["key"], config.name, row["outcome"], loop.world.road) for row in full]
     return EpisodeResult(tuple(full), tuple(trace for trace in traces if trace is not None), _manifest(config, seed, loop))
+
+
+def _searches(config: ScenarioConfig) -> bool:
+    """Whether the planner does, or the reference of inevitable collisions may have to."""
+    return config.planner.name in SEARCHING or any(actor.driver == "script" for actor in config.traffic.actors)
 
 
 def default_variant(config: ScenarioConfig) -> str:
@@ -94,6 +100,8 @@ class _Ego:
         self.id, self.until = config.id, config.until
         self.pilot: Pilot | None = None  # None: not departed, or over
         self.referee: Referee | None = None
+        self.hindsight: Hindsight | None = None  # None: somebody reacts, so nobody knows what would have come
+        self.inevitable: bool | None = None
         self.error: str | None = None
         self.done = False
         self.digest = _Digest()
@@ -101,7 +109,7 @@ class _Ego:
     def row(self) -> Row:
         """What states alone tell."""
         judged = self.referee.row() if self.referee is not None else {"outcome": "error", "error": self.error or "not started"}
-        return {**judged, "ego": self.id, "trace_digest": self.digest.text()}
+        return {**judged, "ego": self.id, "inevitable": self.inevitable, "trace_digest": self.digest.text()}
 
 
 class Loop:
@@ -116,13 +124,13 @@ class Loop:
         self._egos = [_Ego(ego) for ego in config.egos]
         self._folder = tempfile.TemporaryDirectory(prefix="sumo_mcts-")
         self._simulation: Simulation | None = None
-        self._departed: list[str] = []  # a few vehicles that departed while an ego did not
-        self._script_poses: dict[str, Floats] = {}
+        self._traffic = np.random.default_rng(streams(seed).traffic)
+        self.redrawn = 0  # draws thrown away, since the ego had no way out at its start
 
     def start(self) -> None:
-        """Start SUMO. Raises ConfigError where the input is wrong."""
+        """Start SUMO with the next draw of the actors. Raises ConfigError where the input is wrong."""
         config = self.config
-        actors = draw(config.traffic, np.random.default_rng(streams(self.seed).traffic))
+        actors = draw(config.traffic, self._traffic)
         self.arguments = sumo_arguments(config, self.seed, actors, Path(self._folder.name), self._options)
         road = known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net))  # SUMO itself does not survive every network
         _check_edges(config, road)
@@ -132,6 +140,9 @@ class Loop:
         self.world: World = running_world(config.planner.period_s)
         physics, egos = self.world.physics, [ego.id for ego in self._egos]
         self._actors = Actors(actors, self.world.road, physics.step, events=config.traffic.events, egos=egos, change_s=physics.change_duration)
+        self._varied = actors != config.traffic.actors  # else the next draw is the same
+        self._departed: list[str] = []  # a few vehicles that departed while an ego did not
+        self._script_poses: dict[str, Floats] = {}
         self._begin = self._news_due = self._simulation.time
 
     def scenes(self) -> dict[str, Scene]:
@@ -178,12 +189,17 @@ class Loop:
             return None
         step = self.world.physics.step
         if vehicle not in self._script_poses:
-            length = self.world.observer.ego(vehicle, Change()).length
+            length, _ = self._actors.size(vehicle)
             self._script_poses[vehicle] = script_poses(self.world.road, script.lane, script.s, script.d, script.v, step, length)
         rows = np.round((now - departed + np.arange(count) * dt) / step).astype(int)
         valid = (rows >= 0) & (rows < len(script.v))
         rows = np.clip(rows, 0, len(script.v) - 1)
         return Scripted(self._script_poses[vehicle][rows], script.v[rows], script.lane[rows], script.s[rows], valid)
+
+    def _futures(self, now: float, count: int) -> list[Future]:
+        """The coming `count` states of every scripted actor, a step apart."""
+        scripts = {vehicle: self.scripted(vehicle, now, self.world.physics.step, count) for vehicle in self._actors.scripted}
+        return [Future(script, *self._actors.size(vehicle)) for vehicle, script in scripts.items() if script is not None]
 
     def _step(self) -> None:
         """One step of the simulation: command, move, judge."""
@@ -233,18 +249,53 @@ class Loop:
     def _take_over(self, ego: _Ego) -> None:
         pilot = Pilot(ego.id, self.config, self.world, judged=True)
         goal = _goal(self.config, self.world.road, pilot.frame.ego, ego.until)
+        ego.hindsight = self._hindsight(goal, pilot.frame)
+        if ego.hindsight is not None and self._varied and ego.hindsight.inevitable():
+            self._redraw(ego)
+            return
         ego.referee = Referee(self.world.road, goal, self.world.physics.step, pilot.frame)
         ego.pilot = pilot
         if self._gui and ego is self._egos[0]:
             window.follow(ego.id)
 
+    def _hindsight(self, goal: Goal, take_over: Frame) -> Hindsight | None:
+        """From the take-over on; None where others react."""
+        ego, world = take_over.ego, self.world
+        if not self._actors.only_scripts_beside(ego.id):
+            return None
+        hindsight = Hindsight(world.road, goal, ego, ego_params(self.config, ego, world.physics), self._futures)
+        hindsight.note(self._whole(take_over))
+        return hindsight
+
+    def _whole(self, frame: Frame) -> Scene:
+        """The scene of a frame, whatever sensors would see of it."""
+        ego, world = frame.ego, self.world
+        return Scene(frame.time, world.physics.step, as_seen(world.road, ego), frame.agents, world.observer.timing(ego.x, ego.y))
+
+    def _redraw(self, ego: _Ego) -> None:
+        """Start anew with the next draw."""
+        if self.redrawn == MOST_REDRAWN:
+            self._fail(ego, f"inevitable at its start in each of {self.redrawn + 1} draws: no motion of the ego is free of contacts")
+            return
+        assert self._simulation is not None
+        self.redrawn += 1
+        self._simulation.close()
+        self._simulation = None
+        self.start()
+
     def _judge(self, ego: _Ego, pilot: Pilot) -> None:
         assert ego.referee is not None
         frame = pilot.look()
         ego.digest.add_state(frame.ego)
-        if ego.referee.observe(frame) is not None:
-            ego.done, ego.pilot = True, None
-            pilot.release()
+        if ego.hindsight is not None:
+            ego.hindsight.note(self._whole(frame))
+        outcome = ego.referee.observe(frame)
+        if outcome is None:
+            return
+        ego.done, ego.pilot = True, None
+        pilot.release()
+        if outcome == COLLISION and ego.hindsight is not None and self._actors.only_scripts_beside(ego.id):
+            ego.inevitable = ego.hindsight.inevitable()
 
     def _fail(self, ego: _Ego, message: str) -> None:
         pilot, ego.pilot = ego.pilot, None
@@ -376,6 +427,7 @@ def _manifest(config: ScenarioConfig, seed: int | None, loop: Loop) -> dict[str,
         "scenario": config.model_dump(mode="json"),
         "config_digest": digest(config),
         "seed": seed,
+        "redrawn": loop.redrawn,
         "versions": records.versions(),
         "sumo_arguments": loop.arguments,
         "set_by_referee": REFEREE_OPTIONS,

@@ -44,7 +44,7 @@ def _fill(pose: Floats, lane: Ints, s: Floats, d: Floats, driven: Floats, length
         there = lane[rear]
         rx, ry = point_at(points, arc, first[there], first[there + 1], (s[rear] + driven[m] - length - driven[rear]) * scale[there])
         _, _, c, n = chord(fx, fy, rx + shift[m, 0] - shift[rear, 0], ry + shift[m, 1] - shift[rear, 1], 1.0, 0.0)
-        turned = _turned(turned, forward, left, length)
+        turned = swung(turned, forward, left, length)
         ct, nt = math.cos(turned), math.sin(turned)
         c, n = c * ct - n * nt, n * ct + c * nt
         pose[m, 0], pose[m, 1] = fx - d[m] * ty - 0.5 * length * c, fy + d[m] * tx - 0.5 * length * n
@@ -52,7 +52,7 @@ def _fill(pose: Floats, lane: Ints, s: Floats, d: Floats, driven: Floats, length
 
 
 @kernel
-def _turned(turned: float, forward: float, left: float, length: float) -> float:
+def swung(turned: float, forward: float, left: float, length: float) -> float:
     """The angle (rad) between a vehicle and its lane after a step forward and to the left (m): its rear follows its front."""
     if left * left + forward * forward > length * length:
         return math.atan2(left, forward)

@@ -70,6 +70,26 @@ class Actors:
         """The script that a vehicle holds; None where SUMO or a planner drives it."""
         return self._scripts.get(vehicle)
 
+    @property
+    def scripted(self) -> tuple[str, ...]:
+        """The vehicles that hold scripts, on the road or not."""
+        return tuple(self._scripts)
+
+    def only_scripts_beside(self, ego: str) -> bool:
+        """Whether everybody else, on the road or to come, holds a script, and somebody does: nobody reacts."""
+        present = set(self._libsumo.vehicle.getIDList())
+        known = present | (self._scripts.keys() - self._departed.keys())
+        expected = int(self._libsumo.simulation.getMinExpectedNumber())  # persons and vehicles of the route files count too
+        return bool(self._scripts) and present <= self._scripts.keys() | {ego} and expected <= len(known)
+
+    def size(self, vehicle: str) -> tuple[float, float]:
+        """Length and width of an actor, m; where it is not on the road those of its vehicle type."""
+        sumo = self._libsumo
+        if vehicle in sumo.vehicle.getIDList():
+            return float(sumo.vehicle.getLength(vehicle)), float(sumo.vehicle.getWidth(vehicle))
+        kind = self._actors[vehicle].vtype
+        return float(sumo.vehicletype.getLength(kind)), float(sumo.vehicletype.getWidth(kind))
+
     def departure(self, vehicle: str) -> float | None:
         """When row 0 of an actor holds, s: as it happened, or as it is due. None for vehicles of the route files that are not there yet."""
         if vehicle in self._departed:

@@ -65,6 +65,10 @@ class Observer:
         agents = self._agents(ego, state.x, state.y, sensor_range, time)
         return Scene(time, self.step, state, agents, self._signals.read(state.x, state.y, time, PHASES if timing else 1))
 
+    def timing(self, x: float, y: float) -> Signals:
+        """The signals near a place with their coming phases."""
+        return self._signals.read(x, y, float(self._libsumo.simulation.getTime()), PHASES)
+
     def frame(self, ego: str, change: Change, last: Frame | None, judged: bool) -> Frame:
         """What SUMO reports of the last step; `judged`: an SSM device watches the ego."""
         sumo = self._libsumo

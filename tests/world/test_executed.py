@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ import sumo
 from sumo_mcts import driver
 from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import ScenarioConfig, build, load
-from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.episode import EpisodeResult, Loop, run_episode
+from sumo_mcts.evaluation import inevitable
 from sumo_mcts.model.ego import FREE, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.local import build_local
 from sumo_mcts.planners.base import Situation, Task
@@ -148,3 +150,28 @@ def test_where_lanes_and_their_shapes_differ_in_length() -> None:
     found = differences(run_episode(build(data, "test"), seed=1))
     assert len(found) > 10
     check(found, place=0.3)
+
+
+@pytest.mark.parametrize(("name", "seed"), [(STRAIGHT, 1), (STRAIGHT, 4), ("highway-exit", 1), (CROSSING, 1)])
+def test_a_way_out_is_one_in_sumo(name: str, seed: int) -> None:
+    """What the reference of inevitable collisions finds, driven: the box is where it was expected, turned as it was, and touches nobody."""
+    with mock.patch.object(inevitable, "way_out", wraps=inevitable.way_out) as search:
+        loop = Loop(load(scenario_path(f"{name}-scripted")), seed)
+        loop.start()
+        loop.scenes()
+    local, p, body, choice, home, ply, *_ = search.call_args.args
+    for k, action in enumerate(inevitable.way_out(*search.call_args.args)):
+        accel, side = float(choice[action, 0]), int(choice[action, 1])
+        body = body._replace(state=begin_change(local, p, body.state, side)) if side else body
+        speeds = np.zeros(ply)
+        for i in range(ply):
+            body, _ = inevitable.drive(local, p, home, body, accel, k * ply + i, 1, 1)
+            speeds[i] = body.state.v
+        loop.apply({"ego": Decision(Follow(speeds, side), None, (), -1, "way out", 0, 0)})
+        scenes = loop.scenes()
+        if not scenes:
+            break
+        ego, (x, y, c, n) = scenes["ego"].ego, inevitable.box_of(local, p, body, 0.0)
+        assert math.dist((ego.x, ego.y), (x, y)) < 0.12, k  # whoever stands goes sideways a little slower in SUMO
+        assert abs(math.remainder(ego.heading - math.atan2(n, c), 2.0 * math.pi)) < 0.04, k
+    assert loop.finish()[0]["outcome"] in (None, "arrived")

@@ -1,0 +1,249 @@
+"""Ways out of scenes whose futures are known."""
+
+import math
+from typing import NamedTuple
+from unittest import mock
+
+import naive
+import numpy as np
+import pytest
+from helpers import Lane, build, edge, edges, ego_at, lights
+from helpers_model import PHYSICS, WIDTH, lanes_east, road_with_light, scenario, scene_of
+
+from sumo_mcts.driver import Physics, ego_params
+from sumo_mcts.evaluation import inevitable
+from sumo_mcts.evaluation.inevitable import ALIVE, BEFORE_S, CELL, MARGIN, Body, Future, Futures, Hindsight, box_of, drive, way_out
+from sumo_mcts.evaluation.referee import Goal
+from sumo_mcts.model.ego import begin_change, can_change
+from sumo_mcts.model.local import GONE, NODE, X, Y
+from sumo_mcts.model.traffic import Scripted
+from sumo_mcts.scene import GREEN, RED, EgoState, RoadMap, Signals
+
+LENGTH, BREADTH = 5.0, 1.8  # m, of every car
+FINE = (1e-9,) * 5  # states count as one only where they are one
+
+
+class Car(NamedTuple):
+    """A car that drives east with a constant speed, on the road from `begin` to `end` (s)."""
+
+    front: float  # m, at time 0
+    y: float
+    v: float = 0.0
+    begin: float = 0.0
+    end: float = math.inf
+
+
+def futures(*cars: Car, step: float = 0.1) -> Futures:
+    """Of all these."""
+
+    def known(now: float, count: int) -> list[Future]:
+        time = now + np.arange(count) * step
+        return [Future(_states(car, time), LENGTH, BREADTH) for car in cars]
+
+    return known
+
+
+def _states(car: Car, time: np.ndarray) -> Scripted:
+    n, zero = len(time), np.zeros(len(time))
+    pose = np.column_stack([car.front - LENGTH / 2 + car.v * time, zero + car.y, zero + 1.0, zero])
+    valid = (time >= car.begin - 1e-9) & (time <= car.end + 1e-9)
+    return Scripted(pose, zero + car.v, np.full(n, -1, np.int32), zero, valid)
+
+
+def goal_of(road: RoadMap) -> Goal:
+    """The end of all edges."""
+    return Goal(tuple(range(len(road.edge_ids))), -1, 100.0, 10.0)
+
+
+def hindsight(road: RoadMap, ego: EgoState, *cars: Car, success: str = "", signals: Signals | None = None, moves: Physics = PHYSICS) -> Hindsight:
+    """With this ego as its only state."""
+    own = edges(road, *[name for name in road.edge_ids if not name.startswith(":")])
+    goal = Goal(own, edge(road, success) if success else -1, 100.0, 10.0)
+    result = Hindsight(road, goal, ego._replace(route=own), ego_params(scenario(), ego, moves), futures(*cars, step=moves.step))
+    result.note(scene_of(ego._replace(route=own), road, signals=signals, step=moves.step))
+    return result
+
+
+def question(asked: Hindsight) -> tuple:
+    """The arguments with which the search is called."""
+    with mock.patch.object(inevitable, "way_out", return_value=np.zeros(0, np.int64)) as search:
+        asked.inevitable()
+    return search.call_args.args
+
+
+# --- walls and followers ---
+
+
+@pytest.mark.parametrize("moves", [PHYSICS, Physics(0.1, True, 3.0), Physics(0.25, False, 3.0)], ids=["euler", "ballistic", "quarter"])
+@pytest.mark.parametrize("v", [8.0, 15.0, 25.0])
+def test_a_wall_is_met_from_as_near_as_the_strongest_braking_needs(v: float, moves: Physics) -> None:
+    road = lanes_east(3, 1000.0, 30.0)
+    ego = ego_at(road, "a_1", 100.0, v)
+    need = naive.stopping_distance(ego_params(scenario(), ego, moves), v, 0.0) + MARGIN
+
+    def wall(gap: float) -> bool | None:
+        return hindsight(road, ego, *(Car(100.0 + gap + LENGTH, y) for y in (-WIDTH, 0.0, WIDTH)), moves=moves).inevitable()
+
+    assert wall(need - 0.02) is True
+    assert wall(need + 0.02) is False
+
+
+def test_a_gap_in_the_wall_is_a_way_out() -> None:
+    road = lanes_east(3, 1000.0, 30.0)
+    ego = ego_at(road, "a_1", 100.0, 20.0)
+    row = [Car(155.0, y) for y in (-WIDTH, 0.0)]
+    assert hindsight(road, ego, *row, Car(145.0, WIDTH)).inevitable() is False  # 50 m are enough for braking
+    assert hindsight(road, ego, Car(129.0, 0.0)).inevitable() is True  # a change takes 3 s
+    ego = ego_at(road, "a_1", 100.0, 30.0)
+    need = naive.stopping_distance(ego_params(scenario(), ego, PHYSICS), 30.0, 0.0)
+    near = [Car(100.0 + need - 3.0 + LENGTH, y) for y in (-WIDTH, 0.0, WIDTH)]
+    assert hindsight(road, ego, *near).inevitable() is True
+    assert hindsight(road, ego, *near[:2]).inevitable() is False
+
+
+def test_a_follower_that_does_not_brake_cannot_be_outrun_but_let_past() -> None:
+    one, two = lanes_east(1, 1000.0, 15.0), lanes_east(2, 1000.0, 15.0)
+    assert hindsight(one, ego_at(one, "a_0", 200.0, 5.0), Car(150.0, 0.0, 30.0)).inevitable() is True
+    assert hindsight(one, ego_at(one, "a_0", 200.0, 5.0), Car(150.0, 0.0, 14.0)).inevitable() is False
+    assert hindsight(two, ego_at(two, "a_0", 200.0, 10.0), Car(100.0, -WIDTH / 2, 30.0)).inevitable() is False
+    beside = Car(205.0, WIDTH / 2, 15.0)  # as fast as the ego may drive
+    assert hindsight(two, ego_at(two, "a_0", 200.0, 15.0), Car(165.0, -WIDTH / 2, 30.0), beside).inevitable() is True
+
+
+def test_only_who_is_there_is_met() -> None:
+    road = lanes_east(1, 1000.0, 15.0)
+    ego = ego_at(road, "a_0", 200.0, 15.0)
+    assert hindsight(road, ego).inevitable() is False
+    assert hindsight(road, ego, Car(215.0, 0.0)).inevitable() is True
+    assert hindsight(road, ego, Car(215.0, 0.0, end=0.3)).inevitable() is False
+    assert hindsight(road, ego, Car(215.0, 0.0, begin=5.0)).inevitable() is False  # it will have passed, or stopped before
+    assert hindsight(road, ego, Car(70.0, 0.0, 33.0)).inevitable() is True
+    assert hindsight(road, ego, Car(70.0, 0.0, 33.0, begin=4.0)).inevitable() is True  # wherever the ego is by then
+    assert hindsight(road, ego, Car(70.0, 0.0, 33.0, end=4.0)).inevitable() is False
+
+
+def test_red_holds_the_ego_in_front_of_a_follower() -> None:
+    road = road_with_light(length=200.0, speed=15.0)
+    ego, follower = ego_at(road, "a_0", 185.0, 8.0), Car(150.0, 0.0, 13.0)
+    assert hindsight(road, ego, follower, signals=lights(GREEN)).inevitable() is False
+    assert hindsight(road, ego, follower, signals=lights(RED)).inevitable() is True
+
+
+def test_whoever_arrives_before_is_out_of_it() -> None:
+    road = build([Lane("a", 0, ((0.0, 0.0), (100.0, 0.0)), ("b_0",)), Lane("b", 0, ((100.0, 0.0), (400.0, 0.0)))])
+    ego, wall = ego_at(road, "a_0", 90.0, 15.0), Car(110.0, 0.0)
+    assert hindsight(road, ego, wall).inevitable() is True
+    assert hindsight(road, ego, wall, success="b").inevitable() is False
+    assert hindsight(road, ego, Car(101.0, 0.0), success="b").inevitable() is True
+
+
+def test_looked_at_is_the_state_3_s_before_or_the_take_over() -> None:
+    road = lanes_east(1, 2000.0, 15.0)
+    times = []
+
+    def known(now: float, count: int) -> list[Future]:
+        times.append(now)
+        return futures(Car(240.0, 0.0))(now, count)
+
+    start = ego_at(road, "a_0", 100.0, 15.0, route=(0,))
+    params = ego_params(scenario(), start, PHYSICS)
+    last = 240.0 - LENGTH - MARGIN - naive.stopping_distance(params, 15.0, 0.0)
+    asked = Hindsight(road, goal_of(road), start, params, known)
+    answers = set()
+    for k in range(115):
+        now = 7.0 + 0.1 * k
+        asked.note(scene_of(ego_at(road, "a_0", 100.0 + 1.5 * k, 15.0), road)._replace(time=now))
+        looked_at = max(7.0, now - BEFORE_S)
+        answers.add(asked.inevitable())
+        assert asked.inevitable() is bool(100.0 + 15.0 * (looked_at - 7.0) > last), now
+        assert times[-1] == pytest.approx(looked_at)
+    assert answers == {False, True}
+
+
+def test_unknown_where_the_ego_goes_nobody_knows_where() -> None:
+    road = lanes_east(2)
+    asked = hindsight(road, ego_at(road, "a_0", 100.0))
+    asked._scenes[0] = asked._scenes[0]._replace(ego=ego_at(road, "a_0", 100.0)._replace(lane=-1))
+    assert asked.inevitable() is None
+    assert hindsight(road, ego_at(road, "a_0", 100.0, d=0.8)).inevitable() is None
+    changing = ego_at(road, "a_0", 100.0, d=0.8)._replace(changing=0.25, change_from=0, change_to=1)
+    assert hindsight(road, changing).inevitable() is False
+
+
+# --- the search against a slow and obvious one ---
+
+
+def naive_way_out(asked: tuple, body: Body, level: int, plies: int) -> bool:
+    """Every sequence of actions, one after the other."""
+    local, p, _, choice, home, ply, _, looks, _ = asked
+    alone = local._replace(agent=local.agent[:, :0], trait=local.trait[:0])
+    for accel, side in choice:
+        if side and not can_change(local, p, body.state, int(side)):
+            continue
+        after = Body(begin_change(local, p, body.state, int(side)), body.turn) if side else body
+        free = True
+        for k in range(level * ply, (level + 1) * ply):
+            after, end = drive(alone, p, home, after, accel, k, 1, 1)
+            assert end == ALIVE
+            free = free and not any(_overlaps(asked, after, k, (look + 1) / looks) for look in range(looks))
+        if free and (level + 1 == plies or naive_way_out(asked, after, level + 1, plies)):
+            return True
+    return False
+
+
+def _overlaps(asked: tuple, body: Body, row: int, share: float) -> bool:
+    local, p = asked[:2]
+    x, y, c, n = box_of(local, p, body, (1.0 - share) * body.state.v * p.step)
+    own = naive.Box(x, y, math.atan2(n, c), p.half_length + MARGIN, p.half_width + MARGIN)
+    before, after = local.agent[row], local.agent[row + 1]
+    there = [(1.0 - share) * b + share * a for b, a in zip(before, after, strict=True) if b[NODE] != GONE and a[NODE] != GONE]
+    return any(naive.overlap_area(own, naive.Box(agent[X], agent[Y], 0.0, LENGTH / 2, BREADTH / 2)) > 0.0 for agent in there)
+
+
+def test_finds_what_trying_everything_finds() -> None:
+    rng = np.random.default_rng(7)
+    road = lanes_east(2, 1000.0, 30.0)
+    found = []
+    for _ in range(60):
+        ego = ego_at(road, "a_0", 300.0, float(rng.uniform(3.0, 25.0)))
+        ahead = [Car(float(rng.uniform(306.0, 340.0)), side * WIDTH / 2, float(rng.uniform(0.0, 8.0))) for side in (-1, 1)]
+        behind = Car(float(rng.uniform(280.0, 294.0)), -WIDTH / 2, float(rng.uniform(0.0, 35.0)))
+        local, p, root, choice, home, ply, _, looks, _ = asked = question(hindsight(road, ego, *ahead, behind))
+        few = choice[[1, 3, 8, 11]]  # two changes to the left, full acceleration, full braking
+        expected = naive_way_out((*asked[:3], few, *asked[4:]), root, 0, 3)
+        assert len(way_out(local, p, root, few, home, ply, 3, looks, FINE)) == (3 if expected else 0)
+        found.append(expected)
+    assert 15 <= sum(found) <= 45
+
+
+def test_cells_hide_no_way_out() -> None:
+    """Every way out found in cells is one; of those there are, hardly any is missed."""
+    rng = np.random.default_rng(3)
+    road = lanes_east(3, 1000.0, 30.0)
+    pairs = []
+    for _ in range(60):
+        ego = ego_at(road, "a_1", 300.0, float(rng.uniform(3.0, 25.0)))
+        cars = [Car(float(rng.uniform(306.0, 345.0)), side * WIDTH, float(rng.uniform(0.0, 6.0))) for side in (-1, 0, 1)]
+        cars += [Car(float(rng.uniform(270.0, 294.0)), side * WIDTH, float(rng.uniform(10.0, 30.0))) for side in (-1, 0, 1)]
+        local, p, root, choice, home, ply, _, looks, _ = question(hindsight(road, ego, *cars))
+        pairs.append(tuple(bool(len(way_out(local, p, root, choice, home, ply, 5, looks, cell))) for cell in (CELL, FINE)))
+    assert all(fine or not coarse for coarse, fine in pairs)
+    assert 10 <= sum(fine for _, fine in pairs) <= 50
+    assert sum(coarse != fine for coarse, fine in pairs) <= 2
+
+
+def test_the_way_out_touches_nobody_when_it_is_driven() -> None:
+    road = lanes_east(3, 1000.0, 30.0)
+    ego = ego_at(road, "a_1", 300.0, 18.0)
+    local, p, root, choice, home, ply, plies, looks, cell = question(hindsight(road, ego, Car(345.0, 0.0), Car(335.0, WIDTH, 4.0), Car(240.0, 0.0, 25.0)))
+    way = way_out(local, p, root, choice, home, ply, plies, looks, cell)
+    assert len(way) == plies == 16
+    assert choice[way, 1].any()  # it has to make room for who comes from behind
+    body = root
+    for k, action in enumerate(way):
+        accel, side = choice[action]
+        body = Body(begin_change(local, p, body.state, int(side)), body.turn) if side else body
+        for i in range(k * ply, (k + 1) * ply):
+            body, end = drive(local, p, home, body, accel, i, 1, 10)
+            assert end == ALIVE
+            assert not any(_overlaps((local, p), body, i, share) for share in (0.3, 0.7, 1.0))
