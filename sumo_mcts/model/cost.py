@@ -29,13 +29,13 @@ from sumo_mcts.model.local import (
     Y,
     chain_gap,
 )
-from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT
+from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, REACH
 
 CLAIM_SAMPLES = 2
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
 ASIDE = 0.2  # m by which a vehicle that changes lanes may be elsewhere than predicted: it trails on when the change is over
-REACH = 80.0  # m beyond which an agent is not looked at
+SIGHT = 80.0  # m beyond which an agent is not looked at
 
 
 class CostParams(NamedTuple):
@@ -55,7 +55,6 @@ class CostParams(NamedTuple):
     braking: float
     progress: float
     tail_s: float
-    wrong_lane_s: float
     blocking: float
     route: float
     lane_change: float
@@ -83,7 +82,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
     for i in range(local.agent.shape[1]):
         bx, by, node = local.agent[now, i, X], local.agent[now, i, Y], int(local.agent[now, i, NODE])
-        if node == GONE or abs(bx - x) > REACH or abs(by - y) > REACH:
+        if node == GONE or abs(bx - x) > SIGHT or abs(by - y) > SIGHT:
             continue
         length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
         if node >= 0:
@@ -250,7 +249,7 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
 
 @kernel
 def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: float) -> float:
-    """What is still to come at the horizon: the time lost until the limit is reached, and behind a slow leader for tail_s more.
+    """What is still to come at the horizon: the time lost until the limit is reached, and behind a slow leader or before a dead end for tail_s more.
 
     Nothing here may fall by more than 1 / limit for a metre less driven, the time that is gained by driving it, or it would pay to stand. So speed
     counts behind a leader only as far as there is room for it, before a red light or a dead end not at all (Local.free), and the limit is that of
@@ -258,10 +257,14 @@ def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: fl
     """
     useful = min(state.v, leader_v + gap / local.limit)
     missing = max(0.0, local.limit - useful) if local.free else 0.0
-    i = state.node - local.first
-    lane = c.route * abs(local.urgency[i]) * c.wrong_lane_s if 0 <= i < local.urgency.shape[0] else 0.0
-    behind = (1.0 - min(leader_v, local.limit) / local.limit) * max(0.0, 1.0 - TAIL_SLOPE * gap / (c.tail_s * local.limit + 1e-9))
-    return lane + c.progress * (missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind)
+    behind = max(_behind(local, c, gap, leader_v), _behind(local, c, local.node[state.node, REACH] - state.s, 0.0))
+    return c.progress * (missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind)
+
+
+@kernel
+def _behind(local: Local, c: CostParams, gap: float, leader_v: float) -> float:
+    """Share of the coming tail_s that is lost behind somebody, or something that stands."""
+    return (1.0 - min(leader_v, local.limit) / local.limit) * max(0.0, 1.0 - TAIL_SLOPE * gap / (c.tail_s * local.limit + 1e-9))
 
 
 @kernel
