@@ -11,12 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.evaluation.referee import Goal
-from sumo_mcts.model.ego import GOAL, HALF, EgoParams, advance, begin_change, can_change, lane_pose
+from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, build_local, ego_state
 from sumo_mcts.model.route import Indices, RouteMap, route_map
-from sumo_mcts.model.script import swung
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.scene import Bools, EgoState, Floats, Forecast, RoadMap, Scene
 
@@ -41,13 +40,6 @@ class Future(NamedTuple):
 
 
 Futures = Callable[[float, int], Sequence[Future]]  # of everybody, from a time (s) on: so many states, a step of the simulation apart
-
-
-class Body(NamedTuple):
-    """The ego in the search. SUMO turns whoever goes sideways: the rear follows the front, and still does when the lane change is over."""
-
-    state: State
-    turn: float  # rad between the box and its lane, to the left
 
 
 class Hindsight:
@@ -81,7 +73,7 @@ class Hindsight:
         served = frozenset(np.flatnonzero(self._route.sign).tolist())
         local = build_local(self._road, self._route, state, scene, forecast, 0, served, p.comfort_decel)
         looks = max(1, round(p.step / CHECK_S))
-        return len(way_out(local, p, _body(local, state, scene.ego), actions(p), self._home, ply, plies, looks, CELL)) == 0
+        return len(way_out(local, p, state, actions(p), self._home, ply, plies, looks, CELL)) == 0
 
 
 def actions(p: EgoParams) -> Floats:
@@ -96,12 +88,6 @@ def _home(route: RouteMap, goal: Goal) -> Bools:
     beyond = (route.leg >= len(goal.edges)) | ((route.leg == len(goal.edges) - 1) & route.internal)
     reached = (route.leg >= success) & ~route.internal if success >= 0 else np.zeros(len(route.leg), np.bool_)
     return np.asarray(beyond | reached)
-
-
-def _body(local: Local, state: State, ego: EgoState) -> Body:
-    """The ego as it stands there, turned as far as it is."""
-    _, _, c, n = lane_pose(local.node, local.row, state.node, state.s)
-    return Body(state, math.remainder(ego.heading - math.atan2(n, c), 2.0 * math.pi))
 
 
 def _forecast(futures: Sequence[Future], dt: float, times: int) -> Forecast:
@@ -121,7 +107,7 @@ def _forecast(futures: Sequence[Future], dt: float, times: int) -> Forecast:
 
 @making_arrays
 def way_out(
-    local: Local, p: EgoParams, root: Body, choice: Floats, home: Bools, ply: int, plies: int, looks: int, cell: tuple[float, float, float, float, float]
+    local: Local, p: EgoParams, root: State, choice: Floats, home: Bools, ply: int, plies: int, looks: int, cell: tuple[float, float, float, float, float]
 ) -> Indices:
     """[K] rows of `choice` [A, 2], `ply` steps each, that touch nobody for `plies` actions or until a node of `home` [W]; empty where there are none.
 
@@ -131,12 +117,12 @@ def way_out(
     todo = [(root, 0, 0)]  # how many actions led there, and the last of them
     seen = {_cell_of(root, 0, cell)}
     while len(todo) > 0:
-        body, level, last = todo.pop()
+        state, level, last = todo.pop()
         for k in range(len(choice)):
             side = int(choice[k, 1])
-            if side != 0 and not can_change(local, p, body.state, side):
+            if side != 0 and not can_change(local, p, state, side):
                 continue
-            begun = Body(begin_change(local, p, body.state, side), body.turn) if side != 0 else body
+            begun = begin_change(local, p, state, side) if side != 0 else state
             after, end = drive(local, p, home, begun, choice[k, 0], level * ply, ply, looks)
             if end == TOUCHED:
                 continue
@@ -156,57 +142,30 @@ def way_out(
 
 
 @kernel
-def _cell_of(body: Body, level: int, cell: tuple[float, float, float, float, float]) -> tuple[int, int, int, int, int, int, int, int]:
-    state = body.state
+def _cell_of(state: State, level: int, cell: tuple[float, float, float, float, float]) -> tuple[int, int, int, int, int, int, int, int]:
     return (
         level, int(state.node), int(state.other), round(state.s / cell[0]), round(state.v / cell[1]), round(state.a / cell[2]),
-        round(state.progress / cell[3]), round(body.turn / cell[4]),
+        round(state.progress / cell[3]), round(state.turn / cell[4]),
     )  # fmt: skip
 
 
 @kernel
-def drive(local: Local, p: EgoParams, home: Bools, body: Body, accel: float, at: int, steps: int, looks: int) -> tuple[Body, int]:
+def drive(local: Local, p: EgoParams, home: Bools, state: State, accel: float, at: int, steps: int, looks: int) -> tuple[State, int]:
     """`steps` steps towards an acceleration (m/s2) from step `at` on: where it leads, and ALIVE, TOUCHED or HOME. A red light run is no contact."""
     for k in range(at, at + steps):
-        state, event = advance(local, p, body.state, accel, k * p.step)
-        body = Body(state, swung(body.turn, state.v * p.step, _aside(local, p, body.state), 2.0 * p.half_length))
+        state, event = advance(local, p, state, accel, k * p.step)
         for look in range(1, looks + 1):
-            if _touched(local, p, body, k, look / looks):
-                return body, TOUCHED
+            if _touched(local, p, state, k, look / looks):
+                return state, TOUCHED
         if event == GOAL or home[state.node]:
-            return body, HOME
-    return body, ALIVE
+            return state, HOME
+    return state, ALIVE
 
 
 @kernel
-def _aside(local: Local, p: EgoParams, before: State) -> float:
-    """m to the left within the step that follows, if a lane change is under way."""
-    if before.progress <= 0.0 or before.other < 0 or p.change_duration <= 0.0:
-        return 0.0
-    x, y, c, n = lane_pose(local.node, local.row, before.node, before.s)
-    ox, oy, _, _ = lane_pose(local.node, local.row, before.other, before.s)
-    other = (oy - y) * c - (ox - x) * n
-    return (other if before.progress <= HALF else -other) * min(p.step / p.change_duration, 1.0 - before.progress)
-
-
-@kernel
-def box_of(local: Local, p: EgoParams, body: Body, back: float) -> tuple[float, float, float, float]:
-    """Centre x, y, cos and sin of the heading of the ego's box, its front `back` metres before the state."""
-    state = body.state
-    x, y, c, n = lane_pose(local.node, local.row, state.node, state.s - back)
-    if state.progress > 0.0 and state.other >= 0:
-        ox, oy, _, _ = lane_pose(local.node, local.row, state.other, state.s - back)
-        share = state.progress if state.progress <= HALF else 1.0 - state.progress
-        x, y = x + share * (ox - x), y + share * (oy - y)
-    ct, nt = math.cos(body.turn), math.sin(body.turn)
-    cosine, sine = c * ct - n * nt, n * ct + c * nt
-    return x + p.half_length * (c - cosine), y + p.half_length * (n - sine), cosine, sine
-
-
-@kernel
-def _touched(local: Local, p: EgoParams, body: Body, row: int, share: float) -> bool:
-    """Whether the ego touches anybody when a share of the step has passed that leads from forecast time `row` to `body`."""
-    x, y, c, n = box_of(local, p, body, (1.0 - share) * body.state.v * p.step)
+def _touched(local: Local, p: EgoParams, state: State, row: int, share: float) -> bool:
+    """Whether the ego touches anybody when a share of the step has passed that leads from forecast time `row` to `state`."""
+    x, y, c, n = pose_of(local, p, state, (1.0 - share) * state.v * p.step)
     own_length, own_width = p.half_length + MARGIN, p.half_width + MARGIN
     for i in range(local.agent.shape[1]):
         before, after = local.agent[row, i], local.agent[row + 1, i]

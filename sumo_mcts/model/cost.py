@@ -34,7 +34,7 @@ from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, REACH
 CLAIM_SAMPLES = 2
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
-ASIDE = 0.2  # m by which a vehicle that changes lanes may be elsewhere than predicted: it trails on when the change is over
+ASIDE = 0.1  # m by which an ego that changes lanes may be elsewhere than predicted
 SIGHT = 80.0  # m beyond which an agent is not looked at
 
 

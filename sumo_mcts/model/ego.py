@@ -3,15 +3,16 @@
 import math
 from typing import NamedTuple
 
+from sumo_mcts.model.geometry import swung
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import Local, State
-from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, REACH, RIGHT_NODE, SPACING, STOP_LINE
-from sumo_mcts.scene import Floats
+from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, REACH, RIGHT_NODE, SPACING, STOP_LINE, lane_pose
 
 LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a step where that is longer
 FOLLOW = 99.0  # in place of an acceleration: car following
 FREE, RED_LINE, GOAL = range(3)
 BEGUN = 1e-12  # progress of a lane change that is about to begin
+STRAIGHT = 0.003  # rad of turn that nobody sees
 HALF = 0.5 + 1e-9  # progress beyond which the new lane counts; at half time itself SUMO's rounding decides
 
 
@@ -90,8 +91,8 @@ def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, 
         follow = int(local.node[node, NEXT])
         if follow < 0:
             if math.isinf(local.node[node, REACH]):
-                return State(node, local.node[node, LENGTH], speed, a, 0.0, -1), GOAL
-            s, speed, a = local.node[node, LENGTH], 0.0, 0.0  # SUMO holds a vehicle at the end of a lane that leads nowhere
+                return State(node, local.node[node, LENGTH], speed, a, 0.0, -1, 0.0), GOAL
+            moved, s, speed, a = 0.0, local.node[node, LENGTH], 0.0, 0.0  # SUMO holds a vehicle at the end of a lane that leads nowhere
             break
         s -= local.node[node, LENGTH]
         node = follow
@@ -106,7 +107,7 @@ def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, 
             node, other = other, node
         if progress >= 1.0 - 1e-9:
             progress, other = 0.0, -1
-    return State(node, s, speed, a, progress, other), event
+    return State(node, s, speed, a, progress, other, _turned(local, p, state, moved)), event
 
 
 @kernel
@@ -125,46 +126,43 @@ def begin_change(local: Local, p: EgoParams, state: State, side: int) -> State:
     """The state right after a change was begun; without a duration SUMO jumps at once."""
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
     if p.change_duration <= 0.0:
-        return State(target, state.s, state.v, state.a, 0.0, -1)
-    return State(state.node, state.s, state.v, state.a, BEGUN, target)
+        return State(target, state.s, state.v, state.a, 0.0, -1, state.turn)
+    return State(state.node, state.s, state.v, state.a, BEGUN, target, state.turn)
 
 
 @kernel
 def pose_of(local: Local, p: EgoParams, state: State, back: float) -> tuple[float, float, float, float]:
-    """Centre x, y, cos and sin of the heading, `back` metres before the state (for states inside a step)."""
+    """Centre x, y, cos and sin of the heading of the ego's box, its front `back` metres before the state (for states inside a step)."""
     x, y, c, n = lane_pose(local.node, local.row, state.node, state.s - back)
-    if state.progress <= 0.0 or state.other < 0:
+    if state.progress > 0.0 and state.other >= 0:
+        share = state.progress if state.progress <= HALF else 1.0 - state.progress
+        left = share * _to_the_left(local, state.node, state.other, state.s - back)
+        x, y = x - left * n, y + left * c
+    if state.turn == 0.0:
         return x, y, c, n
-    ox, oy, _, _ = lane_pose(local.node, local.row, state.other, state.s - back)
-    front, rear = state.progress, _rear_progress(p, state)
-    if state.progress > HALF:  # `node` is the new lane by now
-        front, rear = 1.0 - front, 1.0 - rear
-    share = 0.5 * (front + rear)
-    turn = (front - rear) * (c * (oy - y) - n * (ox - x)) / (2.0 * p.half_length)
-    norm = math.sqrt(1.0 + turn * turn)
-    return x + share * (ox - x), y + share * (oy - y), (c - turn * n) / norm, (n + turn * c) / norm
+    ct, nt = math.cos(state.turn), math.sin(state.turn)
+    cosine, sine = c * ct - n * nt, n * ct + c * nt
+    return x + p.half_length * (c - cosine), y + p.half_length * (n - sine), cosine, sine
 
 
 @kernel
-def _rear_progress(p: EgoParams, state: State) -> float:
-    """How far the rear has changed lanes: it trails the front, which goes sideways evenly, like a wheel that does not steer (a tractrix)."""
-    reach = max(state.v, 0.01) * p.change_duration / (2.0 * p.half_length)  # vehicle lengths driven during the change
-    return state.progress - (1.0 - math.exp(-state.progress * reach)) / reach
+def _turned(local: Local, p: EgoParams, before: State, moved: float) -> float:
+    """The turn after a step from the state `before` that leads `moved` metres on."""
+    left = 0.0
+    if before.progress > 0.0 and before.other >= 0 and p.change_duration > 0.0:
+        other = _to_the_left(local, before.node, before.other, before.s)
+        left = (other if before.progress <= HALF else -other) * min(p.step / p.change_duration, 1.0 - before.progress)
+    elif abs(before.turn) < STRAIGHT:
+        return 0.0
+    return swung(before.turn, moved, left, 2.0 * p.half_length)
 
 
 @kernel
-def lane_pose(table: Floats, row: Floats, node: int, s: float) -> tuple[float, float, float, float]:
-    first, last = int(table[node, FIRST_ROW]), int(table[node, LAST_ROW])
-    position = max(s, 0.0) / SPACING
-    k = min(int(position), last - first - 1)
-    share = position - k
-    k += first
-    c, n = row[k, 2] + share * (row[k + 1, 2] - row[k, 2]), row[k, 3] + share * (row[k + 1, 3] - row[k, 3])
-    norm = math.sqrt(c * c + n * n)
-    x, y = row[k, 0] + share * (row[k + 1, 0] - row[k, 0]), row[k, 1] + share * (row[k + 1, 1] - row[k, 1])
-    if s < 0.0:  # still with its front on the lane before
-        x, y = x + s * c / norm, y + s * n / norm
-    return x, y, c / norm, n / norm
+def _to_the_left(local: Local, node: int, other: int, s: float) -> float:
+    """m from a lane to another one beside it, positive to the left."""
+    x, y, c, n = lane_pose(local.node, local.row, node, s)
+    ox, oy, _, _ = lane_pose(local.node, local.row, other, s)
+    return (oy - y) * c - (ox - x) * n
 
 
 @kernel

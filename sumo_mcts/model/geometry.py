@@ -77,3 +77,11 @@ def _corner_distance(
         dy = max(abs(y * ac - x * asn) - aw, 0.0)
         nearest = min(nearest, math.sqrt(dx * dx + dy * dy))
     return nearest
+
+
+@kernel
+def swung(turned: float, forward: float, left: float, length: float) -> float:
+    """The angle (rad) between a vehicle and its lane after a step forward and to the left (m): its rear follows its front."""
+    if left * left + forward * forward > length * length:
+        return math.atan2(left, forward)
+    return turned + math.asin(min(max(math.cos(turned) * (left - math.tan(turned) * forward) / length, -1.0), 1.0))

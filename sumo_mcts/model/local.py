@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.route import Indices, RouteMap
+from sumo_mcts.model.route import Indices, RouteMap, lane_pose
 from sumo_mcts.scene import GREEN, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
 BACK = 100.0  # m of the route behind the ego where followers are seen
 VIEW = 400.0  # m of the route ahead that a search may see
 GONE = -2  # Local.agent's NODE of an agent that is not there
 JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are looked at
+TURNED = 0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
 FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
 CHAIN = 250.0  # m over which one lane is followed into the next
 
@@ -54,6 +55,7 @@ class State(NamedTuple):
     a: float
     progress: float  # of a lane change, 0 none; in the second half `node` is already the target
     other: int  # the other lane of the change
+    turn: float  # rad between its box and the lane, to the left: in a lane change the rear follows the front, also when the change is over
 
 
 def ego_state(route: RouteMap, ego: EgoState) -> State | None:
@@ -66,7 +68,10 @@ def ego_state(route: RouteMap, ego: EgoState) -> State | None:
     other = -1
     if ego.changing > 0.0:
         other = _node_of(route, ego.change_from if ego.changing >= 0.5 else ego.change_to, first)
-    return State(node, ego.s, ego.v, ego.a, ego.changing if other >= 0 else 0.0, other)
+    _, _, c, n = lane_pose(route.table, route.rows, node, ego.s)
+    turn = math.remainder(ego.heading - math.atan2(n, c), 2.0 * math.pi)
+    turn = turn if abs(turn) > TURNED else 0.0
+    return State(node, ego.s, ego.v, ego.a, ego.changing if other >= 0 else 0.0, other, turn)
 
 
 def window(route: RouteMap, leg: int, s: float) -> tuple[int, int]:

@@ -223,3 +223,18 @@ def _caps(nxt: Indices, row: Indices, length: Floats, limit: Floats, goal: Bools
         if nxt[i] >= 0 and share > 1e-6:  # between the last two rows `end` is to be read where the lane ends
             cap[beyond] = max(0.0, cap[beyond - 1] + (end - cap[beyond - 1]) / share)
     return cap
+
+
+@kernel
+def lane_pose(table: Floats, row: Floats, node: int, s: float) -> tuple[float, float, float, float]:
+    first, last = int(table[node, FIRST_ROW]), int(table[node, LAST_ROW])
+    position = max(s, 0.0) / SPACING
+    k = min(int(position), last - first - 1)
+    share = position - k
+    k += first
+    c, n = row[k, 2] + share * (row[k + 1, 2] - row[k, 2]), row[k, 3] + share * (row[k + 1, 3] - row[k, 3])
+    norm = math.sqrt(c * c + n * n)
+    x, y = row[k, 0] + share * (row[k + 1, 0] - row[k, 0]), row[k, 1] + share * (row[k + 1, 1] - row[k, 1])
+    if s < 0.0:  # still with its front on the lane before
+        x, y = x + s * c / norm, y + s * n / norm
+    return x, y, c / norm, n / norm

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from sumo_mcts.model.geometry import chord, point_at
+from sumo_mcts.model.geometry import chord, point_at, swung
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.scene import Floats, Ints, RoadMap
 
@@ -49,11 +49,3 @@ def _fill(pose: Floats, lane: Ints, s: Floats, d: Floats, driven: Floats, length
         c, n = c * ct - n * nt, n * ct + c * nt
         pose[m, 0], pose[m, 1] = fx - d[m] * ty - 0.5 * length * c, fy + d[m] * tx - 0.5 * length * n
         pose[m, 2], pose[m, 3] = c, n
-
-
-@kernel
-def swung(turned: float, forward: float, left: float, length: float) -> float:
-    """The angle (rad) between a vehicle and its lane after a step forward and to the left (m): its rear follows its front."""
-    if left * left + forward * forward > length * length:
-        return math.atan2(left, forward)
-    return turned + math.asin(min(max(math.cos(turned) * (left - math.tan(turned) * forward) / length, -1.0), 1.0))

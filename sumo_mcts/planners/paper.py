@@ -86,7 +86,7 @@ class PaperTree(NamedTuple):
     total: Floats  # [M] C(v)
     end: Indices  # [M]
     where: Indices  # [M, 2]
-    motion: Floats  # [M, 4]
+    motion: Floats  # [M, 5]
     cost: Floats  # [M, 4] safety, comfort, passability, other, weighted, from the root
     used: Indices  # [1]
 
@@ -161,7 +161,7 @@ def _goal_station(task: Task, state: State, distance: float) -> float:
 def _new_tree(size: int, actions: int) -> PaperTree:
     return PaperTree(
         np.full(size, NONE, np.int64), np.full((size, actions), NONE, np.int64), np.zeros(size, np.int64), np.zeros(size, np.int64), np.zeros(size),
-        np.zeros(size, np.int64), np.full((size, 2), NONE, np.int64), np.zeros((size, 4)), np.zeros((size, 4)), np.zeros(1, np.int64),
+        np.zeros(size, np.int64), np.full((size, 2), NONE, np.int64), np.zeros((size, 5)), np.zeros((size, 4)), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
@@ -321,9 +321,10 @@ def _junction_ahead(local: Local, state: State, goal: float) -> bool:
 @kernel
 def _store(tree: PaperTree, i: int, state: State) -> None:
     tree.where[i, 0], tree.where[i, 1] = state.node, state.other
-    tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3] = state.s, state.v, state.a, state.progress
+    tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2] = state.s, state.v, state.a
+    tree.motion[i, 3], tree.motion[i, 4] = state.progress, state.turn
 
 
 @kernel
 def _state(tree: PaperTree, i: int) -> State:
-    return State(tree.where[i, 0], tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3], tree.where[i, 1])
+    return State(tree.where[i, 0], tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3], tree.where[i, 1], tree.motion[i, 4])

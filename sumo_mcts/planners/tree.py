@@ -42,7 +42,7 @@ class Tree(NamedTuple):
     dead: Bools  # [M] nothing below is left to try: lost, arrived, or all children dead
     end: Indices  # [M] ALIVE, LOST or ARRIVED
     where: Indices  # [M, 2] State.node and State.other
-    motion: Floats  # [M, 4] State.s, v, a, progress
+    motion: Floats  # [M, 5] State.s, v, a, progress, turn
     followers: Indices  # [M] int64
     leader: Floats  # [M, 2] gap (m) and speed of the leader
     cost: Floats  # [M, 4] safety, comfort, passability, other, from the root
@@ -77,7 +77,7 @@ def new_tree(size: int, actions: int, plies: int) -> Tree:
     return Tree(
         np.full(size, NONE, np.int64), np.full((size, actions), NONE, np.int64), np.zeros(size, np.int64), np.zeros(size, np.int64),
         np.zeros(size), np.full(size, np.inf), np.zeros(size, np.bool_), np.zeros(size, np.int64), np.full((size, 2), NONE, np.int64),
-        np.zeros((size, 4)), np.zeros(size, np.int64), np.zeros((size, 2)), np.zeros((size, 4)), np.full((actions, plies), np.nan),
+        np.zeros((size, 5)), np.zeros(size, np.int64), np.zeros((size, 2)), np.zeros((size, 4)), np.full((actions, plies), np.nan),
         np.zeros(plies), np.zeros(1, np.int64),
     )  # fmt: skip
 
@@ -166,7 +166,8 @@ def _plant(tree: Tree, local: Local, p: EgoParams, c: CostParams, root: State) -
 @kernel
 def _store(tree: Tree, i: int, state: State, followers: int, gap: float, leader_v: float) -> None:
     tree.where[i, 0], tree.where[i, 1] = state.node, state.other
-    tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3] = state.s, state.v, state.a, state.progress
+    tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2] = state.s, state.v, state.a
+    tree.motion[i, 3], tree.motion[i, 4] = state.progress, state.turn
     tree.followers[i] = followers
     tree.leader[i, 0], tree.leader[i, 1] = gap, leader_v
 
@@ -174,7 +175,7 @@ def _store(tree: Tree, i: int, state: State, followers: int, gap: float, leader_
 @kernel
 def state_of(tree: Tree, i: int) -> State:
     """The ego's state in node i."""
-    return State(tree.where[i, 0], tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3], tree.where[i, 1])
+    return State(tree.where[i, 0], tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3], tree.where[i, 1], tree.motion[i, 4])
 
 
 @kernel

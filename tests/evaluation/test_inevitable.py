@@ -12,10 +12,10 @@ from helpers_model import PHYSICS, WIDTH, lanes_east, road_with_light, scenario,
 
 from sumo_mcts.driver import Physics, ego_params
 from sumo_mcts.evaluation import inevitable
-from sumo_mcts.evaluation.inevitable import ALIVE, BEFORE_S, CELL, MARGIN, Body, Future, Futures, Hindsight, box_of, drive, way_out
+from sumo_mcts.evaluation.inevitable import ALIVE, BEFORE_S, CELL, MARGIN, Future, Futures, Hindsight, drive, way_out
 from sumo_mcts.evaluation.referee import Goal
-from sumo_mcts.model.ego import begin_change, can_change
-from sumo_mcts.model.local import GONE, NODE, X, Y
+from sumo_mcts.model.ego import begin_change, can_change, pose_of
+from sumo_mcts.model.local import GONE, NODE, State, X, Y
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.scene import GREEN, RED, EgoState, RoadMap, Signals
 
@@ -160,7 +160,7 @@ def test_looked_at_is_the_state_3_s_before_or_the_take_over() -> None:
     assert answers == {False, True}
 
 
-def test_unknown_where_the_ego_goes_nobody_knows_where() -> None:
+def test_unknown_where_the_ego_goes_nostate_knows_where() -> None:
     road = lanes_east(2)
     asked = hindsight(road, ego_at(road, "a_0", 100.0))
     asked._scenes[0] = asked._scenes[0]._replace(ego=ego_at(road, "a_0", 100.0)._replace(lane=-1))
@@ -173,14 +173,14 @@ def test_unknown_where_the_ego_goes_nobody_knows_where() -> None:
 # --- the search against a slow and obvious one ---
 
 
-def naive_way_out(asked: tuple, body: Body, level: int, plies: int) -> bool:
+def naive_way_out(asked: tuple, state: State, level: int, plies: int) -> bool:
     """Every sequence of actions, one after the other."""
     local, p, _, choice, home, ply, _, looks, _ = asked
     alone = local._replace(agent=local.agent[:, :0], trait=local.trait[:0])
     for accel, side in choice:
-        if side and not can_change(local, p, body.state, int(side)):
+        if side and not can_change(local, p, state, int(side)):
             continue
-        after = Body(begin_change(local, p, body.state, int(side)), body.turn) if side else body
+        after = begin_change(local, p, state, int(side)) if side else state
         free = True
         for k in range(level * ply, (level + 1) * ply):
             after, end = drive(alone, p, home, after, accel, k, 1, 1)
@@ -191,9 +191,9 @@ def naive_way_out(asked: tuple, body: Body, level: int, plies: int) -> bool:
     return False
 
 
-def _overlaps(asked: tuple, body: Body, row: int, share: float) -> bool:
+def _overlaps(asked: tuple, state: State, row: int, share: float) -> bool:
     local, p = asked[:2]
-    x, y, c, n = box_of(local, p, body, (1.0 - share) * body.state.v * p.step)
+    x, y, c, n = pose_of(local, p, state, (1.0 - share) * state.v * p.step)
     own = naive.Box(x, y, math.atan2(n, c), p.half_length + MARGIN, p.half_width + MARGIN)
     before, after = local.agent[row], local.agent[row + 1]
     there = [(1.0 - share) * b + share * a for b, a in zip(before, after, strict=True) if b[NODE] != GONE and a[NODE] != GONE]
@@ -232,18 +232,18 @@ def test_cells_hide_no_way_out() -> None:
     assert sum(coarse != fine for coarse, fine in pairs) <= 2
 
 
-def test_the_way_out_touches_nobody_when_it_is_driven() -> None:
+def test_the_way_out_touches_nostate_when_it_is_driven() -> None:
     road = lanes_east(3, 1000.0, 30.0)
     ego = ego_at(road, "a_1", 300.0, 18.0)
     local, p, root, choice, home, ply, plies, looks, cell = question(hindsight(road, ego, Car(345.0, 0.0), Car(335.0, WIDTH, 4.0), Car(240.0, 0.0, 25.0)))
     way = way_out(local, p, root, choice, home, ply, plies, looks, cell)
     assert len(way) == plies == 16
     assert choice[way, 1].any()  # it has to make room for who comes from behind
-    body = root
+    state = root
     for k, action in enumerate(way):
         accel, side = choice[action]
-        body = Body(begin_change(local, p, body.state, int(side)), body.turn) if side else body
+        state = begin_change(local, p, state, int(side)) if side else state
         for i in range(k * ply, (k + 1) * ply):
-            body, end = drive(local, p, home, body, accel, i, 1, 10)
+            state, end = drive(local, p, home, state, accel, i, 1, 10)
             assert end == ALIVE
-            assert not any(_overlaps((local, p), body, i, share) for share in (0.3, 0.7, 1.0))
+            assert not any(_overlaps((local, p), state, i, share) for share in (0.3, 0.7, 1.0))

@@ -192,9 +192,12 @@ def test_a_change_to_the_right_mirrors_one_to_the_left(moves: Physics, v: float,
 def test_a_change_takes_its_time_and_flips_the_lane_at_half(side: int, target: float) -> None:
     task, local, state = on_road(lanes_east(), "a_1", 50.0, 10.0)
     states = [after for after, _ in drive(local, task.ego, begin_change(local, task.ego, state, side), [0.0] * 4)]
-    y = np.array([pose_of(local, task.ego, after, 0.0)[1] for after in states])
-    assert np.diff(y[:30]) == pytest.approx(np.full(29, target / 30), abs=1e-4)
-    assert y[29:] == pytest.approx(target, abs=1e-4)
+    poses = np.array([pose_of(local, task.ego, after, 0.0) for after in states])
+    front, rear = (poses[:, 1] + end * task.ego.half_length * poses[:, 3] for end in (1, -1))
+    assert np.diff(front[:30]) == pytest.approx(np.full(29, target / 30), abs=1e-4)
+    assert front[29:] == pytest.approx(target, abs=1e-4)
+    assert np.all(np.abs(rear) <= np.abs(front) + 1e-9) and rear[-1] == pytest.approx(target, abs=0.1)  # the rear trails, and comes in
+    assert abs(rear[29]) < abs(target) - 0.3
     assert [k for k, (a, b) in enumerate(pairwise(states)) if a.node != b.node] == [14]  # with the 16th of 30 steps, as SUMO's rounding has it
     assert not can_change(local, task.ego, states[10], 1) and not can_change(local, task.ego, states[10], -1)
     assert not can_change(local, task.ego, states[-1], side) and can_change(local, task.ego, states[-1], -side)

@@ -135,8 +135,7 @@ def test_the_search_among_others(name: str) -> None:
     assert len(found) > 10
     check(found)
     for one in found:
-        if one.changing == 0.0 and abs(one.d) < 0.01 and one.turned < 1.0:  # SUMO turns a vehicle that goes sideways; the model does not
-            assert one.aside < 0.05, one
+        assert one.aside < 0.12 and one.turned < 2.5, one
 
 
 def test_where_lanes_and_their_shapes_differ_in_length() -> None:
@@ -154,24 +153,24 @@ def test_where_lanes_and_their_shapes_differ_in_length() -> None:
 
 @pytest.mark.parametrize(("name", "seed"), [(STRAIGHT, 1), (STRAIGHT, 4), ("highway-exit", 1), (CROSSING, 1)])
 def test_a_way_out_is_one_in_sumo(name: str, seed: int) -> None:
-    """What the reference of inevitable collisions finds, driven: the box is where it was expected, turned as it was, and touches nobody."""
+    """What the reference of inevitable collisions finds, driven: the box is where it was expected, turned as it was, and touches nostate."""
     with mock.patch.object(inevitable, "way_out", wraps=inevitable.way_out) as search:
         loop = Loop(load(scenario_path(f"{name}-scripted")), seed)
         loop.start()
         loop.scenes()
-    local, p, body, choice, home, ply, *_ = search.call_args.args
+    local, p, state, choice, home, ply, *_ = search.call_args.args
     for k, action in enumerate(inevitable.way_out(*search.call_args.args)):
         accel, side = float(choice[action, 0]), int(choice[action, 1])
-        body = body._replace(state=begin_change(local, p, body.state, side)) if side else body
+        state = begin_change(local, p, state, side) if side else state
         speeds = np.zeros(ply)
         for i in range(ply):
-            body, _ = inevitable.drive(local, p, home, body, accel, k * ply + i, 1, 1)
-            speeds[i] = body.state.v
+            state, _ = inevitable.drive(local, p, home, state, accel, k * ply + i, 1, 1)
+            speeds[i] = state.v
         loop.apply({"ego": Decision(Follow(speeds, side), None, (), -1, "way out", 0, 0)})
         scenes = loop.scenes()
         if not scenes:
             break
-        ego, (x, y, c, n) = scenes["ego"].ego, inevitable.box_of(local, p, body, 0.0)
+        ego, (x, y, c, n) = scenes["ego"].ego, pose_of(local, p, state, 0.0)
         assert math.dist((ego.x, ego.y), (x, y)) < 0.12, k  # whoever stands goes sideways a little slower in SUMO
         assert abs(math.remainder(ego.heading - math.atan2(n, c), 2.0 * math.pi)) < 0.04, k
     assert loop.finish()[0]["outcome"] in (None, "arrived")
