@@ -210,7 +210,7 @@ class CostConfig(_Section):
     margin: NonNegative = Field(1.0, description="per second of passing closer")
     acceleration: NonNegative = Field(0.02, description="per second at 1 m/s2, quadratic")
     jerk: NonNegative = Field(0.005, description="k of C_c = k j^2 per second, saturating at 10 m/s3")
-    braking: NonNegative = Field(0.3, description="per second and m/s2 of braking beyond comfort_decel_mps2, quadratic")
+    braking: NonNegative = Field(0.5, description="per second and m/s2 of braking beyond comfort_decel_mps2, quadratic")
     cut_in_decel_mps2: Positive = Field(3.0, description="braking that a follower is trusted to do when the ego moves in front of it")
     progress: NonNegative = Field(1.0, description="per second of standing where the limit could be driven")
     tail_s: NonNegative = Field(8.0, description="for how long beyond the horizon a slow leader, or the end of a lane, still counts")

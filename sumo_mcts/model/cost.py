@@ -34,7 +34,6 @@ from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, REACH
 CLAIM_SAMPLES = 2
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
-ASIDE = 0.1  # m by which an ego that changes lanes may be elsewhere than predicted
 SIGHT = 80.0  # m beyond which an agent is not looked at
 
 
@@ -78,7 +77,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int
     """Contacts, headway and claims at forecast time `index`; the ego's pose lies `back` metres before `state`."""
     x, y, cs, sn = pose_of(local, p, state, back)
     now = min(index, local.agent.shape[0] - 1)
-    half_width = p.half_width + (ASIDE if state.progress > 0.0 else 0.0)
+    half_width = p.half_width + (local.aside if state.progress > 0.0 else 0.0)
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
     for i in range(local.agent.shape[1]):
         bx, by, node = local.agent[now, i, X], local.agent[now, i, Y], int(local.agent[now, i, NODE])

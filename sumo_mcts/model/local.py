@@ -14,6 +14,7 @@ BACK = 100.0  # m of the route behind the ego where followers are seen
 VIEW = 400.0  # m of the route ahead that a search may see
 GONE = -2  # Local.agent's NODE of an agent that is not there
 JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are looked at
+ASIDE = 0.2  # m kept clear aside by a lane change yet to begin, half of it by one that is under way: else every inaccuracy would stop it half-way
 TURNED = 0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
 FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
 CHAIN = 250.0  # m over which one lane is followed into the next
@@ -34,6 +35,7 @@ class Local(NamedTuple):
     limit: float  # speed limit where the ego is now, m/s
     free: bool  # no light that stays red and no dead end ahead of the ego, as far as it could come
     followers: int  # bit i: agent i is behind the ego in its lane and reacts: its contact is imposed braking
+    aside: float  # m to the side that a lane change keeps clear, since it may come out a little otherwise than planned
     dt: float  # s between forecast times
 
 
@@ -117,7 +119,7 @@ def build_local(
         np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields]).astype(np.float64),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven), first, float(route.limit[state.node]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
-        _followers(node[0], s[0], forecast.reacts, ahead, state, first), forecast.dt,
+        _followers(node[0], s[0], forecast.reacts, ahead, state, first), ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
     )  # fmt: skip
 
 
