@@ -201,7 +201,7 @@ def _paper_params(config: ScenarioConfig) -> PaperParams:
         config.planner.iterations, np.inf if config.planner.time_budget_ms is None else config.planner.time_budget_ms / 1000.0, p.step_s,
         p.look_ahead_steps, p.rollout_steps, config.planner.check_s, p.accelerations_mps2, p.lane_change_accelerations_mps2, p.exploration,
         p.brake_probability, p.accelerate_probability, p.weight_safety, p.weight_comfort, p.weight_passability, p.weight_other, p.safety_threshold_m,
-        p.contact_cost, p.jerk_factor, p.goal_distance_m, p.goal_factor, p.junction_penalty, p.lane_change_cost, p.stop_cost, p.turn_cost,
+        p.contact_cost, p.jerk_factor, p.goal_distance_m, p.lane_distance_m, p.goal_factor, p.junction_penalty, p.lane_change_cost, p.stop_cost, p.turn_cost,
         p.emergency_cost,
     )  # fmt: skip
 

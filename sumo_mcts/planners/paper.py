@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from sumo_mcts.model.ego import GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of
+from sumo_mcts.model.ego import FREE, GOAL, HALF, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.geometry import box_distance
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, build_local
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
-from sumo_mcts.scene import LEFT, RIGHT, Decision, Floats, Follow, Plan, RootChild
+from sumo_mcts.scene import LEFT, RIGHT, Bools, Decision, Floats, Follow, Plan, RootChild
 
 STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow
 EMERGENCY = -8.0  # m/s2, when every action was discarded
@@ -43,6 +43,7 @@ class PaperParams(NamedTuple):
     contact_cost: float
     jerk_factor: float
     goal_distance: float
+    lane_distance: float
     goal_factor: float
     junction_penalty: float
     lane_change_cost: float
@@ -74,6 +75,14 @@ class Weights(NamedTuple):
     stop: float
     turn: float
     emergency: float
+
+
+class Guide(NamedTuple):
+    """What the route tells the costs. W nodes of the route."""
+
+    goal: float  # where the local goal lies, m from the start of the route
+    aside: Floats  # [W] m that the lane changes still needed there add to the local goal's distance
+    turns: Bools  # [W] turns left or right at a junction
 
 
 class PaperTree(NamedTuple):
@@ -111,14 +120,13 @@ class PaperPlanner:
         task, p = self._task, self._params
         local = build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
         weights = _weights(p, task.ego.step)
-        direction = task.road.direction[task.route.lane].astype(np.int64)
-        goal = _goal_station(task, situation.state, p.goal_distance)
+        guide = _guide(task, situation.state, p.goal_distance, p.lane_distance)
         tree = _new_tree(min(p.iterations, _full_size(len(self._actions), p.look_ahead_steps)) * len(self._actions) + 2, len(self._actions))
         end = time.perf_counter() + p.time_budget_s
         done = 0
         while done < p.iterations and (done == 0 or time.perf_counter() < end):
             count = p.iterations if math.isinf(p.time_budget_s) else min(SLICE, p.iterations - done)
-            _search(tree, local, task.ego, weights, self._actions, situation.state, goal, direction, count, self._rng)
+            _search(tree, local, task.ego, weights, self._actions, situation.state, guide, count, self._rng)
             done += count
         return self._decision(tree, local, weights, situation, done)
 
@@ -153,9 +161,13 @@ def _weights(p: PaperParams, step: float) -> Weights:
     )  # fmt: skip
 
 
-def _goal_station(task: Task, state: State, distance: float) -> float:
-    """Where the local goal lies, m from the start of the route."""
-    return float(task.route.station[state.node] + state.s + distance)
+def _guide(task: Task, state: State, distance: float, lane_distance: float) -> Guide:
+    """The local goal: so many metres down the route, on a lane that does not leave it."""
+    route = task.route
+    turns = route.internal & np.isin(task.road.direction[route.lane], (LEFT, RIGHT))
+    # the changes that the next edge needs must be no reason not to enter it
+    here = (route.leg == route.leg[state.node]) & ~route.internal
+    return Guide(float(route.station[state.node] + state.s + distance), np.where(here, np.abs(route.changes) * lane_distance, 0.0), turns)
 
 
 def _new_tree(size: int, actions: int) -> PaperTree:
@@ -181,18 +193,16 @@ def _drive(local: Local, task: Task, w: Weights, state: State, action: Floats) -
 
 
 @making_arrays
-def _search(
-    tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, root: State, goal: float, direction: Indices, iterations: int, rng: Generator
-) -> None:
+def _search(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, root: State, guide: Guide, iterations: int, rng: Generator) -> None:
     """Algorithm 1."""
     if tree.used[0] == 0:
         _store(tree, 0, root)
         tree.used[0] = 1
     for _ in range(iterations):
-        node = _select(tree, w)
+        node = _select(tree, w, rng)
         if tree.level[node] < w.look_ahead and tree.child[node, 0] == NONE:
-            _expand(tree, local, p, w, actions, goal, direction, node)
-        cost = _rollout(tree, local, p, w, goal, direction, node, rng)
+            _expand(tree, local, p, w, actions, guide, node)
+        cost = _rollout(tree, local, p, w, guide, node, rng)
         i = node
         while i != NONE:
             tree.total[i] += cost
@@ -201,20 +211,25 @@ def _search(
 
 
 @kernel
-def _select(tree: PaperTree, w: Weights) -> int:
-    """Down to a node without children by the paper's UCB; collided children are not there."""
+def _select(tree: PaperTree, w: Weights, rng: Generator) -> int:
+    """Down to a node without children by the paper's UCB; collided children are not there, and one of the unvisited is drawn."""
     node = 0
     while tree.child[node, 0] != NONE:
-        chosen, top = NONE, -math.inf
+        chosen, top, unvisited, drawn = NONE, -math.inf, 0, NONE
         for k in range(tree.child.shape[1]):
             i = tree.child[node, k]
             if i < 0 or tree.end[i] == LOST:
                 continue
             if tree.visits[i] == 0:
-                return i
+                unvisited += 1
+                if rng.random() * unvisited < 1.0:
+                    drawn = i
+                continue
             score = -tree.total[i] / tree.visits[i] + w.exploration * math.sqrt(2.0 * math.log(max(tree.visits[node], 1)) / tree.visits[i])
             if score > top:
                 chosen, top = i, score
+        if drawn != NONE:
+            return drawn
         if chosen == NONE:
             return node
         node = chosen
@@ -222,7 +237,7 @@ def _select(tree: PaperTree, w: Weights) -> int:
 
 
 @making_arrays
-def _expand(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, goal: float, direction: Indices, node: int) -> None:
+def _expand(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, guide: Guide, node: int) -> None:
     """All children of a node; those that collide are marked and never visited."""
     root = _state(tree, node)
     for k in range(len(actions)):
@@ -231,9 +246,11 @@ def _expand(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Fl
         if (side != 0 and not can_change(local, p, root, side)) or tree.used[0] >= len(tree.parent) or tree.end[node] != ALIVE:
             continue
         state = begin_change(local, p, root, side) if side != 0 else root
-        state, cost, end = _ply(local, p, w, state, actions[k, 0], goal, direction, tree.level[node] * w.ply)
+        state, cost, end = _ply(local, p, w, state, actions[k, 0], guide, tree.level[node] * w.ply)
         if side != 0:
             cost[3] += w.other * w.lane_change
+            if end == ALIVE and not _can_finish(local, p, w, state, tree.level[node] + 1):
+                end = LOST
         i = tree.used[0]
         tree.used[0] += 1
         tree.child[node, k], tree.parent[i], tree.level[i], tree.end[i] = i, node, tree.level[node] + 1, end
@@ -241,8 +258,20 @@ def _expand(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Fl
         _store(tree, i, state)
 
 
+@kernel
+def _can_finish(local: Local, p: EgoParams, w: Weights, state: State, level: int) -> bool:
+    """Whether a lane change that began in the ply before can go on at this speed without contact; it may take longer than T_1."""
+    for k in range(level * w.ply, (w.look_ahead + w.rollout) * w.ply):
+        if state.progress <= 0.0:
+            return True
+        state, event = advance(local, p, state, 0.0, k * p.step)
+        if event != FREE or ((k + 1) % w.check == 0 and _nearest(local, p, state, (k + 1) * p.step) <= 0.0):
+            return event == GOAL
+    return True
+
+
 @making_arrays
-def _rollout(tree: PaperTree, local: Local, p: EgoParams, w: Weights, goal: float, direction: Indices, node: int, rng: Generator) -> float:
+def _rollout(tree: PaperTree, local: Local, p: EgoParams, w: Weights, guide: Guide, node: int, rng: Generator) -> float:
     """Algorithm 2: random longitudinal actions to the terminal state; the cost J of the whole sequence."""
     state, total = _state(tree, node), tree.cost[node].sum()
     if tree.end[node] == ARRIVED:
@@ -254,7 +283,7 @@ def _rollout(tree: PaperTree, local: Local, p: EgoParams, w: Weights, goal: floa
             accel = -1.0 - 4.0 * rng.random()
         elif draw < w.brake_probability + w.accelerate_probability:
             accel = 1.0 + 2.0 * rng.random()
-        state, cost, end = _ply(local, p, w, state, accel, goal, direction, level * w.ply)
+        state, cost, end = _ply(local, p, w, state, accel, guide, level * w.ply)
         total += cost.sum()
         if end == LOST:
             return total + w.safety * w.contact
@@ -264,30 +293,30 @@ def _rollout(tree: PaperTree, local: Local, p: EgoParams, w: Weights, goal: floa
 
 
 @making_arrays
-def _ply(
-    local: Local, p: EgoParams, w: Weights, state: State, accel: float, goal: float, direction: Indices, at: int
-) -> tuple[State, Floats, int]:  # fmt: skip
+def _ply(local: Local, p: EgoParams, w: Weights, state: State, accel: float, guide: Guide, at: int) -> tuple[State, Floats, int]:
     """One step of T_1: the state after it, its four weighted costs, and how it ended. Costs are counted at its end, as the sum of equation 1 is."""
-    began = state
+    began, end = state, ALIVE
     cost = np.zeros(4)
     for k in range(w.ply):
         state, event = advance(local, p, state, accel, (at + k) * p.step)
         if event == RED_LINE:
             return state, cost, LOST
         if event == GOAL:
-            return state, cost, ARRIVED
+            end = ARRIVED
+            break
         if (at + k + 1) % w.check == 0 and _nearest(local, p, state, (at + k + 1) * p.step) <= 0.0:
             return state, cost, LOST
-    distance = _nearest(local, p, state, (at + w.ply) * p.step)
-    if distance <= w.threshold:
-        cost[0] = w.safety / max(distance, 0.1)
+    if end == ALIVE:  # neither traffic nor way is left beyond the end of the route; how the ego drove there counts
+        distance = _nearest(local, p, state, (at + w.ply) * p.step)
+        if distance <= w.threshold:
+            cost[0] = w.safety / max(distance, 0.1)
+        remaining = max(0.0, guide.goal - local.node[state.node, STATION] - state.s) + _aside(guide, state)
+        cost[2] = w.passability * (w.goal_factor * remaining + (w.junction_penalty if _junction_ahead(local, state, guide.goal) else 0.0))
     jerk = (state.a - began.a) / (w.ply * p.step)
     cost[1] = w.comfort * w.jerk_factor * jerk * jerk
-    remaining = max(0.0, goal - local.node[state.node, STATION] - state.s)
-    cost[2] = w.passability * (w.goal_factor * remaining + (w.junction_penalty if _junction_ahead(local, state, goal) else 0.0))
-    turns = local.node[state.node, INTERNAL] > 0.0 and (direction[state.node] == LEFT or direction[state.node] == RIGHT)
-    cost[3] = w.other * ((w.stop if state.v < 0.1 else 0.0) + (w.turn if turns else 0.0) + (w.emergency if accel < -p.comfort_decel else 0.0))
-    return state, cost, ALIVE
+    emergency = w.emergency if accel < -p.comfort_decel else 0.0
+    cost[3] = w.other * ((w.stop if state.v < 0.1 else 0.0) + (w.turn if guide.turns[state.node] else 0.0) + emergency)
+    return state, cost, end
 
 
 @kernel
@@ -304,6 +333,16 @@ def _nearest(local: Local, p: EgoParams, state: State, time: float) -> float:
             length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
             nearest = min(nearest, box_distance(x, y, c, s, p.half_length, p.half_width, bx, by, bc, bs, length, width))
     return nearest
+
+
+@kernel
+def _aside(guide: Guide, state: State) -> float:
+    """m that lane changes add to the local goal's distance; the one under way counts as far as it is not done."""
+    here = guide.aside[state.node]
+    if state.progress <= 0.0 or state.other < 0:
+        return float(here)
+    share = state.progress if state.progress <= HALF else 1.0 - state.progress
+    return float(here + share * (guide.aside[state.other] - here))
 
 
 @kernel

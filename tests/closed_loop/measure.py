@@ -1,9 +1,10 @@
 """Measures the planner in closed loop; the numbers of docs/results.md come from here. Not a test: nothing is asserted.
 
-    python tests/closed_loop/measure.py scenes [--seeds 100] [--scenes NAME...] [--set a.b=c]...
+    python tests/closed_loop/measure.py scenes [--seeds 100] [--scenes NAME...] [--set a.b=c]... [--no-twins]
     python tests/closed_loop/measure.py networks [--egos 10] [--nets NAME...] [--plans FOLDER] [--cfg FILE.sumocfg]...
 
-Every episode is run with its twin (planner `sumo`, same seed). `--out FILE` keeps the rows as JSON lines.
+Every episode is run with its twin (planner `sumo`, same seed), unless --no-twins says otherwise: then a row shows shares of arrivals and
+collisions instead. `--out FILE` keeps the rows as JSON lines, `--processes` is the number of episodes at a time.
 """
 
 import argparse
@@ -31,6 +32,7 @@ from sumo_mcts.world.candidates import candidates
 
 GAME = Path(sumo.__file__).parent / "tools" / "game"
 SCAN = 400  # vehicles among which egos are chosen
+Job = tuple[str, dict[str, Any], tuple[str, ...], int | None]  # name, where the scenario comes from, overrides, seed
 
 # The networks of SUMO's own games: configuration, and where the signals wait for a player, which plan replaces theirs.
 NETS: dict[str, dict[str, Any]] = {
@@ -57,28 +59,30 @@ def main() -> None:
     parser.add_argument("--plans", type=Path, help="folder with fixed-time signal plans")
     parser.add_argument("--cfg", nargs="*", default=[], type=Path)
     parser.add_argument("--set", action="append", default=[], dest="sets")
+    parser.add_argument("--no-twins", action="store_true", help="for scripted scenes, where SUMO's driver is no measure")
+    parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(options.processes, mp_context=multiprocessing.get_context("spawn")) as pool:
         jobs = scene_jobs(options) if options.what == "scenes" else network_jobs(options, Path(folder), pool)
         rows = []
-        for name, pair in pool.map(run_pair, jobs):
-            rows.append((name, *pair))
-            ego, twin = pair
-            print(f"  {name:24s} {ego['ego']:20s} {show(ego)}   twin {show(twin)}", flush=True)
+        for name, (ego, twin) in pool.map(run_alone if options.no_twins else run_pair, jobs):
+            rows.append((name, ego, twin))
+            print(f"  {name:24s} {ego['ego']:20s} {show(ego)}" + ("" if twin is None else f"   twin {show(twin)}"), flush=True)
     if options.out:
         options.out.write_text("".join(json.dumps({"net": n, "ego": e, "twin": t}) + "\n" for n, e, t in rows))
-    for name in dict.fromkeys(n for n, _, _ in rows):
-        print(table_row(name, [(e, t) for n, e, t in rows if n == name]))
-    print(table_row("all", [(e, t) for _, e, t in rows]))
+    for name in [*dict.fromkeys(n for n, _, _ in rows), "all"]:
+        chosen = [(e, t) for n, e, t in rows if name in (n, "all")]
+        pairs = [(e, t) for e, t in chosen if t is not None]
+        print(table_row(name, pairs) if pairs else lone_row(name, [e for e, _ in chosen]))
 
 
-def scene_jobs(options: argparse.Namespace) -> list[tuple[str, dict[str, Any], tuple[str, ...], int | None]]:
+def scene_jobs(options: argparse.Namespace) -> list[Job]:
     """One job a scene and seed."""
     return [(name, {"scene": name}, tuple(options.sets), seed) for name in options.scenes for seed in range(options.seeds)]
 
 
-def network_jobs(options: argparse.Namespace, folder: Path, pool: ProcessPoolExecutor) -> list[tuple[str, dict[str, Any], tuple[str, ...], int | None]]:
+def network_jobs(options: argparse.Namespace, folder: Path, pool: ProcessPoolExecutor) -> list[Job]:
     """One job a network and ego; the egos lie evenly among the first suitable vehicles."""
     sources = {name: net_source(name, options.plans, folder) for name in options.nets} | {p.stem: {"sumocfg": str(p.resolve())} for p in options.cfg}
     jobs = []
@@ -133,18 +137,24 @@ def suitable(source: dict[str, Any]) -> list[str]:
         return [c.id for c in candidates(arguments, SCAN) if c.suitable]
 
 
-def run_pair(job: tuple[str, dict[str, Any], tuple[str, ...], int | None]) -> tuple[str, tuple[dict[str, Any], dict[str, Any]]]:
+def run_pair(job: Job) -> tuple[str, tuple[dict[str, Any], dict[str, Any]]]:
     """The episode and its twin."""
+    return job[0], (run_one(job), run_one(job, "planner.name=sumo"))
+
+
+def run_alone(job: Job) -> tuple[str, tuple[dict[str, Any], None]]:
+    """The episode without its twin."""
+    return job[0], (run_one(job), None)
+
+
+def run_one(job: Job, *more: str) -> dict[str, Any]:
+    """The row of one episode."""
     name, source, sets, seed = job
-    rows = []
-    for more in ((), ("planner.name=sumo",)):
-        overrides = (*sets, *more)
-        try:
-            rows.append(run_episode(scenario_of(name, source, overrides), seed).rows[0])
-        except Exception as error:
-            # libsumo's exceptions do not pickle
-            raise RuntimeError(f"{name} {source}: {type(error).__name__}: {error}\n{traceback.format_exc()}") from None
-    return name, (rows[0], rows[1])
+    try:
+        return run_episode(scenario_of(name, source, (*sets, *more)), seed).rows[0]
+    except Exception as error:
+        # libsumo's exceptions do not pickle
+        raise RuntimeError(f"{name} {source}: {type(error).__name__}: {error}\n{traceback.format_exc()}") from None
 
 
 def scenario_of(name: str, source: dict[str, Any], overrides: tuple[str, ...]) -> config.ScenarioConfig:
@@ -178,6 +188,17 @@ def table_row(name: str, pairs: Sequence[tuple[dict[str, Any], dict[str, Any]]])
     )
 
 
+def lone_row(name: str, egos: Sequence[dict[str, Any]]) -> str:
+    """Arrivals in time and collisions of episodes without twins, as a Markdown row."""
+    n, outcomes = len(egos), Counter(e["outcome"] for e in egos)
+    arrived, collided = outcomes["arrived"], outcomes["collision"]
+    times = [e["travel_time_s"] for e in egos if e["outcome"] == "arrived"]
+    return (
+        f"| {name} | {n} | {', '.join(f'{k} {o}' for o, k in outcomes.items())} | {arrived}/{n} {wilson(arrived, n)} | {collided}/{n} {wilson(collided, n)} | "
+        f"{sum(bool(e['at_fault']) for e in egos)} | {np.median(times) if times else math.nan:.1f} | {np.median([e['plan_ms_p50'] or 0 for e in egos]):.1f} |"
+    )
+
+
 def _count(rows: Iterable[dict[str, Any]], limit: int) -> int:
     return sum((row[f"imposed_brakes_{limit}"] or 0) > 0 for row in rows)
 
@@ -188,7 +209,7 @@ def wilson(k: int, n: int) -> str:
         return "(-)"
     z, p = 1.96, k / n
     middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return f"({100 * (middle - half) / (1 + z * z / n):.0f}..{100 * (middle + half) / (1 + z * z / n):.0f} %)"
+    return f"({max(0.0, 100 * (middle - half) / (1 + z * z / n)):.0f}..{100 * (middle + half) / (1 + z * z / n):.0f} %)"
 
 
 if __name__ == "__main__":

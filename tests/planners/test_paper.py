@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Agent, ego_at
+from helpers import Agent, Lane, build, edges, ego_at
 from helpers_model import lanes_east, local_of, scenario, scene_of, situation_of, task_of
 from helpers_tree import TOYS, Toy, mirrored, on_three_lanes
 
 from sumo_mcts.driver import make_planner
 from sumo_mcts.planners import paper
-from sumo_mcts.planners.tree import ALIVE, IMPOSSIBLE, LOST, NONE
-from sumo_mcts.scene import Decision, Follow
+from sumo_mcts.planners.tree import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
+from sumo_mcts.scene import Decision, Follow, RoadMap
 
 ACTIONS = 12  # ten accelerations and two lane changes
 
@@ -84,12 +84,79 @@ def test_the_equation_of_the_upper_confidence_bound() -> None:
     # -10 + 5 sqrt(2 ln 20 / 10) = -6.13;   -11 + 5 sqrt(2 ln 20 / 6) = -6.00;   -12 + 5 sqrt(2 ln 20 / 4) = -5.88
     scores = [-100 / 10 + 5 * math.sqrt(2 * math.log(20) / 10), -66 / 6 + 5 * math.sqrt(2 * math.log(20) / 6), -48 / 4 + 5 * math.sqrt(2 * math.log(20) / 4)]
     assert scores == pytest.approx([-6.1298, -6.0036, -5.8806], abs=1e-4)
-    assert paper._select(tree, weights) == 3
-    assert paper._select(tree, weights._replace(exploration=3.0)) == 1  # -7.68, -8.00, -8.33
+    rng = np.random.default_rng(1)
+    assert paper._select(tree, weights, rng) == 3
+    assert paper._select(tree, weights._replace(exploration=3.0), rng) == 1  # -7.68, -8.00, -8.33
     tree.end[3] = LOST
-    assert paper._select(tree, weights) == 2  # one that collided does not compete
+    assert paper._select(tree, weights, rng) == 2  # one that collided does not compete
     tree.visits[1] = 0
-    assert paper._select(tree, weights) == 1  # an unvisited one comes first
+    assert paper._select(tree, weights, rng) == 1  # an unvisited one comes first
+    tree.visits[2] = 0
+    drawn = [paper._select(tree, weights, rng) for _ in range(200)]
+    assert set(drawn) == {1, 2} and 60 < drawn.count(1) < 140  # among several one is drawn
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("v", [0.0, 5.0, 10.0])
+def test_driving_on_is_worth_more_than_standing(v: float, seed: int) -> None:
+    road = lanes_east(1, 900.0)
+    toy = Toy(road, scene_of(ego_at(road, "a_0", 100.0, v), road))
+    for passes in (100, 1000, 3000):
+        _, decision = plan(toy, f"planner.iterations={passes}", seed=seed)
+        assert decision.children[decision.chosen].accel >= 1.0
+    followed = Toy(road, scene_of(ego_at(road, "a_0", 100.0, v), road, Agent("leader", "a_0", 108.0 + 3.0 * v, v)))
+    _, decision = plan(followed, "planner.iterations=1000", seed=seed)
+    assert decision.children[decision.chosen].accel >= -1.0
+
+
+def exit_on_the_right(first: int = 0) -> RoadMap:
+    """Three lanes, of which lane 0 alone leads on, to one of the two lanes of edge b; the next edge needs lane `first` of b."""
+    lanes = [Lane("a", k, ((0.0, 3.2 * k), (200.0, 3.2 * k)), (":m_0",) if k == 0 else ()) for k in range(3)]
+    lanes += [Lane(":m", 0, ((200.0, 0.0), (210.0, 0.0)), ("b_0",), junction="m")]
+    lanes += [Lane("b", k, ((210.0, 3.2 * k), (410.0, 3.2 * k)), (":n_0",) if k == first else ()) for k in range(2)]
+    lanes += [Lane(":n", 0, ((410.0, 3.2 * first), (420.0, 3.2 * first)), ("c_0",), junction="n"), Lane("c", 0, ((420.0, 0.0), (600.0, 0.0)))]
+    return build(lanes)
+
+
+def test_a_lane_change_that_the_route_needs_counts_as_distance() -> None:
+    road = exit_on_the_right(first=1)
+    ego = ego_at(road, "a_1", 150.0, 10.0, route=edges(road, "a", "b", "c"))
+    task = task_of(road, ego)
+    state = situation_of(task, scene_of(ego, road)).state
+    guide = paper._guide(task, state, 100.0, 20.0)
+    assert guide.goal == 250.0
+    node = {road.lane_ids[lane]: i for i, lane in enumerate(task.route.lane)}
+    assert [guide.aside[node[lane]] for lane in ("a_0", "a_1", "a_2")] == [0.0, 20.0, 40.0]
+    assert guide.aside[node["b_0"]] == 0.0  # what the next edge needs does not punish entering it
+    half_way = state._replace(progress=0.25, other=node["a_0"])
+    assert [paper._aside(guide, s) for s in (state, half_way)] == [20.0, 15.0]
+    assert paper._aside(guide, state._replace(node=node["a_0"], progress=0.75, other=node["a_1"])) == 5.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_it_changes_to_the_lane_of_its_route(seed: int) -> None:
+    road = exit_on_the_right()
+    toy = Toy(road, scene_of(ego_at(road, "a_1", 120.0, 8.0, route=edges(road, "a", "b", "c")), road))
+    _, decision = plan(toy, "planner.iterations=1000", seed=seed)
+    assert decision.children[decision.chosen].lane_change == -1
+
+
+def test_a_lane_change_whose_place_is_taken_later_is_discarded() -> None:
+    """The car on the left is 1 m short of contact after T_1; the change lasts 3 s."""
+    taken = on_three_lanes(None, Agent("beside", "a_2", 100.0, 10.0))
+    for toy, side in ((taken, 1), (mirrored(taken), -1)):
+        planner, decision = plan(toy)
+        assert {child.lane_change for child in decision.children} == {0, -side}
+        lost = planner.tree.child[0, 10 if side > 0 else 11]
+        assert planner.tree.end[lost] == LOST and planner.tree.cost[lost, 0] > 0.0  # found after the step's end, where its costs are counted
+
+
+def test_how_it_arrives_is_not_free() -> None:
+    road = lanes_east(1, 300.0)
+    toy = Toy(road, scene_of(ego_at(road, "a_0", 296.0, 10.0), road))
+    planner, decision = plan(toy)
+    assert planner.tree.end[planner.tree.child[0, 0]] == ARRIVED and decision.children[0].accel == -8.0
+    assert decision.children[0].mean > 5.0 and decision.children[decision.chosen].accel == 0.0
 
 
 def test_nothing_is_left_so_it_brakes() -> None:
