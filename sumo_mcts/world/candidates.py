@@ -10,7 +10,7 @@ ROAD_CLASSES = frozenset(
     {"passenger", "private", "authority", "army", "vip", "hov", "taxi", "bus", "coach", "delivery", "truck", "trailer", "motorcycle", "moped", "evehicle",
      "custom1", "custom2", "emergency"}
 )  # fmt: skip
-LEAST_LENGTH = 150.0  # m of route that make an ego worth watching
+LEAST_LENGTH = 50.0  # m of route that make an ego worth watching
 PATIENCE_S = 60.0  # wall time spent on looking
 
 
