@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from sumo_mcts.model.geometry import chord, point_at, swung
-from sumo_mcts.model.kernel import kernel, making_arrays
+from sumo_mcts.model.kernel import making_arrays
 from sumo_mcts.scene import Floats, Ints, RoadMap
 
 TANGENT = 0.5  # m over which the direction of a lane is measured

@@ -66,6 +66,8 @@ class MctsPlanner:
         carried = _carried(local, task, q, situation.state, self._remaining(situation.scene.time, round(q.horizon / task.ego.step)), p.period_s)
         found += [carried] if carried is not None else []
         chosen = min(range(len(found)), key=lambda i: (found[i].child.best, -i))
+        if found[chosen].child.terms[4] > 0.0:  # nothing is free: what counts is how bad the contact is
+            chosen = min(range(len(found)), key=lambda i: float(found[i].child.terms[4]))
         child, plan, line = found[chosen]
         self._line, self._line_time = line if child.terms[4] == 0.0 else np.zeros(0), situation.scene.time
         reason = "brake" if child.terms[4] > 0.0 else "carried on" if carried is not None and chosen == len(found) - 1 else "search"
@@ -114,7 +116,7 @@ def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Fl
 def _carried(local: Local, task: Task, q: SearchParams, state: State, line: Floats, period_s: float) -> Way | None:
     """The last plan carried on, if that is possible without a contact. Its half-driven actions are none that the tree could try."""
     later = line[1 : round(period_s / task.ego.step)]
-    if not len(line) or np.any((np.abs(later) > 500.0)):  # a lane change begins with a decision period or not at all
+    if not len(line) or np.any(np.abs(later) > 500.0):  # a lane change begins with a decision period or not at all
         return None
     plan, terms, end = follow_line(local, task, q, state, line)
     if end not in (ALIVE, ARRIVED):

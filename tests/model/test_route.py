@@ -24,7 +24,6 @@ from hypothesis import strategies as st
 
 from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import load
-from sumo_mcts.model.local import State
 from sumo_mcts.model.route import SPACING, RouteMap, lane_pose, route_map
 from sumo_mcts.scene import STOP, EgoState, RoadMap
 from sumo_mcts.world.actors import write_routes
