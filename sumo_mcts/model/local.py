@@ -17,7 +17,7 @@ JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are
 ASIDE = 0.2  # m kept clear aside by a lane change yet to begin, half of it by one that is under way: else every inaccuracy would stop it half-way
 TURNED = 0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
 FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
-CHAIN = 250.0  # m over which one lane is followed into the next
+CHAIN = 250.0  # m beyond its end over which one lane is followed into the next
 
 
 class Local(NamedTuple):
@@ -183,7 +183,7 @@ def _ahead(nxt: Indices, length: Floats, first: int, w: int) -> Floats:
     for i in range(w):
         ahead[i, i] = 0.0
         distance, n = length[first + i], nxt[first + i]
-        while n >= first and n - first < w and distance < CHAIN:
+        while n >= first and n - first < w and distance < length[first + i] + CHAIN:
             ahead[i, n - first] = distance
             distance += length[n]
             n = nxt[n]
