@@ -161,11 +161,13 @@ class PlannerConfig(_Section):
     time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead (not reproducible)")
     period_s: Positive = Field(0.5, description="decision period")
     step_s: Positive = Field(1.0, description="duration of one action in the tree of planner mcts")
-    look_ahead_steps: int = Field(4, ge=1, le=12, description="levels of the tree")
-    rollout_steps: int = Field(4, ge=0, le=24, description="further steps to the terminal state")
+    look_ahead_steps: int = Field(6, ge=1, le=12, description="levels of the tree")
+    rollout_steps: int = Field(2, ge=0, le=24, description="further steps to the terminal state")
     check_s: Positive = Field(0.2, description="time between collision checks")
     accelerations_mps2: tuple[Finite, ...] = Field((-8.0, -4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.6), min_length=1, description="actions that keep the lane")
     lane_change_accelerations_mps2: tuple[Finite, ...] = Field((-1.5, 0.0, 1.5), description="actions combined with a change left and right")
+    later_accelerations_mps2: tuple[Finite, ...] = Field((-3.0, 2.6), description="those of them that are tried below the root too, beside car following")
+    later_lane_change_accelerations_mps2: tuple[Finite, ...] = Field((0.0,), description="likewise, of those combined with a change")
     exploration: NonNegative = Field(0.3, description="const of the UCB equation, on costs normalised to 0..1")
 
 

@@ -29,6 +29,8 @@ class MctsParams(NamedTuple):
     check_s: float
     accelerations: tuple[float, ...]
     lane_change_accelerations: tuple[float, ...]
+    later_accelerations: tuple[float, ...]
+    later_lane_change_accelerations: tuple[float, ...]
     exploration: float
 
 
@@ -47,7 +49,7 @@ class MctsPlanner:
 
     def __init__(self, params: MctsParams) -> None:
         self._params = params
-        self._actions = root_actions(params.accelerations, params.lane_change_accelerations)
+        self._actions = actions_of(params)
 
     def start(self, task: Task, seed: int) -> None:
         """Take the ego over."""
@@ -92,10 +94,11 @@ class MctsPlanner:
         return np.concatenate([left, np.full(steps - len(left), FOLLOW)]) if 0 < begin < len(self._line) else np.zeros(0)
 
 
-def root_actions(accelerations: tuple[float, ...], lane_change_accelerations: tuple[float, ...]) -> Floats:
-    """[A, 2] acceleration and lane change: car following first, then the given ones, then the changes."""
-    keep = [(FOLLOW, 0.0), *((a, 0.0) for a in accelerations)]
-    return np.array(keep + [(a, side) for side in (1.0, -1.0) for a in lane_change_accelerations])
+def actions_of(p: MctsParams) -> Floats:
+    """[A, 3] acceleration, lane change, and 1 where it is tried below the root too: car following first, then the others in the lane, then the changes."""
+    keep = [(FOLLOW, 0.0, 1.0), *((a, 0.0, float(a in p.later_accelerations)) for a in p.accelerations)]
+    change = [(a, side, float(a in p.later_lane_change_accelerations)) for side in (1.0, -1.0) for a in p.lane_change_accelerations]
+    return np.array(keep + change)
 
 
 def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Floats, state: State) -> list[Way]:

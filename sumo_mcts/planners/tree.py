@@ -117,7 +117,8 @@ def simulate(
 def search(
     tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats, root: State, iterations: int, rng: Generator
 ) -> tuple[int, int]:
-    """Grow the tree from the state `root` by up to `iterations` passes. `actions` [A, 2]: acceleration, lane change.
+    """Grow the tree from the state `root` by up to `iterations` passes. `actions` [A, 3]: acceleration, lane change, 1 where it
+    is tried below the root too.
 
     Returns (passes that simulated to the horizon, passes that ended in a known terminal node). The lower its J, the better a node;
     node values are the best J below (the model is deterministic, and a mean would punish nodes with many bad children: a standing ego).
@@ -214,6 +215,9 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
         k += 1
     if k == tree.child.shape[1]:
         return IMPOSSIBLE
+    if tree.level[node] > 0 and actions[k, 2] == 0.0:
+        tree.child[node, k] = IMPOSSIBLE
+        return IMPOSSIBLE
     state, side = state_of(tree, node), int(actions[k, 1])
     changed = 0.0
     if side != 0:
@@ -253,11 +257,12 @@ def _known(tree: Tree, node: int, action: int, state: State) -> bool:
 
 @kernel
 def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, node: int, line: Floats, rng: Generator) -> float:
-    """J of a continuation to the horizon; `line` receives its accelerations. The first from a node follows, later ones brake or keep first."""
+    """J of a continuation to the horizon; `line` receives its accelerations. The first from a node follows, the second brakes, later ones do
+    something of both, push, or change lanes."""
     state, followers = state_of(tree, node), tree.followers[node]
     gap, leader_v = tree.leader[node, 0], tree.leader[node, 1]
     level, last = tree.level[node], q.look_ahead + q.rollout
-    policy = 0 if tree.visits[node] == 0 else 1 + int(rng.random() * 5.0)
+    policy = min(tree.visits[node], 1) if tree.visits[node] < 2 else 1 + int(rng.random() * 5.0)
     turn = level + int(rng.random() * (last - level)) if policy >= 3 else last
     way = (1 if rng.random() < 0.5 else -1) if policy == 5 else 0
     line[:] = np.nan
