@@ -168,13 +168,16 @@ def make_planner(config: ScenarioConfig) -> Planner:
         case "paper":
             return PaperPlanner(_paper_params(config))
         case "mcts":
-            return MctsPlanner(
-                MctsParams(
-                    p.iterations, np.inf if p.time_budget_ms is None else p.time_budget_ms / 1000.0, p.period_s, p.step_s, p.look_ahead_steps,
-                    p.rollout_steps, p.check_s, p.accelerations_mps2, p.lane_change_accelerations_mps2, p.later_accelerations_mps2,
-                    p.later_lane_change_accelerations_mps2, p.exploration,
-                )
-            )  # fmt: skip
+            return MctsPlanner(mcts_params(config))
+
+
+def mcts_params(config: ScenarioConfig) -> MctsParams:
+    """The search of planner `mcts`."""
+    p = config.planner
+    return MctsParams(
+        p.iterations, np.inf if p.time_budget_ms is None else p.time_budget_ms / 1000.0, p.period_s, p.step_s, p.look_ahead_steps, p.rollout_steps, p.check_s,
+        p.accelerations_mps2, p.lane_change_accelerations_mps2, p.later_accelerations_mps2, p.later_lane_change_accelerations_mps2, p.exploration,
+    )  # fmt: skip
 
 
 def ego_params(config: ScenarioConfig, ego: EgoState, physics: Physics) -> EgoParams:

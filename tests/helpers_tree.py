@@ -11,10 +11,10 @@ import numpy as np
 from helpers import Agent, edges, ego_at, lights
 from helpers_model import lanes_east, local_of, road_with_light, scenario, scene_of, situation_of, task_of
 
-from sumo_mcts.driver import make_planner
+from sumo_mcts.driver import make_planner, mcts_params
 from sumo_mcts.model.local import Local, State
 from sumo_mcts.planners.base import Task
-from sumo_mcts.planners.mcts import root_actions
+from sumo_mcts.planners.mcts import actions_of
 from sumo_mcts.planners.tree import SearchParams, Tree, new_tree, search, search_params
 from sumo_mcts.scene import RED, Decision, EgoState, Floats, RoadMap, Scene
 
@@ -76,7 +76,7 @@ def grow(toy: Toy, iterations: int, seed: int = 1) -> Grown:
     task = task_of(toy.road, toy.scene.ego, config)
     local, root = local_of(task, toy.scene)
     p = config.planner
-    actions = root_actions(p.accelerations_mps2, p.lane_change_accelerations_mps2)
+    actions = actions_of(mcts_params(config))
     q = search_params(task.ego.step, local.dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
     tree = new_tree(iterations + 2, len(actions), p.look_ahead_steps + p.rollout_steps)
     done, known = search(tree, local, task.ego, task.cost, q, actions, root, iterations, np.random.Generator(np.random.PCG64(seed)))
