@@ -13,11 +13,13 @@ import helpers_tree
 import numpy as np
 import pytest
 from helpers import Agent, ego_at, lights
-from helpers_model import lanes_east, road_with_light, scene_of
+from helpers_model import lanes_east, road_with_light, scenario, scene_of, situation_of, task_of
 from helpers_tree import GOLDEN, TOYS, Grown, Toy, before_a_light, decide, grow, mirrored, on_three_lanes, plain, rough, small_trees
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sumo_mcts.driver import make_planner
+from sumo_mcts.planners.mcts import MctsPlanner
 from sumo_mcts.planners.tree import ALIVE, IMPOSSIBLE, LOST, NONE, new_tree, search
 from sumo_mcts.scene import GREEN, RED, Follow
 
@@ -236,3 +238,29 @@ def test_a_light_that_nobody_can_stop_for_is_passed() -> None:
     road = road_with_light()
     toy = Toy(road, scene_of(ego_at(road, "a_0", 192.0, 13.0, route=(0, 2)), road, signals=lights(RED)))
     assert np.min(decide(toy).plan.v) > 11.0
+
+
+def test_the_last_plan_is_carried_on_where_it_is_no_worse() -> None:
+    """Half a period later, in the state that was planned, with one pass only: what was found before is not lost."""
+    toy = TOYS["traffic"]
+    config = scenario("planner.iterations=3000")
+    task = task_of(toy.road, toy.scene.ego, config)
+    planner = make_planner(config)
+    assert isinstance(planner, MctsPlanner)
+    planner.start(task, 1)
+    first = planner.plan(situation_of(task, toy.scene))
+    plan, k = first.plan, 4
+    x, y, c, n = (float(value) for value in plan.pose[k])
+    v, s, lane = float(plan.v[k]), float(plan.s[k]), int(plan.lane[k])
+    ego = toy.scene.ego._replace(x=x, y=y, heading=float(np.arctan2(n, c)), v=v, a=(v - float(plan.v[k - 1])) / 0.1, s=s, lane=lane)
+    assert first.children[first.chosen].lane_change == 0  # the clock of a lane change is none of a plan's business
+    agents = toy.scene.agents
+    later = toy.scene._replace(time=0.5, ego=ego, agents=agents._replace(x=agents.x + 0.5 * agents.v, s=agents.s + 0.5 * agents.v))
+    situation = situation_of(task, later)
+    planner._params = planner._params._replace(iterations=1)
+    second = planner.plan(situation)
+    assert second.reason == "carried on"
+    assert second.plan.v[:70] == pytest.approx(plan.v[5:75], abs=0.3)
+    fresh = make_planner(config)
+    fresh.start(task, 1)
+    assert fresh.plan(situation).reason == "search"

@@ -1,0 +1,79 @@
+"""What a state costs, and who is seen from it: rules that hold whatever the weights are."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import Agent, Lane, build, edges, ego_at
+from helpers_model import lanes_east, local_of, scene_of, task_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sumo_mcts.model.cost import meet, terminal
+from sumo_mcts.model.local import Local, State, chain_gap
+from sumo_mcts.planners.base import Task
+from sumo_mcts.scene import RoadMap
+
+
+def ending_lane(length: float = 500.0) -> RoadMap:
+    """Two lanes of edge a, of which only the left one leads on to edge b."""
+    return build(
+        [
+            Lane("a", 0, ((0.0, -1.6), (length, -1.6))),
+            Lane("a", 1, ((0.0, 1.6), (length, 1.6)), ("b_0",)),
+            Lane("b", 0, ((length, 1.6), (length + 500.0, 1.6))),
+        ]
+    )
+
+
+def view(road: RoadMap, lane: str, s: float, v: float, *agents: Agent) -> tuple[Task, Local, State]:
+    ego = ego_at(road, lane, s, v, route=edges(road, *dict.fromkeys(road.edge_ids)))
+    task = task_of(road, ego)
+    return task, *local_of(task, scene_of(ego, road, *agents))
+
+
+@settings(deadline=None)
+@given(st.floats(50.0, 480.0), st.floats(0.0, 15.0), st.floats(0.0, 200.0), st.floats(0.0, 15.0), st.sampled_from(["a_0", "a_1"]))
+def test_a_metre_more_never_costs_more_than_the_time_it_saves(s: float, v: float, gap: float, leader_v: float, lane: str) -> None:
+    """Else it would pay to stand before a slow leader, or before the end of a lane."""
+    task, local, state = view(ending_lane(), lane, 100.0, 10.0)
+    here, further = (state._replace(s=s + more, v=v) for more in (0.0, 1.0))
+    rise = terminal(local, task.cost, further, gap, leader_v) - terminal(local, task.cost, here, gap + 1.0, leader_v)
+    assert rise <= task.cost.progress / local.limit + 1e-9
+
+
+def test_the_end_of_a_lane_counts_like_somebody_who_stands_there() -> None:
+    task, local, state = view(ending_lane(), "a_0", 400.0, 10.0)
+    at_the_end = terminal(local, task.cost, state._replace(s=498.0, v=0.0), math.inf, 0.0)
+    on_the_other = terminal(local, task.cost, state._replace(node=int(np.flatnonzero(task.route.lane == 1)[0]), s=498.0, v=0.0), math.inf, 0.0)
+    assert at_the_end - on_the_other == pytest.approx(task.cost.progress * task.cost.tail_s, rel=0.05)
+
+
+@pytest.mark.parametrize("length", [100.0, 249.0, 251.0, 2000.0])
+def test_followers_are_seen_over_the_end_of_a_lane_however_long_it_is(length: float) -> None:
+    road = build([Lane("a", 0, ((0.0, 0.0), (length, 0.0)), ("b_0",)), Lane("b", 0, ((length, 0.0), (length + 400.0, 0.0)))])
+    _, local, state = view(road, "b_0", 20.0, 10.0, Agent("f", "a_0", length - 10.0, 10.0))
+    assert chain_gap(local, state.node - 1, length - 10.0, state.node, 20.0) == pytest.approx(30.0)
+    assert local.followers == 1
+
+
+def test_the_changes_to_come_are_known_before_the_lanes_part() -> None:
+    """One lane leads to the rightmost of three, of which only the leftmost goes on."""
+    lanes = [Lane("b", k, ((100.0, 3.2 * k), (300.0, 3.2 * k)), ("c_0",) if k == 2 else ()) for k in range(3)]
+    road = build([Lane("a", 0, ((0.0, 0.0), (100.0, 0.0)), ("b_0",)), *lanes, Lane("c", 0, ((300.0, 6.4), (600.0, 6.4)))])
+    task, local, state = view(road, "a_0", 90.0, 10.0)
+    assert task.route.changes.tolist()[:4] == [0, 2, 1, 0] and task.route.needed.tolist()[:4] == [2, 2, 1, 0]
+    assert local.urgency[state.node - local.first] == local.urgency[state.node + 1 - local.first] > 1.0
+
+
+@pytest.mark.parametrize(("progress", "contact"), [(0.0, False), (0.45, True), (0.52, True), (0.6, False)])
+def test_who_is_beside_the_ego_in_the_lane_that_it_leaves_is_met(progress: float, contact: bool) -> None:
+    """SUMO counts lanes: until the ego counts to the other lane, and a step longer, nobody may be beside it in its own."""
+    road = lanes_east(2, 900.0)
+    task, local, state = view(road, "a_0", 100.0, 10.0, Agent("beside", "a_0", 103.0, 10.0, d=-2.6))
+    if progress == 0.0:  # alone in its lane, with somebody whose box is far aside: the boxes decide
+        assert not meet(local, task.ego, task.cost, state, local.followers, 0.0, 0).contact
+        return
+    first, second = (state.node, state.node + 1) if progress <= 0.5 else (state.node + 1, state.node)
+    changing = state._replace(node=first, other=second, progress=progress)
+    assert meet(local, task.ego, task.cost, changing, local.followers, 0.0, 0).contact == contact
