@@ -1,5 +1,6 @@
 """One ego's mind: which predictor and which planner, and what they need from cycle to cycle. The only place where they are put together."""
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -68,7 +69,7 @@ class Driver:
         self._traffic = _traffic_params(config, physics.step)
         self._route: RouteMap | None = None
         self._edges: tuple[int, ...] = ()
-        self._cleared: frozenset[int] = frozenset()
+        self._stood: dict[int, float] = {}  # node at whose stop sign the ego has stood -> when
         self._plan: Plan | None = None
         self._plan_time = 0.0
 
@@ -81,9 +82,9 @@ class Driver:
         if state is None or route is None:
             self._plan = None
             return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
-        self._note_stop(route, state)
+        self._note_stop(route, state, scene.time)
         forecast = self._forecast(scene, route, state) if self._planner.needs_forecast else None
-        situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), self._cleared)
+        situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), frozenset(self._stood))
         decision = self._planner.plan(situation)
         self._plan, self._plan_time = decision.plan, scene.time
         return Thought(decision, forecast, _ms(began))
@@ -96,14 +97,14 @@ class Driver:
             self._route = None
             return
         params = ego_params(self._config, ego, self._physics)
-        self._edges, self._cleared = ego.route, frozenset()
+        self._edges, self._stood = ego.route, {}
         self._route = route_map(self._road, ego.route, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
         self._planner.start(Task(self._road, self._route, params, cost_params(self._config)), self._seed)
 
-    def _note_stop(self, route: RouteMap, state: State) -> None:
-        """Remember that the ego stood at a stop sign."""
+    def _note_stop(self, route: RouteMap, state: State, now: float) -> None:
+        """Remember when the ego stood at a stop sign."""
         if route.sign[state.node] and state.v < 0.1 and route.length[state.node] - state.s < NEAR_STOP:
-            self._cleared |= {state.node}
+            self._stood.setdefault(state.node, now)
 
     def _forecast(self, scene: Scene, route: RouteMap, state: State) -> Forecast:
         config = self._config
@@ -112,12 +113,13 @@ class Driver:
         seconds = steps * ply + config.cost.claim_s + self._traffic.step
         if config.planner.name == "paper":
             seconds = (config.paper.look_ahead_steps + config.paper.rollout_steps) * max(config.paper.step_s, self._physics.step) + self._traffic.step
+        stood_s = scene.time - self._stood.get(state.node, math.inf)
         scripts: dict[int, Scripted] = {}
         if config.prediction.name == "script" and self._scripts is not None:
             count = int(np.ceil(seconds / self._traffic.step)) + 1
             found = {i: self._scripts(name, scene.time, self._traffic.step, count) for i, name in enumerate(scene.agents.ids)}
             scripts = {i: script for i, script in found.items() if script is not None}
-        return predict(self._road, scene, _ego_lanes(route, state), self._nominal(scene.time), self._traffic, seconds, scripts)
+        return predict(self._road, scene, _ego_lanes(route, state), self._nominal(scene.time), self._traffic, seconds, scripts, stood_s)
 
     def _nominal(self, now: float) -> Floats:
         """[K] speeds of the last plan from now on, at the forecast's times."""

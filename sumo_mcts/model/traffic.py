@@ -12,12 +12,13 @@ import numpy as np
 from sumo_mcts.model.geometry import chord, point_at
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import signal_states
-from sumo_mcts.scene import GREEN, LEFT, RIGHT, STRAIGHT, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene
+from sumo_mcts.scene import ALLWAY, GREEN, LEFT, RIGHT, STOP, STRAIGHT, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene
 
 LANES = 14  # lanes of a path at most
 PATH = 200.0  # m of a path at most
 ASIDE = 0.2  # m off the centre line from which a blinking vehicle is taken to be changing lanes
 CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes
+AT_LINE = 4.0  # m before a stop sign within which standing counts
 FOES = 24  # conflicts looked at for each agent
 
 
@@ -43,8 +44,11 @@ class Paths(NamedTuple):
     count: Ints  # type: ignore[assignment]  # [N] (tuple.count is not missed)
 
 
-def predict(road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams, seconds: float, scripts: dict[int, "Scripted"]) -> Forecast:
-    """Every agent of the scene for `seconds`.
+def predict(
+    road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams, seconds: float, scripts: dict[int, "Scripted"],
+    ego_stood_s: float = -math.inf,
+) -> Forecast:  # fmt: skip
+    """Every agent of the scene for `seconds`; `ego_stood_s`: how long ago the ego came to a stand at the stop line before it.
 
     The ego drives along `ego_lanes` (the present one first) with the speeds `nominal` [K] at multiples of params.step, later by car following:
     the table is conditional on that. `scripts` (an oracle) replaces the forecast of the agents that it names.
@@ -54,7 +58,8 @@ def predict(road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, param
     paths = _paths(road, agents, ego, ego_lanes)
     grid = np.arange(times, dtype=np.float64) * params.step
     x, v, polite = _drive(
-        road, params, paths, *_start(agents, ego), nominal, _red_lights(road, scene, paths, grid), _stays(agents, params), _cruises(agents), times,
+        road, params, paths, *_start(agents, ego), nominal, _red_lights(road, scene, paths, grid), _stays(agents, params), _cruises(agents),
+        np.concatenate([[-ego_stood_s], np.where(agents.standing_s > 0.0, -agents.standing_s, np.inf)]), times,
         _conflicts(road, paths) if params.interacting else None,
     )  # fmt: skip
     pose, lane, s, valid = _poses(road, agents, paths, x, v, times, params.step)
@@ -177,7 +182,7 @@ def _red_lights(road: RoadMap, scene: Scene, paths: Paths, grid: Floats) -> Bool
 def _conflicts(road: RoadMap, paths: Paths) -> tuple[Ints, Ints, Floats]:
     """For each vehicle the others whose paths meet its own where it must yield or where lanes merge.
 
-    Returns foe [N+1, FOES] (-1 beyond the end), kind [N+1, FOES] (1: has to yield, 2: merge with equal right, 3: mutual) and
+    Returns foe [N+1, FOES] (-1 beyond the end), kind [N+1, FOES] (1: has to yield, 2: merge with equal right, 3: mutual, 4: all-way stop) and
     place [N+1, FOES, 4]: begin and end of the shared stretch on its own path and on the foe's, m; the begin of the lane entered is found again by search.
     """
     n = len(paths.lane)
@@ -186,7 +191,7 @@ def _conflicts(road: RoadMap, paths: Paths) -> tuple[Ints, Ints, Floats]:
     place = np.zeros((n, FOES, 4))
     _find_conflicts(
         foe, kind, place, paths.lane, paths.offset, paths.count, np.full(len(road.lane_ids), -1, np.int32), road.conflict_offset, road.conflict_lane,
-        road.conflict_begin, road.conflict_end, road.conflict_other_begin, road.conflict_other_end, road.conflict_merge, road.conflict_yields,
+        road.conflict_begin, road.conflict_end, road.conflict_other_begin, road.conflict_other_end, road.conflict_merge, road.conflict_yields, road.rule == ALLWAY,
     )  # fmt: skip
     return foe, kind, place
 
@@ -194,7 +199,7 @@ def _conflicts(road: RoadMap, paths: Paths) -> tuple[Ints, Ints, Floats]:
 @making_arrays
 def _find_conflicts(
     foe: Ints, kind: Ints, place: Floats, path: Ints, offset: Floats, count: Ints, mark: Ints, first: Ints, other: Ints, begin: Floats, end: Floats,
-    other_begin: Floats, other_end: Floats, merge: Bools, yields: Bools,
+    other_begin: Floats, other_end: Floats, merge: Bools, yields: Bools, allway: Bools,
 ) -> None:  # fmt: skip
     n = len(path)
     used = np.zeros(n, np.int32)
@@ -218,7 +223,7 @@ def _find_conflicts(
                         continue
                     u = used[i]
                     foe[i, u] = j
-                    kind[i, u] = (3 if back else 1) if yields[e] else 2 if not back else 0
+                    kind[i, u] = (4 if allway[lane] else 3 if back else 1) if yields[e] else 2 if not back else 0
                     if kind[i, u] == 0:
                         continue
                     place[i, u, 0], place[i, u, 1] = offset[i, m] + begin[e], offset[i, m] + end[e]
@@ -228,9 +233,16 @@ def _find_conflicts(
             mark[path[j, k]] = -1
 
 
+def _signs(road: RoadMap, paths: Paths) -> Bools:
+    """[N+1, LANES] who enters this lane of the path has to stand first."""
+    sign = (paths.lane >= 0) & np.isin(road.rule[paths.lane], (STOP, ALLWAY)) & (road.signal[paths.lane] < 0)
+    sign[:, 0] = False
+    return np.asarray(sign)
+
+
 def _drive(
-    road: RoadMap, q: TrafficParams, paths: Paths, x: Floats, v: Floats, length: Floats, nominal: Floats, red: Bools, stays: Bools, cruises: Bools, times: int,
-    conflicts: tuple[Ints, Ints, Floats] | None,
+    road: RoadMap, q: TrafficParams, paths: Paths, x: Floats, v: Floats, length: Floats, nominal: Floats, red: Bools, stays: Bools, cruises: Bools,
+    stood: Floats, times: int, conflicts: tuple[Ints, Ints, Floats] | None,
 ) -> tuple[Floats, Floats, Bools]:  # fmt: skip
     """Positions along the paths [T, N+1], speeds [T, N+1], and which agents let the ego pass [N]."""
     xs, vs = np.zeros((times, len(x))), np.zeros((times, len(x)))
@@ -243,7 +255,7 @@ def _drive(
     foe, kind, place = conflicts
     _step_all(
         xs, vs, polite, q, paths.lane, paths.offset, paths.count, length, nominal, red, stays, cruises, np.full(len(road.lane_ids), -1, np.int32), road.speed,
-        foe, kind, place, road.internal,
+        foe, kind, place, road.internal, _signs(road, paths), stood,
     )  # fmt: skip
     return xs, vs, polite[1:]
 
@@ -252,8 +264,10 @@ def _drive(
 def _step_all(
     xs: Floats, vs: Floats, polite: Bools, q: TrafficParams, path: Ints, offset: Floats, count: Ints, length: Floats, nominal: Floats, red: Bools,
     stays: Bools, cruises: Bools, mark: Ints, speed: Floats, foe: Ints, kind: Ints, place: Floats, internal: Bools,
+    sign: Bools, stood: Floats,
 ) -> None:  # fmt: skip
     times, n = xs.shape
+    rank = np.full(n, np.inf)  # when it came to a stand at the stop sign ahead; those inside a junction come before all others
     current = np.zeros(n, np.int32)
     liked = np.full(n, np.inf)
     for t in range(times - 1):
@@ -261,6 +275,7 @@ def _step_all(
         for i in range(n):
             while current[i] < count[i] - 1 and x[i] > offset[i, current[i] + 1]:
                 current[i] += 1
+            rank[i] = _rank(rank[i], sign, path, offset, count, internal, i, current[i], x[i], v[i], t * q.step if t > 0 else min(stood[i], 0.0))
         for i in range(n):
             if count[i] == 0:  # off the road, a pedestrian: straight on
                 xs[t + 1, i], vs[t + 1, i] = x[i] + v[i] * q.step, v[i]
@@ -279,7 +294,9 @@ def _step_all(
                 xs[t + 1, i], vs[t + 1, i] = x[i], 0.0
                 continue
             a = min(a, _red_accel(q, red, path, offset, count, current[i], i, t, x[i], v[i]))
-            a = min(a, _yield_accel(q, foe, kind, place, offset, count, current, length, x, v, i, polite, path, internal, red, t))
+            if math.isinf(rank[i]):
+                a = min(a, _halt(q, v[i], _to_sign(sign, offset, count, i, current[i], x[i])))
+            a = min(a, _yield_accel(q, foe, kind, place, offset, count, current, length, x, v, i, polite, path, internal, red, t, rank))
             speed_next = max(0.0, v[i] + max(a, -8.0) * q.step)
             vs[t + 1, i] = speed_next
             xs[t + 1, i] = x[i] + 0.5 * (v[i] + speed_next) * q.step
@@ -378,9 +395,36 @@ def _red_accel(q: TrafficParams, red: Bools, path: Ints, offset: Floats, count: 
 
 
 @kernel
+def _to_sign(sign: Bools, offset: Floats, count: Ints, i: int, k: int, x: float) -> float:
+    """m to the next stop sign on the path; inf where there is none near."""
+    for m in range(k + 1, count[i]):
+        if offset[i, m] - x > 60.0:
+            break
+        if sign[i, m]:
+            return float(offset[i, m] - x)
+    return math.inf
+
+
+@kernel
+def _rank(
+    rank: float, sign: Bools, path: Ints, offset: Floats, count: Ints, internal: Bools, i: int, k: int, x: float, v: float, now: float
+) -> float:
+    """The time (s from now, negative: ago) since when vehicle i has its turn at the stop sign ahead; inf before it has stood."""
+    if count[i] == 0:
+        return math.inf
+    if internal[path[i, k]]:
+        return -1e9
+    if rank == -1e9:
+        return math.inf
+    if math.isinf(rank) and v < 0.5 and _to_sign(sign, offset, count, i, k, x) < AT_LINE:
+        return now
+    return rank
+
+
+@kernel
 def _yield_accel(
     q: TrafficParams, foe: Ints, kind: Ints, place: Floats, offset: Floats, count: Ints, current: Ints, length: Floats, x: Floats, v: Floats, i: int,
-    polite: Bools, path: Ints, internal: Bools, red: Bools, t: int,
+    polite: Bools, path: Ints, internal: Bools, red: Bools, t: int, rank: Floats,
 ) -> float:  # fmt: skip
     """Stop before a stretch that somebody with the right of way will use, or fall in behind whoever merges first."""
     a = math.inf
@@ -399,7 +443,9 @@ def _yield_accel(
             continue
         if kind[i, u] == 3 and (mine < theirs or (mine == theirs and i < j)):
             continue
-        if v[j] < 0.3 and foe_begin > 1.0:
+        if kind[i, u] == 4 and (rank[i] < rank[j] or (rank[i] == rank[j] and i < j)):
+            continue
+        if v[j] < 0.3 and foe_begin > 1.0 and kind[i, u] != 4:
             continue  # it waits itself
         if _red_before(red, offset, count[j], current[j], j, t, place[i, u, 2]):
             continue
