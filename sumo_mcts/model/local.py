@@ -113,13 +113,14 @@ def build_local(
     driven = np.zeros_like(v)
     driven[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * forecast.dt, axis=0)
     closed = _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel)
+    followers = _followers(node[0], s[0], forecast.reacts, ahead, state, first)
     return Local(
         route.table, route.rows, closed, ahead,
         _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven]),
         np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields]).astype(np.float64),
-        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven), first, float(route.limit[state.node]),
+        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, followers), first, float(route.limit[state.node]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
-        _followers(node[0], s[0], forecast.reacts, ahead, state, first), ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
+        followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
     )  # fmt: skip
 
 
@@ -137,14 +138,19 @@ def _is_free(route: RouteMap, closed: NDArray[np.uint8], first: int, state: Stat
 
 
 def _duties(
-    road: RoadMap, route: RouteMap, first: int, last: int, here: float, forecast: Forecast, hypothesis: int, lane: Ints, s: Floats, driven: Floats
-) -> Floats:
-    """[K, 5] the coming meetings with agents that have the right of way, inside the junctions of the next JUNCTION_VIEW metres."""
+    road: RoadMap, route: RouteMap, first: int, last: int, here: float, forecast: Forecast, hypothesis: int, lane: Ints, s: Floats, driven: Floats,
+    followers: int,
+) -> Floats:  # fmt: skip
+    """[K, 5] the coming meetings with agents that have the right of way, inside the junctions of the next JUNCTION_VIEW metres.
+
+    Whoever follows the ego has none: it cannot come before the ego has gone on.
+    """
+    lets_pass = forecast.yields | np.array([i < 63 and bool(followers >> i & 1) for i in range(len(forecast.yields))], np.bool_)
     nodes = np.arange(first, last)
     near = route.internal[nodes] & (route.station[nodes] < here + JUNCTION_VIEW) & (route.station[nodes] > here - JUNCTION_VIEW)
     rows = np.zeros((256, 5))
     used = _find_duties(
-        rows, nodes[near], route.lane, lane, s, driven, forecast.valid[hypothesis], forecast.yields, road.conflict_offset, road.conflict_lane,
+        rows, nodes[near], route.lane, lane, s, driven, forecast.valid[hypothesis], lets_pass, road.conflict_offset, road.conflict_lane,
         road.conflict_end, road.conflict_other_begin, road.conflict_yields, road.conflict_merge,
     )  # fmt: skip
     return rows[:used]

@@ -58,7 +58,8 @@ def predict(
     paths = _paths(road, agents, ego, ego_lanes)
     grid = np.arange(times, dtype=np.float64) * params.step
     x, v, polite = _drive(
-        road, params, paths, *_start(agents, ego), nominal, _red_lights(road, scene, paths, grid), _stays(agents, params), _cruises(agents),
+        road, params, params._replace(accel=min(params.accel, ego.max_accel)), paths, *_start(agents, ego), nominal,
+        _red_lights(road, scene, paths, grid), _stays(agents, params), _cruises(agents),
         np.concatenate([[-ego_stood_s], np.where(agents.standing_s > 0.0, -agents.standing_s, np.inf)]), times,
         _conflicts(road, paths) if params.interacting else None,
     )  # fmt: skip
@@ -191,7 +192,8 @@ def _conflicts(road: RoadMap, paths: Paths) -> tuple[Ints, Ints, Floats]:
     place = np.zeros((n, FOES, 4))
     _find_conflicts(
         foe, kind, place, paths.lane, paths.offset, paths.count, np.full(len(road.lane_ids), -1, np.int32), road.conflict_offset, road.conflict_lane,
-        road.conflict_begin, road.conflict_end, road.conflict_other_begin, road.conflict_other_end, road.conflict_merge, road.conflict_yields, road.rule == ALLWAY,
+        road.conflict_begin, road.conflict_end, road.conflict_other_begin, road.conflict_other_end, road.conflict_merge, road.conflict_yields,
+        road.rule == ALLWAY,
     )  # fmt: skip
     return foe, kind, place
 
@@ -241,10 +243,11 @@ def _signs(road: RoadMap, paths: Paths) -> Bools:
 
 
 def _drive(
-    road: RoadMap, q: TrafficParams, paths: Paths, x: Floats, v: Floats, length: Floats, nominal: Floats, red: Bools, stays: Bools, cruises: Bools,
+    road: RoadMap, q: TrafficParams, own: TrafficParams, paths: Paths, x: Floats, v: Floats, length: Floats, nominal: Floats,
+    red: Bools, stays: Bools, cruises: Bools,
     stood: Floats, times: int, conflicts: tuple[Ints, Ints, Floats] | None,
 ) -> tuple[Floats, Floats, Bools]:  # fmt: skip
-    """Positions along the paths [T, N+1], speeds [T, N+1], and which agents let the ego pass [N]."""
+    """Positions along the paths [T, N+1], speeds [T, N+1], and which agents let the ego pass [N]. `own`: the parameters of the ego, row 0."""
     xs, vs = np.zeros((times, len(x))), np.zeros((times, len(x)))
     xs[0], vs[0] = x, v
     polite = np.zeros(len(x), np.bool_)
@@ -254,7 +257,7 @@ def _drive(
         return xs, vs, polite[1:]
     foe, kind, place = conflicts
     _step_all(
-        xs, vs, polite, q, paths.lane, paths.offset, paths.count, length, nominal, red, stays, cruises, np.full(len(road.lane_ids), -1, np.int32), road.speed,
+        xs, vs, polite, q, own, paths.lane, paths.offset, paths.count, length, nominal, red, stays, cruises, np.full(len(road.lane_ids), -1, np.int32), road.speed,
         foe, kind, place, road.internal, _signs(road, paths), stood,
     )  # fmt: skip
     return xs, vs, polite[1:]
@@ -262,7 +265,7 @@ def _drive(
 
 @making_arrays
 def _step_all(
-    xs: Floats, vs: Floats, polite: Bools, q: TrafficParams, path: Ints, offset: Floats, count: Ints, length: Floats, nominal: Floats, red: Bools,
+    xs: Floats, vs: Floats, polite: Bools, q: TrafficParams, own: TrafficParams, path: Ints, offset: Floats, count: Ints, length: Floats, nominal: Floats, red: Bools,
     stays: Bools, cruises: Bools, mark: Ints, speed: Floats, foe: Ints, kind: Ints, place: Floats, internal: Bools,
     sign: Bools, stood: Floats,
 ) -> None:  # fmt: skip
@@ -284,12 +287,13 @@ def _step_all(
                 vs[t + 1, 0] = nominal[t]
                 xs[t + 1, 0] = x[0] + nominal[t] * q.step
                 continue
+            p = own if i == 0 else q
             gap, leader_v = _leader(path, offset, count, length, mark, current, x, v, i)
             if t == 0 and cruises[i] and gap > 10.0 + 3.0 * v[i]:
                 liked[i] = v[i]
-            a = _free(q, path, offset, count, speed, i, current[i], x[i], v[i], liked[i])
+            a = _free(p, path, offset, count, speed, i, current[i], x[i], v[i], liked[i])
             if not math.isinf(gap):
-                a = min(a, _follow(q, v[i], gap, leader_v, a))
+                a = min(a, _follow(p, v[i], gap, leader_v, a))
             if stays[i] and v[i] < 0.1 and gap > 4.0 and not _red_ahead(red, current[i], count[i], i, 0, offset, x[i]):
                 xs[t + 1, i], vs[t + 1, i] = x[i], 0.0
                 continue
@@ -406,9 +410,7 @@ def _to_sign(sign: Bools, offset: Floats, count: Ints, i: int, k: int, x: float)
 
 
 @kernel
-def _rank(
-    rank: float, sign: Bools, path: Ints, offset: Floats, count: Ints, internal: Bools, i: int, k: int, x: float, v: float, now: float
-) -> float:
+def _rank(rank: float, sign: Bools, path: Ints, offset: Floats, count: Ints, internal: Bools, i: int, k: int, x: float, v: float, now: float) -> float:
     """The time (s from now, negative: ago) since when vehicle i has its turn at the stop sign ahead; inf before it has stood."""
     if count[i] == 0:
         return math.inf

@@ -15,7 +15,7 @@ from sumo_mcts.config import load
 from sumo_mcts.episode import run_episode
 from sumo_mcts.model.local import signal_states
 from sumo_mcts.model.traffic import TrafficParams, predict
-from sumo_mcts.scene import GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, RoadMap, Scene, Signals
+from sumo_mcts.scene import ALLWAY, GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, RoadMap, Scene, Signals
 
 STEP = 0.2  # s between forecast times
 
@@ -208,6 +208,43 @@ def test_whoever_yields_to_the_ego_is_polite() -> None:
     assert forecast_of(task_of(road, ego), scene, params=traffic_params(interacting=False)).yields.tolist() == [False]
     too_fast = scene_of(ego, road, Agent("n", "si_0", 84.0, 14.0))
     assert forecast_of(task_of(road, ego), too_fast).yields.tolist() == [False]
+
+
+def all_way_stop() -> RoadMap:
+    """The crossing without a bridge, with a stop sign on every arm: whoever came first goes first."""
+    road = crossing(bridge=False)
+    inside = np.array([road.lane_ids.index(name) for name in (":we_0", ":sn_0", ":wn_0")])
+    rule = road.rule.copy()
+    rule[inside] = ALLWAY
+    return road._replace(rule=rule, conflict_yields=np.ones_like(road.conflict_yields))
+
+
+def test_at_a_stop_sign_everybody_stands_first() -> None:
+    _, forecast = predicted(all_way_stop(), Agent("n", "si_0", 50.0, 10.0), ego="no_0", seconds=14.0)
+    north = forecast.v[0, :, 0]
+    stands = int(np.argmin(north))
+    assert north[stands] < 0.5 and forecast.s[0, stands, 0] > 85.0 and forecast.lane[0, stands, 0] == 1
+    assert north[-1] > 5.0 and forecast.lane[0, -1, 0] == 3
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_at_an_all_way_stop_who_stood_first_goes_first(first: int) -> None:
+    road = all_way_stop()
+    agents = Agent("w", "wi_0", 88.0, 0.0), Agent("n", "si_0", 88.0, 0.0)
+    _, forecast = predicted(road, *agents, ego="no_0", standing_s=[1.5 - first, 0.5 + first])
+    entered = [int(np.argmax(road.internal[forecast.lane[0, :, i]])) for i in (0, 1)]
+    assert 0 < entered[first] < entered[1 - first]
+
+
+def test_an_ego_that_stands_has_its_turn_before_those_who_come_later() -> None:
+    road = all_way_stop()
+    ego = ego_at(road, "wi_0", 88.0, 0.0, route=(0, 2))
+    for distance, lets_pass in ((60.0, True), (88.0, False)):
+        coming = Agent("n", "si_0", distance, 10.0 if lets_pass else 0.0)
+        scene = scene_of(ego, road, coming)
+        if not lets_pass:
+            scene = scene._replace(agents=scene.agents._replace(standing_s=np.array([1.0])))
+        assert forecast_of(task_of(road, ego), scene).yields.tolist() == [lets_pass]
 
 
 phases = st.integers(1, 6).flatmap(
