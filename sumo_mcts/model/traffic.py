@@ -244,8 +244,7 @@ def _signs(road: RoadMap, paths: Paths) -> Bools:
 
 def _drive(
     road: RoadMap, q: TrafficParams, own: TrafficParams, paths: Paths, x: Floats, v: Floats, length: Floats, nominal: Floats,
-    red: Bools, stays: Bools, cruises: Bools,
-    stood: Floats, times: int, conflicts: tuple[Ints, Ints, Floats] | None,
+    red: Bools, stays: Bools, cruises: Bools, stood: Floats, times: int, conflicts: tuple[Ints, Ints, Floats] | None,
 ) -> tuple[Floats, Floats, Bools]:  # fmt: skip
     """Positions along the paths [T, N+1], speeds [T, N+1], and which agents let the ego pass [N]. `own`: the parameters of the ego, row 0."""
     xs, vs = np.zeros((times, len(x))), np.zeros((times, len(x)))
@@ -257,7 +256,8 @@ def _drive(
         return xs, vs, polite[1:]
     foe, kind, place = conflicts
     _step_all(
-        xs, vs, polite, q, own, paths.lane, paths.offset, paths.count, length, nominal, red, stays, cruises, np.full(len(road.lane_ids), -1, np.int32), road.speed,
+        xs, vs, polite, q, own, paths.lane, paths.offset, paths.count, length, nominal, red, stays, cruises, np.full(len(road.lane_ids), -1,
+    np.int32), road.speed,
         foe, kind, place, road.internal, _signs(road, paths), stood,
     )  # fmt: skip
     return xs, vs, polite[1:]
@@ -265,7 +265,8 @@ def _drive(
 
 @making_arrays
 def _step_all(
-    xs: Floats, vs: Floats, polite: Bools, q: TrafficParams, own: TrafficParams, path: Ints, offset: Floats, count: Ints, length: Floats, nominal: Floats, red: Bools,
+    xs: Floats, vs: Floats, polite: Bools, q: TrafficParams, own: TrafficParams, path: Ints, offset: Floats, count: Ints, length: Floats,
+    nominal: Floats, red: Bools,
     stays: Bools, cruises: Bools, mark: Ints, speed: Floats, foe: Ints, kind: Ints, place: Floats, internal: Bools,
     sign: Bools, stood: Floats,
 ) -> None:  # fmt: skip
