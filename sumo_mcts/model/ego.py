@@ -12,7 +12,7 @@ LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a ste
 FOLLOW = 99.0  # in place of an acceleration: car following
 FREE, RED_LINE, GOAL = range(3)
 BEGUN = 1e-12  # progress of a lane change that is about to begin
-STRAIGHT = 0.003  # rad of turn that nobody sees
+UNTURNED = 0.003  # rad of turn that nobody sees
 HALF = 0.5 + 1e-9  # progress beyond which the new lane counts; at half time itself SUMO's rounding decides
 
 
@@ -152,7 +152,7 @@ def _turned(local: Local, p: EgoParams, before: State, moved: float) -> float:
     if before.progress > 0.0 and before.other >= 0 and p.change_duration > 0.0:
         other = _to_the_left(local, before.node, before.other, before.s)
         left = (other if before.progress <= HALF else -other) * min(p.step / p.change_duration, 1.0 - before.progress)
-    elif abs(before.turn) < STRAIGHT:
+    elif abs(before.turn) < UNTURNED:
         return 0.0
     return swung(before.turn, moved, left, 2.0 * p.half_length)
 

@@ -227,6 +227,7 @@ def _caps(nxt: Indices, row: Indices, length: Floats, limit: Floats, goal: Bools
 
 @kernel
 def lane_pose(table: Floats, row: Floats, node: int, s: float) -> tuple[float, float, float, float]:
+    """Centre x, y, cos and sin of the heading of a box in the middle of its lane, its front at s; `table` and `row` as in RouteMap."""
     first, last = int(table[node, FIRST_ROW]), int(table[node, LAST_ROW])
     position = max(s, 0.0) / SPACING
     k = min(int(position), last - first - 1)

@@ -256,9 +256,8 @@ def _drive(
         return xs, vs, polite[1:]
     foe, kind, place = conflicts
     _step_all(
-        xs, vs, polite, q, own, paths.lane, paths.offset, paths.count, length, nominal, red, stays, cruises, np.full(len(road.lane_ids), -1,
-    np.int32), road.speed,
-        foe, kind, place, road.internal, _signs(road, paths), stood,
+        xs, vs, polite, q, own, paths.lane, paths.offset, paths.count, length, nominal, red, stays, cruises,
+        np.full(len(road.lane_ids), -1, np.int32), road.speed, foe, kind, place, road.internal, _signs(road, paths), stood,
     )  # fmt: skip
     return xs, vs, polite[1:]
 
@@ -266,8 +265,7 @@ def _drive(
 @making_arrays
 def _step_all(
     xs: Floats, vs: Floats, polite: Bools, q: TrafficParams, own: TrafficParams, path: Ints, offset: Floats, count: Ints, length: Floats,
-    nominal: Floats, red: Bools,
-    stays: Bools, cruises: Bools, mark: Ints, speed: Floats, foe: Ints, kind: Ints, place: Floats, internal: Bools,
+    nominal: Floats, red: Bools, stays: Bools, cruises: Bools, mark: Ints, speed: Floats, foe: Ints, kind: Ints, place: Floats, internal: Bools,
     sign: Bools, stood: Floats,
 ) -> None:  # fmt: skip
     times, n = xs.shape
