@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,8 +14,10 @@ import pytest
 from PIL import Image
 
 EPISODE = """
+import faulthandler
 import sys
 import libsumo
+faulthandler.dump_traceback_later(100)  # should it hang, the report says where
 from sumo_mcts import assets, config
 from sumo_mcts.episode import run_episode
 from sumo_mcts.world import gui
@@ -58,7 +61,11 @@ def run(command: list[str], display: str | None) -> subprocess.CompletedProcess[
 
 def test_runs_and_shows_the_plan(display: str, tmp_path: Path) -> None:
     picture = tmp_path / "view.png"
-    result = run(["-c", EPISODE, str(picture)], display)
+    try:
+        result = run(["-c", EPISODE, str(picture)], display)
+    except subprocess.TimeoutExpired as late:  # seen once in a hundred runs, on a busy machine; twice in a row is a failure
+        warnings.warn(f"SUMO's window hung: {late.stderr}", stacklevel=1)
+        result = run(["-c", EPISODE, str(picture)], display)
     assert result.returncode == 0, result.stderr
     assert "timeout" in result.stdout
     assert "plan of ego" in result.stdout
