@@ -160,7 +160,7 @@ def test_looked_at_is_the_state_3_s_before_or_the_take_over() -> None:
     assert answers == {False, True}
 
 
-def test_unknown_where_the_ego_goes_nostate_knows_where() -> None:
+def test_unknown_where_the_ego_goes_nobody_knows_where() -> None:
     road = lanes_east(2)
     asked = hindsight(road, ego_at(road, "a_0", 100.0))
     asked._scenes[0] = asked._scenes[0]._replace(ego=ego_at(road, "a_0", 100.0)._replace(lane=-1))
@@ -232,7 +232,7 @@ def test_cells_hide_no_way_out() -> None:
     assert sum(coarse != fine for coarse, fine in pairs) <= 2
 
 
-def test_the_way_out_touches_nostate_when_it_is_driven() -> None:
+def test_the_way_out_touches_nobody_when_it_is_driven() -> None:
     road = lanes_east(3, 1000.0, 30.0)
     ego = ego_at(road, "a_1", 300.0, 18.0)
     local, p, root, choice, home, ply, plies, looks, cell = question(hindsight(road, ego, Car(345.0, 0.0), Car(335.0, WIDTH, 4.0), Car(240.0, 0.0, 25.0)))

@@ -153,7 +153,7 @@ def test_where_lanes_and_their_shapes_differ_in_length() -> None:
 
 @pytest.mark.parametrize(("name", "seed"), [(STRAIGHT, 1), (STRAIGHT, 4), ("highway-exit", 1), (CROSSING, 1)])
 def test_a_way_out_is_one_in_sumo(name: str, seed: int) -> None:
-    """What the reference of inevitable collisions finds, driven: the box is where it was expected, turned as it was, and touches nostate."""
+    """What the reference of inevitable collisions finds, driven: the box is where it was expected, turned as it was, and touches nobody."""
     with mock.patch.object(inevitable, "way_out", wraps=inevitable.way_out) as search:
         loop = Loop(load(scenario_path(f"{name}-scripted")), seed)
         loop.start()
