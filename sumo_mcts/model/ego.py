@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from sumo_mcts.model.geometry import swung
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import Local, State
+from sumo_mcts.model.local import Local, State, index_at
 from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, REACH, RIGHT_NODE, SPACING, STOP_LINE, lane_pose
 
 LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a step where that is longer
@@ -131,12 +131,17 @@ def begin_change(local: Local, p: EgoParams, state: State, side: int) -> State:
 
 
 @kernel
+def towards_other(state: State) -> float:
+    """Share of the way from the ego's lane to the other one of its lane change at which its front is."""
+    return state.progress if state.progress <= HALF else 1.0 - state.progress
+
+
+@kernel
 def pose_of(local: Local, p: EgoParams, state: State, back: float) -> tuple[float, float, float, float]:
     """Centre x, y, cos and sin of the heading of the ego's box, its front `back` metres before the state (for states inside a step)."""
     x, y, c, n = lane_pose(local.node, local.row, state.node, state.s - back)
     if state.progress > 0.0 and state.other >= 0:
-        share = state.progress if state.progress <= HALF else 1.0 - state.progress
-        left = share * _to_the_left(local, state.node, state.other, state.s - back)
+        left = towards_other(state) * _to_the_left(local, state.node, state.other, state.s - back)
         x, y = x - left * n, y + left * c
     if state.turn == 0.0:
         return x, y, c, n
@@ -206,7 +211,7 @@ def is_closed(local: Local, node: int, time: float) -> bool:
     i = node - local.first
     if i < 0 or i >= local.closed.shape[0] or local.node[node, STOP_LINE] == 0.0:
         return False
-    return local.closed[i, min(int(time / local.dt + 0.5), local.closed.shape[1] - 1)] != 0
+    return local.closed[i, min(index_at(local, time), local.closed.shape[1] - 1)] != 0
 
 
 @kernel

@@ -244,6 +244,12 @@ def signal_states(signals: Signals, signal: int, link: int, grid: Floats) -> Int
 
 
 @kernel
+def index_at(local: Local, time: float) -> int:
+    """The forecast time nearest to `time` (s from now); it may lie beyond the last one."""
+    return int(time / local.dt + 0.5)
+
+
+@kernel
 def chain_gap(local: Local, node: int, s: float, other_node: int, other_s: float) -> float:
     """m from (node, s) forward along the lane's chain to (other_node, other_s); inf where that is not on it."""
     i, j = node - local.first, other_node - local.first

@@ -18,6 +18,7 @@ LANES = 14  # lanes of a path at most
 PATH = 200.0  # m of a path at most
 ASIDE = 0.2  # m off the centre line from which a blinking vehicle is taken to be changing lanes
 CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes
+INSIDE = -1e9  # rank of whoever is inside a junction
 AT_LINE = 4.0  # m before a stop sign within which standing counts
 FOES = 24  # conflicts looked at for each agent
 
@@ -414,8 +415,8 @@ def _rank(rank: float, sign: Bools, path: Ints, offset: Floats, count: Ints, int
     if count[i] == 0:
         return math.inf
     if internal[path[i, k]]:
-        return -1e9
-    if rank == -1e9:
+        return INSIDE
+    if rank == INSIDE:
         return math.inf
     if math.isinf(rank) and v < 0.5 and _to_sign(sign, offset, count, i, k, x) < AT_LINE:
         return now

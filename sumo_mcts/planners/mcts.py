@@ -9,7 +9,7 @@ import numpy as np
 from sumo_mcts.model.ego import FOLLOW
 from sumo_mcts.model.local import Local, State, build_local
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.tree import ALIVE, ARRIVED, SearchParams, Tree, new_tree, replay, search, search_params
+from sumo_mcts.planners.tree import ALIVE, ARRIVED, SearchParams, Tree, entry_of, new_tree, replay, search, search_params, side_of
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
 
 STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow (measures: yellow_run)
@@ -39,7 +39,7 @@ class Way(NamedTuple):
 
     child: RootChild
     plan: Plan
-    line: Floats  # [steps] 1000 * lane change + acceleration
+    line: Floats  # [steps] entries (see tree.entry_of)
 
 
 class MctsPlanner:
@@ -119,14 +119,13 @@ def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Fl
 def _carried(local: Local, task: Task, q: SearchParams, state: State, line: Floats, period_s: float) -> Way | None:
     """The last plan carried on, if that is possible without a contact. Its half-driven actions are none that the tree could try."""
     later = line[1 : round(period_s / task.ego.step)]
-    if not len(line) or np.any(np.abs(later) > 500.0):  # a lane change begins with a decision period or not at all
+    if not len(line) or any(side_of(entry) for entry in later):  # a lane change begins with a decision period or not at all
         return None
     plan, terms, end = follow_line(local, task, q, state, line)
     if end not in (ALIVE, ARRIVED):
         return None
-    side = round(line[0] / 1000.0) if abs(line[0]) > 500.0 else 0
     cost = float(terms.sum())
-    return Way(RootChild(_first_accel(plan, state.v, q.ply * task.ego.step), side, 0, cost, cost, terms, plan.pose), plan, line)
+    return Way(RootChild(_first_accel(plan, state.v, q.ply * task.ego.step), side_of(line[0]), 0, cost, cost, terms, plan.pose), plan, line)
 
 
 def _first_accel(plan: Plan, v: float, seconds: float) -> float:
@@ -138,11 +137,10 @@ def _first_accel(plan: Plan, v: float, seconds: float) -> float:
 def _steps(line: Floats, action: Floats, end: int, ply: int) -> Floats:
     """A sequence of actions of the tree as one entry a simulation step; it certainly starts with its own action."""
     line = line.copy()
-    line[0] = action[0] + 1000.0 * action[1]
+    line[0] = entry_of(action[0], action[1])
     line = line[: 1 if end != ALIVE else len(line) if not np.isnan(line).any() else int(np.argmax(np.isnan(line)))]
-    side = np.where(np.abs(line) > 500.0, np.round(line / 1000.0), 0.0)
-    steps = np.repeat(line - 1000.0 * side, ply)
-    steps[::ply] += 1000.0 * side
+    steps = np.repeat([entry_of(entry, -side_of(entry)) for entry in line], ply)
+    steps[::ply] = line
     return steps
 
 

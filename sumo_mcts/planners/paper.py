@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from sumo_mcts.model.ego import FREE, GOAL, HALF, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of
+from sumo_mcts.model.ego import FREE, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of, towards_other
 from sumo_mcts.model.geometry import box_distance
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, build_local
+from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, build_local, index_at
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
@@ -323,7 +323,7 @@ def _ply(local: Local, p: EgoParams, w: Weights, state: State, accel: float, gui
 def _nearest(local: Local, p: EgoParams, state: State, time: float) -> float:
     """Distance between the boxes of the ego and of the nearest agent, m; 0 at contact."""
     x, y, c, s = pose_of(local, p, state, 0.0)
-    now = min(int(time / local.dt + 0.5), local.agent.shape[0] - 1)
+    now = min(index_at(local, time), local.agent.shape[0] - 1)
     nearest = math.inf
     for i in range(local.agent.shape[1]):
         if local.agent[now, i, NODE] == GONE or (i < 63 and (local.followers >> i) & 1):
@@ -341,8 +341,7 @@ def _aside(guide: Guide, state: State) -> float:
     here = guide.aside[state.node]
     if state.progress <= 0.0 or state.other < 0:
         return float(here)
-    share = state.progress if state.progress <= HALF else 1.0 - state.progress
-    return float(here + share * (guide.aside[state.other] - here))
+    return float(here + towards_other(state) * (guide.aside[state.other] - here))
 
 
 @kernel

@@ -9,7 +9,7 @@ from numpy.random import Generator
 from sumo_mcts.model.cost import CostParams, contact_cost, meet, place_is_free, step_comfort, step_passability, terminal
 from sumo_mcts.model.ego import FOLLOW, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import Local, State
+from sumo_mcts.model.local import Local, State, index_at
 from sumo_mcts.model.route import LIMIT, Indices
 from sumo_mcts.scene import Bools, Floats
 
@@ -46,7 +46,7 @@ class Tree(NamedTuple):
     followers: Indices  # [M] int64
     leader: Floats  # [M, 2] gap (m) and speed of the leader
     cost: Floats  # [M, 4] safety, comfort, passability, other, from the root
-    plan: Floats  # [A, plies] for each root action the best sequence: 1000 * lane change + acceleration
+    plan: Floats  # [A, plies] for each root action the best sequence of entries (see entry_of)
     line: Floats  # [plies] scratch
     used: Indices  # [1] nodes in use
 
@@ -83,6 +83,18 @@ def new_tree(size: int, actions: int, plies: int) -> Tree:
 
 
 @kernel
+def entry_of(accel: float, side: float) -> float:
+    """An action of a sequence as one number: acceleration (m/s2) and lane change (-1, 0, 1)."""
+    return accel + 1000.0 * side
+
+
+@kernel
+def side_of(entry: float) -> int:
+    """The lane change of an entry."""
+    return int(round(entry / 1000.0)) if abs(entry) > 500.0 else 0
+
+
+@kernel
 def simulate(
     local: Local, p: EgoParams, c: CostParams, q: SearchParams, state: State, followers: int, gap: float, leader_v: float, accel: float, at: int
 ) -> Ply:
@@ -105,7 +117,7 @@ def simulate(
             share = (r + 1.0) / checks
             back = (1.0 - share) * state.v * p.step if q.check == 0 else 0.0
             moment = time + share * p.step
-            meeting = meet(local, p, c, state, followers, back, int(moment / local.dt + 0.5))
+            meeting = meet(local, p, c, state, followers, back, index_at(local, moment))
             followers, gap, leader_v = meeting.followers, meeting.gap, meeting.leader_v
             safety += meeting.rate * local.dt + meeting.once
             if meeting.contact:
@@ -221,7 +233,7 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     state, side = state_of(tree, node), int(actions[k, 1])
     changed = 0.0
     if side != 0:
-        if not _may_change(local, p, c, state, side, int(tree.level[node] * q.ply * p.step / local.dt + 0.5)):
+        if not _may_change(local, p, c, state, side, tree.level[node] * q.ply * p.step):
             tree.child[node, k] = IMPOSSIBLE
             return IMPOSSIBLE
         state = begin_change(local, p, state, side)
@@ -262,7 +274,7 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
     state, followers = state_of(tree, node), tree.followers[node]
     gap, leader_v = tree.leader[node, 0], tree.leader[node, 1]
     level, last = tree.level[node], q.look_ahead + q.rollout
-    policy = min(tree.visits[node], 1) if tree.visits[node] < 2 else 1 + int(rng.random() * 5.0)
+    policy = tree.visits[node] if tree.visits[node] < 2 else 1 + int(rng.random() * 5.0)
     turn = level + int(rng.random() * (last - level)) if policy >= 3 else last
     way = (1 if rng.random() < 0.5 else -1) if policy == 5 else 0
     line[:] = np.nan
@@ -277,9 +289,9 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
             accel = p.max_accel
         line[k] = accel
         side = way if k == turn and way != 0 else _needed_side(local, state)
-        if side != 0 and _may_change(local, p, c, state, side, int(k * q.ply * p.step / local.dt + 0.5)):
+        if side != 0 and _may_change(local, p, c, state, side, k * q.ply * p.step):
             state = begin_change(local, p, state, side)
-            line[k] = accel + 1000.0 * side
+            line[k] = entry_of(accel, side)
             j += c.lane_change
         ply = simulate(local, p, c, q, state, followers, gap, leader_v, accel, k * q.ply)
         j += ply.safety + ply.comfort + ply.passability
@@ -301,9 +313,9 @@ def _needed_side(local: Local, state: State) -> int:
 
 
 @kernel
-def _may_change(local: Local, p: EgoParams, c: CostParams, state: State, side: int, index: int) -> bool:
-    """Whether a lane change may begin at forecast time `index`: the road allows it and the place is free."""
-    return can_change(local, p, state, side) and place_is_free(local, p, c, begin_change(local, p, state, side), index)
+def _may_change(local: Local, p: EgoParams, c: CostParams, state: State, side: int, time: float) -> bool:
+    """Whether a lane change may begin at `time` (s from now): the road allows it and the place is free."""
+    return can_change(local, p, state, side) and place_is_free(local, p, c, begin_change(local, p, state, side), index_at(local, time))
 
 
 @kernel
@@ -336,7 +348,7 @@ def _trace_back(tree: Tree, actions: Floats, node: int, row: int) -> None:
     """Fill the part of a sequence that lies in the tree with 1000 * lane change + acceleration."""
     while tree.parent[node] != NONE:
         k = _action_of(tree, tree.parent[node], node)
-        tree.plan[row, tree.level[node] - 1] = actions[k, 0] + 1000.0 * actions[k, 1]
+        tree.plan[row, tree.level[node] - 1] = entry_of(actions[k, 0], actions[k, 1])
         node = tree.parent[node]
 
 
@@ -363,7 +375,7 @@ def _bury(tree: Tree, node: int) -> None:
 def replay(
     local: Local, p: EgoParams, c: CostParams, q: SearchParams, root: State, line: Floats, lanes: Indices, motion: Floats, pose: Floats, terms: Floats
 ) -> tuple[int, int]:
-    """Drive a sequence of M steps (each 1000 * lane change + acceleration) and write down every one of them.
+    """Drive a sequence of M steps (entries, see entry_of) and write down every one of them.
 
     lanes [M] node, motion [M, 2] s and v, pose [M, 4]; terms [5] receives safety, comfort, passability, other and loss. Returns the number of
     steps written and how it ended: ALIVE at the end of the sequence, LOST, ARRIVED, or IMPOSSIBLE where a lane change cannot begin.
@@ -373,13 +385,13 @@ def replay(
     one = SearchParams(1, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon)
     terms[:] = 0.0
     for at in range(len(line)):
-        side = int(round(line[at] / 1000.0)) if abs(line[at]) > 500.0 else 0
+        side = side_of(line[at])
         if side != 0:
-            if not _may_change(local, p, c, state, side, int(at * p.step / local.dt + 0.5)):
+            if not _may_change(local, p, c, state, side, at * p.step):
                 return at, IMPOSSIBLE
             state = begin_change(local, p, state, side)
             terms[3] += c.lane_change
-        ply = simulate(local, p, c, one, state, followers, gap, leader_v, line[at] - 1000.0 * side, at)
+        ply = simulate(local, p, c, one, state, followers, gap, leader_v, entry_of(line[at], -side), at)
         state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
         terms[0] += ply.safety
         terms[1] += ply.comfort
