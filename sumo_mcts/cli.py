@@ -1,8 +1,10 @@
 """The front door: commands, no logic. Heavy imports wait until a command needs them, so that --help is quick."""
 
+import _thread
 import json
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -138,6 +140,7 @@ def main() -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGINT, interrupt)
+    sys.unraisablehook = _interrupt_again
     try:
         status = app(standalone_mode=False)
     except (Exception, KeyboardInterrupt) as error:
@@ -147,6 +150,19 @@ def main() -> None:
         status = INTERRUPTED
         typer.echo("interrupted", err=True)
     sys.exit(status)
+
+
+def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
+    """An interrupt that came in a finalizer or a callback from compiled code ends nothing: another one follows, once that is over."""
+
+    def later() -> None:
+        time.sleep(0.02)
+        _thread.interrupt_main()
+
+    if unraisable.exc_type is KeyboardInterrupt:
+        _thread.start_new_thread(later, ())
+    else:
+        sys.__unraisablehook__(unraisable)
 
 
 def _usage_status(error: BaseException) -> int:

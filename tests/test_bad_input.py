@@ -234,6 +234,33 @@ def test_interrupted(after_s: float, tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+IN_A_CALLBACK = """
+import ctypes, signal, sys, time
+from sumo_mcts import cli
+
+@ctypes.CFUNCTYPE(None)
+def callback():
+    signal.raise_signal(signal.SIGINT)
+    time.sleep(0.0)
+
+def app(standalone_mode):
+    callback()
+    for _ in range(300):
+        time.sleep(0.1)
+
+cli.app = app
+cli.main()
+"""
+
+
+def test_an_interrupt_in_a_callback_is_not_lost() -> None:
+    """Python ignores what is raised in a callback from compiled code, such as the compiler's."""
+    begun = time.monotonic()
+    answer = subprocess.run([sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (answer.returncode, answer.stdout, answer.stderr) == (130, "", "interrupted\n")
+    assert time.monotonic() - begun < 20.0
+
+
 def test_help_is_quick() -> None:
     def seconds() -> float:
         """Of a core: what else the machine does is no matter."""
