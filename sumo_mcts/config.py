@@ -130,7 +130,9 @@ class SensorConfig(_Section):
 class PredictionConfig(_Section):
     """The forward-predicted copy of the traffic."""
 
-    name: Literal["idm", "constant_velocity", "script"] = Field("idm", description="script is an oracle: the scripts of a scripted scene")
+    name: Literal["idm", "constant_velocity", "routes", "script"] = Field(
+        "idm", description="routes and script are oracles: idm along the agents' true next lanes, and the scripts of a scripted scene"
+    )
     step_s: Positive = Field(0.2, description="time between forecast states")
     headway_s: Positive = Field(1.2, description="IDM time headway of the others")
     min_gap_m: Positive = Field(2.0, description="IDM gap at standstill")

@@ -12,7 +12,7 @@ from typing import Any
 
 from sumo_mcts import config as scenario_files
 from sumo_mcts.config import ConfigError, ScenarioConfig
-from sumo_mcts.driver import Driver, Thought, streams, warm_up
+from sumo_mcts.driver import Driver, Oracles, Thought, streams, warm_up
 from sumo_mcts.pilot import Pilot, running_world
 from sumo_mcts.world.simulation import option, require_running
 
@@ -29,7 +29,7 @@ class Controller:
         require_running()
         self._ego, self._config = ego, _scenario(ego, config)
         self._world = running_world(self._config.planner.period_s)
-        self._driver = Driver(self._config, self._world.road, self._world.physics, streams(seed).search)
+        self._driver = Driver(self._config, self._world.road, self._world.physics, streams(seed).search, Oracles(self._world.observer.way, _no_script))
         self._pilot: Pilot | None = None
         self._over = False
         self.thought: Thought | None = None  # the last decision, and what it rests on
@@ -70,11 +70,17 @@ class Controller:
         return pilot
 
 
+def _no_script(*_: object) -> None:
+    """Nobody in a loop of the user's own holds one."""
+
+
 def _scenario(ego: str, config: ScenarioConfig | Mapping[str, Any] | None) -> ScenarioConfig:
     """A scenario around the running simulation."""
     if not isinstance(config, ScenarioConfig):
         data = {"name": "controller", "sumo": {"net": option("net-file")}, "egos": [{"id": ego}]}
         config = scenario_files.build({**data, **(config or {})}, "Controller")
     if config.prediction.name == "script":
-        raise ConfigError("Controller: prediction.name: script reads the scripts of a scenario that `sumo-mcts run` plays; allowed: idm, constant_velocity")
+        raise ConfigError(
+            "Controller: prediction.name: script reads the scripts of a scenario that `sumo-mcts run` plays; allowed: idm, constant_velocity, routes"
+        )
     return config

@@ -14,7 +14,7 @@ from sumo_mcts.model.ego import HALF, EgoParams
 from sumo_mcts.model.local import State, ego_state
 from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.script import script_poses
-from sumo_mcts.model.traffic import LANES, Scripted, TrafficParams, predict
+from sumo_mcts.model.traffic import LANES, Scripted, Told, TrafficParams, predict
 from sumo_mcts.planners.base import Planner, Situation, Task
 from sumo_mcts.planners.baselines import ConstantPlanner, SumoPlanner
 from sumo_mcts.planners.mcts import MctsParams, MctsPlanner
@@ -27,7 +27,12 @@ NOMINAL_S = 2.0  # s of the last plan that the forecast takes for granted; after
 
 CENTRED = 0.02  # m from the middle of its lane within which no lane change is under way
 
-Scripts = Callable[[str, float, float, int], Scripted | None]  # vehicle, time, step, count
+
+class Oracles(NamedTuple):
+    """Who could be asked for what no sensor sees. Asked only where the scenario names such a forecast."""
+
+    way: Callable[[str, int], Ints]  # vehicle and its lane: the lanes it is really going to take
+    script: Callable[[str, float, float, int], Scripted | None]  # vehicle, time (s), step (s), count: its coming states, if it holds a script
 
 
 class Physics(NamedTuple):
@@ -62,9 +67,9 @@ class Thought(NamedTuple):
 class Driver:
     """Plans for one ego."""
 
-    def __init__(self, config: ScenarioConfig, road: RoadMap, physics: Physics, seed: int, scripts: Scripts | None = None) -> None:
+    def __init__(self, config: ScenarioConfig, road: RoadMap, physics: Physics, seed: int, oracles: Oracles | None = None) -> None:
         self._config, self._road, self._physics, self._seed = config, road, physics, seed
-        self._scripts = scripts
+        self._oracles = oracles
         self._planner = make_planner(config)
         self._traffic = _traffic_params(config, physics.step)
         self._route: RouteMap | None = None
@@ -114,12 +119,20 @@ class Driver:
         if config.planner.name == "paper":
             seconds = (config.paper.look_ahead_steps + config.paper.rollout_steps) * max(config.paper.step_s, self._physics.step) + self._traffic.step
         stood_s = scene.time - self._stood.get(state.node, math.inf)
-        scripts: dict[int, Scripted] = {}
-        if config.prediction.name == "script" and self._scripts is not None:
-            count = int(np.ceil(seconds / self._traffic.step)) + 1
-            found = {i: self._scripts(name, scene.time, self._traffic.step, count) for i, name in enumerate(scene.agents.ids)}
-            scripts = {i: script for i, script in found.items() if script is not None}
-        return predict(self._road, scene, _ego_lanes(route, state), self._nominal(scene.time), self._traffic, seconds, scripts, stood_s)
+        told = self._told(scene, seconds)
+        return predict(self._road, scene, _ego_lanes(route, state), self._nominal(scene.time), self._traffic, seconds, told, stood_s)
+
+    def _told(self, scene: Scene, seconds: float) -> Told:
+        """What the oracle tells that the scenario asks for, if it asks for one."""
+        agents, ask = scene.agents, self._oracles
+        match self._config.prediction.name:
+            case "script" if ask is not None:
+                count = int(np.ceil(seconds / self._traffic.step)) + 1
+                scripts = {i: ask.script(name, scene.time, self._traffic.step, count) for i, name in enumerate(agents.ids)}
+                return Told(scripts={i: script for i, script in scripts.items() if script is not None})
+            case "routes" if ask is not None:
+                return Told(ways={int(i): ask.way(agents.ids[i], int(agents.lane[i])) for i in np.flatnonzero(agents.lane >= 0)})
+        return Told()
 
     def _nominal(self, now: float) -> Floats:
         """[K] speeds of the last plan from now on, at the forecast's times."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest
-from sumo_mcts.driver import SEARCHING, Driver, as_seen, ego_params, streams, warm_up
+from sumo_mcts.driver import SEARCHING, Driver, Oracles, as_seen, ego_params, streams, warm_up
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import COLLISION, Goal, Referee
@@ -65,7 +65,7 @@ def run_episode(
         if progress is not None and _searches(config) and not is_compiled():
             progress("compiling the search, once for this version (about half a minute)")
         warm_up(config, loop.world.road, loop.world.physics)
-        drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.scripted) for ego in config.egos}
+        drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.oracles) for ego in config.egos}
         while scenes := loop.scenes():
             loop.apply(_decide(loop, scenes, drivers, recorders))
             if progress is not None:
@@ -181,6 +181,11 @@ class Loop:
             self._simulation = None
         self._folder.cleanup()
         return tuple(ego.row() for ego in self._egos)
+
+    @property
+    def oracles(self) -> Oracles:
+        """For forecasts that are labelled so."""
+        return Oracles(self.world.observer.way, self.scripted)
 
     def scripted(self, vehicle: str, now: float, dt: float, count: int) -> Scripted | None:
         """The coming `count` states of a scripted actor, `dt` s apart: an oracle."""

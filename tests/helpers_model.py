@@ -12,7 +12,7 @@ from sumo_mcts.driver import Physics, cost_params, ego_params
 from sumo_mcts.model.ego import EgoParams
 from sumo_mcts.model.local import Local, State, build_local, ego_state
 from sumo_mcts.model.route import RouteMap, route_map
-from sumo_mcts.model.traffic import Scripted, TrafficParams, predict
+from sumo_mcts.model.traffic import Told, TrafficParams, predict
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.scene import EgoState, Forecast, RoadMap, Scene, Signals
 
@@ -71,12 +71,12 @@ def ego_lanes(route: RouteMap, state: State) -> Sequence[int]:
     return lanes
 
 
-def forecast_of(task: Task, scene: Scene, seconds: float = 10.0, params: TrafficParams | None = None, scripts: dict[int, Scripted] | None = None) -> Forecast:
+def forecast_of(task: Task, scene: Scene, seconds: float = 10.0, params: TrafficParams | None = None, told: Told | None = None) -> Forecast:
     """The forecast, with an ego that follows its leader."""
     state = ego_state(task.route, scene.ego)
     assert state is not None
     lanes = np.array(ego_lanes(task.route, state), np.int32)
-    return predict(task.road, scene, lanes, np.zeros(0), params or traffic_params(), seconds, scripts or {})
+    return predict(task.road, scene, lanes, np.zeros(0), params or traffic_params(), seconds, told or Told())
 
 
 def situation_of(task: Task, scene: Scene, cleared: frozenset[int] = frozenset(), seconds: float = 10.0) -> Situation:

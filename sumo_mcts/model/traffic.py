@@ -1,10 +1,12 @@
 """How the others will move: the forward-predicted copy of the traffic.
 
 Every agent is led along its most likely lanes: the turn that its signals announce, else straight on, else the first way. `constant_velocity`
-keeps its speed; `idm` follows its leader, stops for red, yields where it must and lets a standing car stand; `script` reads what is scripted.
+keeps its speed; `idm` follows its leader, stops for red, yields where it must and lets a standing car stand; `routes` does so along the lanes
+that the agents are going to take in truth; `script` reads what is scripted.
 """
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from sumo_mcts.scene import ALLWAY, GREEN, LEFT, RIGHT, STOP, STRAIGHT, Agents, 
 
 LANES = 14  # lanes of a path at most
 PATH = 200.0  # m of a path at most
+TOLD = 10.0  # worth of a way on which an oracle has seen an agent: more than any guess
 ASIDE = 0.2  # m off the centre line from which a blinking vehicle is taken to be changing lanes
 CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes
 INSIDE = -1e9  # rank of whoever is inside a junction
@@ -46,17 +49,16 @@ class Paths(NamedTuple):
 
 
 def predict(
-    road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams, seconds: float, scripts: dict[int, "Scripted"],
-    ego_stood_s: float = -math.inf,
+    road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams, seconds: float, told: "Told", ego_stood_s: float = -math.inf,
 ) -> Forecast:  # fmt: skip
     """Every agent of the scene for `seconds`; `ego_stood_s`: how long ago the ego came to a stand at the stop line before it.
 
     The ego drives along `ego_lanes` (the present one first) with the speeds `nominal` [K] at multiples of params.step, later by car following:
-    the table is conditional on that. `scripts` (an oracle) replaces the forecast of the agents that it names.
+    the table is conditional on that. `told` is what an oracle tells: Told() for what sensors see.
     """
     times = int(math.ceil(seconds / params.step)) + 1
     agents, ego = _changing(road, scene.agents), scene.ego
-    paths = _paths(road, agents, ego, ego_lanes)
+    paths = _paths(road, agents, ego, ego_lanes, told.ways)
     grid = np.arange(times, dtype=np.float64) * params.step
     x, v, polite = _drive(
         road, params, params._replace(accel=min(params.accel, ego.max_accel)), paths, *_start(agents, ego), nominal,
@@ -65,12 +67,12 @@ def predict(
         _conflicts(road, paths) if params.interacting else None,
     )  # fmt: skip
     pose, lane, s, valid = _poses(road, agents, paths, x, v, times, params.step)
-    for i, script in scripts.items():
+    for i, script in told.scripts.items():
         have = min(len(script.v), times)
         pose[:have, i], v[:have, i + 1], lane[:have, i], s[:have, i] = script.pose[:have], script.v[:have], script.lane[:have], script.s[:have]
         valid[:have, i], valid[have:, i] = script.valid[:have], False
     reacts = ~agents.person
-    for i in scripts:
+    for i in told.scripts:
         reacts[i], polite[i] = False, False
     return Forecast(
         params.step, np.ones(1), pose[None], v[:, 1:][None].copy(), lane[None], s[None], valid[None], agents.length / 2, agents.width / 2, reacts, polite
@@ -85,6 +87,13 @@ class Scripted(NamedTuple):
     lane: Ints  # [K]
     s: Floats  # [K]
     valid: Bools  # [K]
+
+
+class Told(NamedTuple):
+    """What oracles tell, by agent (index): nothing, unless a scenario asks for one."""
+
+    scripts: Mapping[int, Scripted] = {}  # its coming states, whatever happens
+    ways: Mapping[int, Ints] = {}  # the lanes that it is really going to take from the one that it is in
 
 
 def _start(agents: Agents, ego: EgoState) -> tuple[Floats, Floats, Floats]:
@@ -111,7 +120,7 @@ def _cruises(agents: Agents) -> Bools:
     return np.concatenate([[False], (np.abs(agents.trend) < CRUISING) & (agents.v > 3.0)])
 
 
-def _paths(road: RoadMap, agents: Agents, ego: EgoState, ego_lanes: Ints) -> Paths:
+def _paths(road: RoadMap, agents: Agents, ego: EgoState, ego_lanes: Ints, ways: Mapping[int, Ints]) -> Paths:
     n = len(agents.ids) + 1
     lane = np.full((n, LANES), -1, np.int32)
     offset = np.zeros((n, LANES + 1))
@@ -121,19 +130,22 @@ def _paths(road: RoadMap, agents: Agents, ego: EgoState, ego_lanes: Ints) -> Pat
     offset[0, 1 : k + 1] = np.cumsum(road.length[ego_lanes[:k]])
     offset[0, k + 1 :] = offset[0, k]
     count[0] = k
+    true = np.full((n, LANES), -1, np.int32)
+    for i, way in ways.items():
+        true[i + 1, : len(way)] = way[:LANES]
     _likely(
-        lane, offset, count, agents.lane, agents.s, agents.blinker, road.successor_offset, road.successor, road.direction, road.length, road.internal,
-        road.index, road.exit, road.rule,
+        lane, offset, count, true, agents.lane, agents.s, agents.blinker, road.successor_offset, road.successor, road.direction, road.length,
+        road.internal, road.edge,
     )  # fmt: skip
     return Paths(lane, offset, count)
 
 
 @kernel
 def _likely(
-    path: Ints, offset: Floats, count: Ints, lane: Ints, s: Floats, blinker: Ints, first: Ints, successor: Ints, direction: Ints, length: Floats,
-    internal: Bools, index: Ints, exit_lane: Ints, rule: Ints,
+    path: Ints, offset: Floats, count: Ints, true: Ints, lane: Ints, s: Floats, blinker: Ints, first: Ints, successor: Ints, direction: Ints,
+    length: Floats, internal: Bools, edge: Ints,
 ) -> None:  # fmt: skip
-    """The lanes each agent will most likely drive. The blinker speaks for the next turn only."""
+    """The lanes each agent will most likely drive. The blinker speaks for the next turn only; `true` (-1: not told) knows better."""
     for i in range(len(lane)):
         row, here, side = i + 1, lane[i], blinker[i]
         if here < 0:
@@ -146,8 +158,7 @@ def _likely(
             offset[row, n] = total
             best, rank, ways = -1, -1.0, first[here + 1] - first[here]
             for k in range(first[here], first[here + 1]):
-                turn = direction[successor[k]]
-                worth = _turn_worth(turn, side)
+                worth = _turn_worth(direction[successor[k]], side) + TOLD * _agreement(true[row], edge, successor[k])
                 if worth > rank:
                     best, rank = successor[k], worth
             if best >= 0 and internal[best] and not internal[here] and direction[best] != STRAIGHT:
@@ -156,6 +167,18 @@ def _likely(
         count[row] = n
         for k in range(n + 1, LANES + 1):
             offset[row, k] = total
+
+
+@kernel
+def _agreement(true: Ints, edge: Ints, lane: int) -> float:
+    """How far a lane is what was told: 2 the lane itself, 1 another one of its edge (whoever changes lanes), else 0."""
+    agreement = 0.0
+    for told in true:
+        if told == lane:
+            return 2.0
+        if told >= 0 and edge[told] == edge[lane]:
+            agreement = 1.0
+    return agreement
 
 
 @kernel

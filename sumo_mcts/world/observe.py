@@ -102,6 +102,17 @@ class Observer:
             kind.speed_factor, kind.vclass, edges, change.progress, change.target, change.source,
         )  # fmt: skip
 
+    def way(self, vehicle: str, lane: int) -> Ints:
+        """The lanes it is really going to take, as no sensor knows, without changing lanes; in the wrong lane they end where that lane does."""
+        lanes = [lane]
+        for link in self._libsumo.vehicle.getNextLinks(vehicle):
+            for following in (*self._chain(self.lanes.get(link[4], -1)), self.lanes.get(link[0], -1)):
+                first, last = self._road.successor_offset[lanes[-1]], self._road.successor_offset[lanes[-1] + 1]
+                if following not in self._road.successor[first:last]:
+                    return np.array(lanes, np.int32)
+                lanes.append(following)
+        return np.array(lanes, np.int32)
+
     def _agents(self, ego: str, x: float, y: float, reach: float, time: float) -> Agents:
         get = self._libsumo.vehicle
         ids = get.getIDList()
@@ -188,19 +199,8 @@ class Observer:
         for i in np.flatnonzero((agents.a < BRAKING) & ~agents.person & (agents.lane >= 0)):
             found = self._libsumo.vehicle.getLeader(agents.ids[i], LEADER_RANGE)
             leader[i] = found[0] if found else ""
-            paths[i] = self._path(agents.ids[i], int(agents.lane[i]))
+            paths[i] = self.way(agents.ids[i], int(agents.lane[i]))
         return tuple(leader), tuple(paths)
-
-    def _path(self, vehicle: str, lane: int) -> Ints:
-        """The lanes it is going to take without changing lanes; in the wrong lane they end where that lane does."""
-        lanes = [lane]
-        for link in self._libsumo.vehicle.getNextLinks(vehicle):
-            for following in (*self._chain(self.lanes.get(link[4], -1)), self.lanes.get(link[0], -1)):
-                first, last = self._road.successor_offset[lanes[-1]], self._road.successor_offset[lanes[-1] + 1]
-                if following not in self._road.successor[first:last]:
-                    return np.array(lanes, np.int32)
-                lanes.append(following)
-        return np.array(lanes, np.int32)
 
     def _chain(self, lane: int) -> list[int]:
         """The internal lanes of a connection from its first one on."""

@@ -14,8 +14,9 @@ from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.episode import run_episode
 from sumo_mcts.model.local import signal_states
-from sumo_mcts.model.traffic import TrafficParams, predict
+from sumo_mcts.model.traffic import Told, TrafficParams, predict
 from sumo_mcts.scene import ALLWAY, GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, RoadMap, Scene, Signals
+from sumo_mcts.world.roadmap import known_roadmap
 
 STEP = 0.2  # s between forecast times
 
@@ -164,7 +165,7 @@ def test_a_follower_stops_behind_a_standing_ego() -> None:
     task = task_of(road, ego)
     standing = forecast_of(task, scene, 10.0)
     # the nominal ego drives off by car following; one that is known to stand is stopped for
-    waited = predict(road, scene, np.array([0], np.int32), np.zeros(100), traffic_params(), 10.0, {})
+    waited = predict(road, scene, np.array([0], np.int32), np.zeros(100), traffic_params(), 10.0, Told())
     assert standing.s[0, -1, 0] > 200.0
     assert 188.0 < waited.s[0, -1, 0] < 195.0
     assert waited.v[0, -1, 0] < 0.3 and waited.reacts[0]
@@ -264,6 +265,62 @@ def test_signal_states_are_those_of_the_phase(first: tuple[list[list[int]], list
     grid = np.arange(80) * dt
     for signal, link in ((0, 0), (0, 2), (1, 1)):
         assert signal_states(signals, signal, link, grid).tolist() == [naive.light_at(signals, signal, link, t) for t in grid]
+
+
+# --- oracles ---
+
+
+@pytest.mark.parametrize("names", [("a_0", ":l_0", "c_0"), (":l_0",), ("c_0",)])
+def test_the_oracle_knows_better_than_the_blinker(names: tuple[str, ...]) -> None:
+    road = forked()
+    state = ego_at(road, "b_0", 6.0, 0.0)
+    scene = scene_of(state, road, Agent("a", "a_0", 80.0, 8.0), Agent("b", "a_0", 60.0, 8.0))
+    way = np.array([road.lane_ids.index(name) for name in names], np.int32)
+    forecast = forecast_of(task_of(road, state), scene, told=Told(ways={0: way}))
+    assert [road.lane_ids[lane] for lane in forecast.lane[0, -1]] == ["c_0" if ":l_0" in names else "b_0", "b_0"]
+
+
+def test_the_oracle_is_known_by_the_edge_to_whoever_changes_lanes() -> None:
+    ways = {"r": (":l_0",), "l": (":s_0", ":l_1")}  # both lanes of a may turn left
+    road = build(
+        [
+            Lane("a", 0, ((0, 0), (100, 0)), ways["r"]),
+            Lane("a", 1, ((0, 3.2), (100, 3.2)), ways["l"]),
+            Lane(":s", 0, ((100, 3.2), (110, 3.2)), ("b_0",), junction="j", direction=STRAIGHT),
+            Lane(":l", 0, ((100, 0), (107, 3), (110, 10)), ("c_0",), junction="j", direction=LEFT),
+            Lane(":l", 1, ((100, 3.2), (105, 6), (107, 10)), ("c_1",), junction="j", direction=LEFT),
+            Lane("b", 0, ((110, 3.2), (300, 3.2))),
+            Lane("c", 0, ((110, 10), (110, 200))),
+            Lane("c", 1, ((107, 10), (107, 200))),
+        ]
+    )
+    state = ego_at(road, "b_0", 6.0, 0.0)
+    scene = scene_of(state, road, Agent("a", "a_1", 80.0, 8.0))
+    true = np.array([road.lane_ids.index(name) for name in ("a_0", ":l_0", "c_0")], np.int32)
+    for told, end in ((Told(), "b_0"), (Told(ways={0: true}), "c_1")):
+        assert road.lane_ids[forecast_of(task_of(road, state), scene, told=told).lane[0, -1, 0]] == end
+
+
+def test_the_routes_forecast_takes_the_turns_that_sumo_then_takes() -> None:
+    """Wherever nobody changes lanes; the blinkers of some come on later than the forecast would need them."""
+
+    def wrong(prediction: str) -> int:
+        config = load(scenario_path("unprotected-left-turn"), (f"prediction.name={prediction}", "planner.iterations=50"))
+        (trace,) = run_episode(config, seed=2).traces
+        road = known_roadmap(config.sumo.net)
+        lanes: dict[str, set[int]] = {}
+        for cycle in trace.cycles:
+            for vehicle, lane in zip(cycle.agents.ids, cycle.agents.lane, strict=True):
+                lanes.setdefault(vehicle, set()).add(int(lane))
+        count = 0
+        for cycle in trace.cycles:
+            for i, vehicle in enumerate(cycle.agents.ids):
+                turns = [{lane for lane in those if road.internal[lane]} for those in (lanes[vehicle], set(cycle.forecast.lane[0, :, i].tolist()))]
+                count += all(turns) and not turns[0] & turns[1]
+        return count
+
+    assert wrong("idm") > 0
+    assert wrong("routes") == 0
 
 
 # --- scripts ---
