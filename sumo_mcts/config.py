@@ -170,6 +170,7 @@ class PlannerConfig(_Section):
     lane_change_accelerations_mps2: tuple[Finite, ...] = Field((-1.5, 0.0, 1.5), description="actions combined with a change left and right")
     later_accelerations_mps2: tuple[Finite, ...] = Field((-3.0, 2.6), description="those of them that are tried below the root too, beside car following")
     later_lane_change_accelerations_mps2: tuple[Finite, ...] = Field((0.0,), description="likewise, of those combined with a change")
+    reactive: int = Field(0, ge=0, le=20, description="how many of the agents nearest on the ego's way react to it inside the search; 0: the forecast stands")
     exploration: NonNegative = Field(0.3, description="const of the UCB equation, on costs normalised to 0..1")
 
 
@@ -216,6 +217,7 @@ class CostConfig(_Section):
     acceleration: NonNegative = Field(0.02, description="per second at 1 m/s2, quadratic")
     jerk: NonNegative = Field(0.005, description="k of C_c = k j^2 per second, saturating at 10 m/s3")
     braking: NonNegative = Field(0.5, description="per second and m/s2 of braking beyond comfort_decel_mps2, quadratic")
+    imposed: NonNegative = Field(2.0, description="per second and m/s2 of braking beyond 2 m/s2 that the ego forces on an agent that the search moves")
     cut_in_decel_mps2: Positive = Field(3.0, description="braking that a follower is trusted to do when the ego moves in front of it")
     progress: NonNegative = Field(1.0, description="per second of standing where the limit could be driven")
     tail_s: NonNegative = Field(8.0, description="for how long beyond the horizon a slow leader, or the end of a lane, still counts")

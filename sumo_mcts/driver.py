@@ -191,7 +191,7 @@ def mcts_params(config: ScenarioConfig) -> MctsParams:
     p = config.planner
     return MctsParams(
         p.iterations, np.inf if p.time_budget_ms is None else p.time_budget_ms / 1000.0, p.period_s, p.step_s, p.look_ahead_steps, p.rollout_steps, p.check_s,
-        p.accelerations_mps2, p.lane_change_accelerations_mps2, p.later_accelerations_mps2, p.later_lane_change_accelerations_mps2, p.exploration,
+        p.accelerations_mps2, p.lane_change_accelerations_mps2, p.later_accelerations_mps2, p.later_lane_change_accelerations_mps2, p.exploration, p.reactive,
     )  # fmt: skip
 
 
@@ -210,7 +210,7 @@ def cost_params(config: ScenarioConfig) -> CostParams:
     c = config.cost
     return CostParams(
         c.contact, c.speed_at_contact, c.headway_s, c.headway_gap_m, c.headway, c.claim_s, c.claim, c.margin_m, c.margin, c.acceleration, c.jerk, c.braking,
-        c.progress, c.tail_s, c.blocking, c.route, c.lane_change, c.red, c.cut_in_decel_mps2,
+        c.progress, c.tail_s, c.blocking, c.route, c.lane_change, c.red, c.cut_in_decel_mps2, c.imposed,
     )  # fmt: skip
 
 

@@ -86,10 +86,10 @@ def situation_of(task: Task, scene: Scene, cleared: frozenset[int] = frozenset()
     return Situation(scene, state, forecast_of(task, scene, seconds), cleared)
 
 
-def local_of(task: Task, scene: Scene, cleared: frozenset[int] = frozenset(), seconds: float = 10.0) -> tuple[Local, State]:
+def local_of(task: Task, scene: Scene, cleared: frozenset[int] = frozenset(), seconds: float = 10.0, reactive: int = 0) -> tuple[Local, State]:
     """What compiled code reads, and the ego's state in it."""
     situation = situation_of(task, scene, cleared, seconds)
-    return build_local(task.road, task.route, situation.state, scene, situation.forecast, 0, cleared, STOP_DECEL), situation.state
+    return build_local(task.road, task.route, situation.state, scene, situation.forecast, 0, cleared, STOP_DECEL, reactive), situation.state
 
 
 def half(params: EgoParams) -> float:

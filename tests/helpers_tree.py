@@ -13,6 +13,7 @@ from helpers_model import lanes_east, local_of, road_with_light, scenario, scene
 
 from sumo_mcts.driver import make_planner, mcts_params
 from sumo_mcts.model.local import Local, State
+from sumo_mcts.model.react import at_rest
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.mcts import actions_of
 from sumo_mcts.planners.tree import SearchParams, Tree, new_tree, search, search_params
@@ -74,11 +75,11 @@ def grow(toy: Toy, iterations: int, seed: int = 1) -> Grown:
     """The tree after a number of passes."""
     config = scenario(*toy.sets)
     task = task_of(toy.road, toy.scene.ego, config)
-    local, root = local_of(task, toy.scene)
+    local, root = local_of(task, toy.scene, reactive=config.planner.reactive)
     p = config.planner
     actions = actions_of(mcts_params(config))
     q = search_params(task.ego.step, local.dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
-    tree = new_tree(iterations + 2, len(actions), p.look_ahead_steps + p.rollout_steps)
+    tree = new_tree(iterations + 2, len(actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
     done, known = search(tree, local, task.ego, task.cost, q, actions, root, iterations, np.random.Generator(np.random.PCG64(seed)))
     return Grown(tree, local, task, q, actions, root, int(done), int(known))
 

@@ -19,6 +19,7 @@ from sumo_mcts.model.local import (
     POLITE,
     REACTS,
     SIN,
+    SLOT,
     STRETCH_END,
     WHO,
     Local,
@@ -29,7 +30,9 @@ from sumo_mcts.model.local import (
     Y,
     chain_gap,
 )
+from sumo_mcts.model.react import seen
 from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, REACH
+from sumo_mcts.scene import Floats
 
 CLAIM_SAMPLES = 2
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
@@ -59,6 +62,7 @@ class CostParams(NamedTuple):
     lane_change: float
     red: float
     cut_in_decel: float
+    imposed: float
 
 
 class Meeting(NamedTuple):
@@ -73,43 +77,48 @@ class Meeting(NamedTuple):
 
 
 @kernel
-def meet(local: Local, p: EgoParams, c: CostParams, state: State, followers: int, back: float, index: int) -> Meeting:
-    """Contacts, headway and claims at forecast time `index`; the ego's pose lies `back` metres before `state`."""
+def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats, followers: int, back: float, index: int) -> Meeting:
+    """Contacts, headway and claims at forecast time `index`; the ego's pose lies `back` metres before `state`; `others` as in model/react.py."""
     x, y, cs, sn = pose_of(local, p, state, back)
     now = min(index, local.agent.shape[0] - 1)
     half_width = p.half_width + (local.aside if state.progress > 0.0 else 0.0)
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
     for i in range(local.agent.shape[1]):
-        bx, by, node = local.agent[now, i, X], local.agent[now, i, Y], int(local.agent[now, i, NODE])
-        if node == GONE or abs(bx - x) > SIGHT or abs(by - y) > SIGHT:
+        if local.agent[now, i, NODE] == GONE:
             continue
+        bx, by, bc, bs, v, node, s = seen(local, others, i, now)
+        if abs(bx - x) > SIGHT or abs(by - y) > SIGHT:
+            continue
+        moved = local.trait[i, SLOT] >= 0.0
         length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
         if node >= 0:
-            to_agent = _gap_ahead(local, state, back, node, local.agent[now, i, S])
-            to_ego = _gap_behind(local, state, back, node, local.agent[now, i, S])
-            if i < 63 and (followers >> i) & 1 and (to_agent < math.inf or to_ego < math.inf):
+            to_agent = _gap_ahead(local, state, back, node, s)
+            to_ego = _gap_behind(local, state, back, node, s)
+            behind = i < 63 and (followers >> i) & 1
+            if not moved and behind and (to_agent < math.inf or to_ego < math.inf):
                 continue  # the table has it where it would be without the ego
             if 0.0 <= to_agent < math.inf and to_agent - 2.0 * length < gap:
-                gap, leader_v = to_agent - 2.0 * length, local.agent[now, i, V]
-            if state.progress > 0.0 and _beside_in_lane(local, p, state, back, node, local.agent[now, i, S], length):
+                gap, leader_v = to_agent - 2.0 * length, v
+            if state.progress > 0.0 and _beside_in_lane(local, p, state, back, node, s, length):
                 return Meeting(True, rate, once, gap, leader_v, followers)
-            if i < 63 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
-                price = _cut_in(c, to_ego - 2.0 * p.half_length, local.agent[now, i, V], state.v)
+            if not behind and i < 63 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
+                price = _cut_in(c, to_ego - 2.0 * p.half_length, v, state.v)
                 if price >= 0.0:
                     followers |= 1 << i
                     once += price
-                    continue
-                rate += c.claim
-        close = p.half_length + length + p.half_width + width + c.margin_m + 0.5 * (state.v + local.agent[now, i, V]) * local.dt
+                    if not moved:
+                        continue
+                else:
+                    rate += c.claim
+        close = p.half_length + length + p.half_width + width + c.margin_m + 0.5 * (state.v + v) * local.dt
         if abs(bx - x) < close and abs(by - y) < close:
-            bc, bs = local.agent[now, i, COS], local.agent[now, i, SIN]
             # Longer by what they drive until half-way to the next check: nobody slips through between two.
-            swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * local.agent[now, i, V] * local.dt
+            swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * v * local.dt
             if boxes_touch(x, y, cs, sn, swept, half_width, bx, by, bc, bs, sweep, width):
                 return Meeting(True, rate, once, gap, leader_v, followers)
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
                 rate += c.margin
-        if local.trait[i, POLITE] == 0.0:
+        if local.trait[i, POLITE] == 0.0 and not moved:
             rate += _claim(local, p, c, x, y, cs, sn, now, i)
     if local.node[state.node, INTERNAL] > 0.0:
         rate += _in_the_way(local, p, c, state, now)

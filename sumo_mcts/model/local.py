@@ -29,7 +29,7 @@ class Local(NamedTuple):
     ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below
-    trait: Floats  # [N, 4] HALF_LENGTH .. POLITE below
+    trait: Floats  # [N, 5] HALF_LENGTH .. SLOT below
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
@@ -41,8 +41,9 @@ class Local(NamedTuple):
 
 # Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, -2: not there any more), lane position, m driven from now on.
 X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
-# Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass.
-HALF_LENGTH, HALF_WIDTH, REACTS, POLITE = range(4)
+# Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass;
+# its row among those that the search moves (model/react.py), -1: the table has it.
+HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT = range(5)
 # Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, what the agent drives until it enters the stretch (m), and 1 where
 # both lead into the same lane.
 NODE_OF, STRETCH_END, WHO, ENTERS, MERGES = range(5)
@@ -92,9 +93,10 @@ def _node_of(route: RouteMap, lane: int, first: int) -> int:
 
 
 def build_local(
-    road: RoadMap, route: RouteMap, state: State, scene: Scene, forecast: Forecast, hypothesis: int, cleared: frozenset[int], stop_decel: float
-) -> Local:
-    """The search's view of this cycle.
+    road: RoadMap, route: RouteMap, state: State, scene: Scene, forecast: Forecast, hypothesis: int, cleared: frozenset[int], stop_decel: float,
+    reactive: int = 0,
+) -> Local:  # fmt: skip
+    """The search's view of this cycle, with at most `reactive` agents that the search is to move.
 
     `cleared` holds the nodes at whose stop sign the ego has stood; `stop_decel` (m/s2) is the braking beyond which a yellow light is passed.
     """
@@ -117,11 +119,21 @@ def build_local(
     return Local(
         route.table, route.rows, closed, ahead,
         _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven]),
-        np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields]).astype(np.float64),
+        np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields, _slots(forecast, node, scene, reactive)]),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, followers), first, float(route.limit[state.node]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
         followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
     )  # fmt: skip
+
+
+def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> Floats:
+    """[N] 0, 1, ... for the nearest of those that react and come to a lane of the ego's route, -1 for the others."""
+    slots = np.full(len(forecast.reacts), -1.0)
+    meets = np.flatnonzero(forecast.reacts & (node >= 0).any(axis=0))
+    apart = np.hypot(scene.agents.x[meets] - scene.ego.x, scene.agents.y[meets] - scene.ego.y)
+    nearest = meets[np.argsort(apart, kind="stable")[:reactive]]
+    slots[nearest] = np.arange(len(nearest))
+    return slots
 
 
 def _is_free(route: RouteMap, closed: NDArray[np.uint8], first: int, state: State, distance: float) -> bool:

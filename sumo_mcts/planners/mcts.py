@@ -8,6 +8,7 @@ import numpy as np
 
 from sumo_mcts.model.ego import FOLLOW
 from sumo_mcts.model.local import Local, State, build_local
+from sumo_mcts.model.react import at_rest
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, SearchParams, Tree, entry_of, new_tree, replay, search, search_params, side_of
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
@@ -32,6 +33,7 @@ class MctsParams(NamedTuple):
     later_accelerations: tuple[float, ...]
     later_lane_change_accelerations: tuple[float, ...]
     exploration: float
+    reactive: int
 
 
 class Way(NamedTuple):
@@ -60,12 +62,12 @@ class MctsPlanner:
     def plan(self, situation: Situation) -> Decision:
         """Search from the present state; where the last plan, carried on, is no worse than what was found, it goes on."""
         p, task = self._params, self._task
-        local = build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
+        local = build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL, p.reactive)
         q = search_params(task.ego.step, local.dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
-        tree = new_tree(p.iterations + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps)
+        tree = new_tree(p.iterations + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
         done, known = self._search(tree, local, q, situation.state)
-        found = _children(tree, local, task, q, self._actions, situation.state)
-        carried = _carried(local, task, q, situation.state, self._remaining(situation.scene.time, round(q.horizon / task.ego.step)), p.period_s)
+        found = _children(tree, local, task, q, self._actions, situation.state, tree.others[0])
+        carried = _carried(local, task, q, situation.state, tree.others[0], self._remaining(situation.scene.time, round(q.horizon / task.ego.step)), p.period_s)
         found += [carried] if carried is not None else []
         chosen = min(range(len(found)), key=lambda i: (found[i].child.best, -i))
         if found[chosen].child.terms[4] > 0.0:  # nothing is free: what counts is how bad the contact is
@@ -101,7 +103,7 @@ def actions_of(p: MctsParams) -> Floats:
     return np.array(keep + change)
 
 
-def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Floats, state: State) -> list[Way]:
+def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Floats, state: State, others: Floats) -> list[Way]:
     """The root's children, each with the best way through it."""
     result = []
     for k in range(len(actions)):
@@ -109,19 +111,19 @@ def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Fl
         if i < 0:
             continue
         line = _steps(tree.plan[k], actions[k], int(tree.end[i]), q.ply)
-        plan, terms, _ = follow_line(local, task, q, state, line)
+        plan, terms, _ = follow_line(local, task, q, state, others, line)
         accel = float(actions[k, 0]) if actions[k, 0] != FOLLOW else _first_accel(plan, state.v, q.ply * task.ego.step)
         child = RootChild(accel, int(actions[k, 1]), int(tree.visits[i]), float(tree.total[i] / max(tree.visits[i], 1)), float(tree.best[i]), terms, plan.pose)
         result.append(Way(child, plan, line))
     return result
 
 
-def _carried(local: Local, task: Task, q: SearchParams, state: State, line: Floats, period_s: float) -> Way | None:
+def _carried(local: Local, task: Task, q: SearchParams, state: State, others: Floats, line: Floats, period_s: float) -> Way | None:
     """The last plan carried on, if that is possible without a contact. Its half-driven actions are none that the tree could try."""
     later = line[1 : round(period_s / task.ego.step)]
     if not len(line) or any(side_of(entry) for entry in later):  # a lane change begins with a decision period or not at all
         return None
-    plan, terms, end = follow_line(local, task, q, state, line)
+    plan, terms, end = follow_line(local, task, q, state, others, line)
     if end not in (ALIVE, ARRIVED):
         return None
     cost = float(terms.sum())
@@ -144,11 +146,11 @@ def _steps(line: Floats, action: Floats, end: int, ply: int) -> Floats:
     return steps
 
 
-def follow_line(local: Local, task: Task, q: SearchParams, state: State, line: Floats) -> tuple[Plan, Floats, int]:
+def follow_line(local: Local, task: Task, q: SearchParams, state: State, others: Floats, line: Floats) -> tuple[Plan, Floats, int]:
     """The plan, step by step, the cost terms [5] of a sequence, and how it ends (see tree.replay)."""
     steps = len(line)
     nodes, motion, pose, terms = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4)), np.zeros(5)
-    used, end = replay(local, task.ego, task.cost, q, state, line, nodes, motion, pose, terms)
+    used, end = replay(local, task.ego, task.cost, q, state, others.copy(), line, nodes, motion, pose, terms)
     lanes = task.route.lane[nodes[:used]].astype(np.int32)
     times = (np.arange(used, dtype=np.float64) + 1.0) * task.ego.step
     return Plan(times, motion[:used, 1].copy(), lanes, motion[:used, 0].copy(), pose[:used].copy()), terms, end

@@ -10,6 +10,7 @@ from sumo_mcts.model.cost import CostParams, contact_cost, meet, place_is_free, 
 from sumo_mcts.model.ego import FOLLOW, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import Local, State, index_at
+from sumo_mcts.model.react import react
 from sumo_mcts.model.route import LIMIT, Indices
 from sumo_mcts.scene import Bools, Floats
 
@@ -45,6 +46,8 @@ class Tree(NamedTuple):
     motion: Floats  # [M, 5] State.s, v, a, progress, turn
     followers: Indices  # [M] int64
     leader: Floats  # [M, 2] gap (m) and speed of the leader
+    others: Floats  # [M, R, 2] the agents that the search moves (see model/react.py)
+    moving: Floats  # [R, 2] scratch for them
     cost: Floats  # [M, 4] safety, comfort, passability, other, from the root
     plan: Floats  # [A, plies] for each root action the best sequence of entries (see entry_of)
     line: Floats  # [plies] scratch
@@ -72,12 +75,14 @@ def search_params(step: float, forecast_dt: float, ply_s: float, check_s: float,
     return SearchParams(ply, check, checks, look_ahead, rollout, exploration, (look_ahead + rollout) * ply * step)
 
 
-def new_tree(size: int, actions: int, plies: int) -> Tree:
-    """An empty tree for `size` nodes."""
+def new_tree(size: int, actions: int, plies: int, others: Floats) -> Tree:
+    """An empty tree for `size` nodes; `others` [R, 2]: the agents that the search moves, as they are now."""
+    moved = np.zeros((size, *others.shape))
+    moved[0] = others
     return Tree(
         np.full(size, NONE, np.int64), np.full((size, actions), NONE, np.int64), np.zeros(size, np.int64), np.zeros(size, np.int64),
         np.zeros(size), np.full(size, np.inf), np.zeros(size, np.bool_), np.zeros(size, np.int64), np.full((size, 2), NONE, np.int64),
-        np.zeros((size, 5)), np.zeros(size, np.int64), np.zeros((size, 2)), np.zeros((size, 4)), np.full((actions, plies), np.nan),
+        np.zeros((size, 5)), np.zeros(size, np.int64), np.zeros((size, 2)), moved, others.copy(), np.zeros((size, 4)), np.full((actions, plies), np.nan),
         np.zeros(plies), np.zeros(1, np.int64),
     )  # fmt: skip
 
@@ -96,10 +101,12 @@ def side_of(entry: float) -> int:
 
 @kernel
 def simulate(
-    local: Local, p: EgoParams, c: CostParams, q: SearchParams, state: State, followers: int, gap: float, leader_v: float, accel: float, at: int
-) -> Ply:
-    """One action from simulation step `at` on: q.ply steps towards `accel` (FOLLOW: car following), with checks against the forecast."""
+    local: Local, p: EgoParams, c: CostParams, q: SearchParams, state: State, others: Floats, followers: int, gap: float, leader_v: float,
+    accel: float, at: int,
+) -> Ply:  # fmt: skip
+    """One action from simulation step `at` on: q.ply steps towards `accel` (FOLLOW: car following), with checks against the forecast; `others` move."""
     safety, comfort, passability = 0.0, 0.0, 0.0
+    every = p.step * q.check if q.check > 0 else p.step / q.checks_in_step
     for k in range(q.ply):
         time = (at + k) * p.step
         wanted = follow_accel(p, state.v, local.node[state.node, LIMIT], gap, leader_v) if accel > 50.0 else accel
@@ -117,7 +124,10 @@ def simulate(
             share = (r + 1.0) / checks
             back = (1.0 - share) * state.v * p.step if q.check == 0 else 0.0
             moment = time + share * p.step
-            meeting = meet(local, p, c, state, followers, back, index_at(local, moment))
+            now = index_at(local, moment)
+            if others.shape[0] > 0:
+                safety += c.imposed * react(local, p, state, others, now, every) * every
+            meeting = meet(local, p, c, state, others, followers, back, now)
             followers, gap, leader_v = meeting.followers, meeting.gap, meeting.leader_v
             safety += meeting.rate * local.dt + meeting.once
             if meeting.contact:
@@ -171,7 +181,7 @@ def search(
 
 @kernel
 def _plant(tree: Tree, local: Local, p: EgoParams, c: CostParams, root: State) -> None:
-    meeting = meet(local, p, c, root, local.followers, 0.0, 0)
+    meeting = meet(local, p, c, root, tree.others[0], local.followers, 0.0, 0)
     _store(tree, 0, root, meeting.followers, meeting.gap, meeting.leader_v)
     tree.used[0] = 1
 
@@ -183,6 +193,12 @@ def _store(tree: Tree, i: int, state: State, followers: int, gap: float, leader_
     tree.motion[i, 3], tree.motion[i, 4] = state.progress, state.turn
     tree.followers[i] = followers
     tree.leader[i, 0], tree.leader[i, 1] = gap, leader_v
+
+
+@kernel
+def _copy(source: Floats, target: Floats) -> None:
+    for r in range(source.shape[0]):
+        target[r, 0], target[r, 1] = source[r, 0], source[r, 1]
 
 
 @kernel
@@ -238,7 +254,10 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
             return IMPOSSIBLE
         state = begin_change(local, p, state, side)
         changed = c.lane_change
-    ply = simulate(local, p, c, q, state, tree.followers[node], tree.leader[node, 0], tree.leader[node, 1], actions[k, 0], tree.level[node] * q.ply)
+    _copy(tree.others[node], tree.moving)
+    ply = simulate(
+        local, p, c, q, state, tree.moving, tree.followers[node], tree.leader[node, 0], tree.leader[node, 1], actions[k, 0], tree.level[node] * q.ply
+    )
     if side == 0 and _known(tree, node, k, ply.state):
         tree.child[node, k] = IMPOSSIBLE
         return IMPOSSIBLE
@@ -246,6 +265,7 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     tree.used[0] += 1
     tree.child[node, k], tree.parent[i], tree.level[i] = i, node, tree.level[node] + 1
     _store(tree, i, ply.state, ply.followers, ply.gap, ply.leader_v)
+    _copy(tree.moving, tree.others[i])
     tree.cost[i, 0] = tree.cost[node, 0] + ply.safety
     tree.cost[i, 1] = tree.cost[node, 1] + ply.comfort
     tree.cost[i, 2] = tree.cost[node, 2] + ply.passability
@@ -278,6 +298,8 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
     turn = level + int(rng.random() * (last - level)) if policy >= 3 else last
     way = (1 if rng.random() < 0.5 else -1) if policy == 5 else 0
     line[:] = np.nan
+    others = tree.moving
+    _copy(tree.others[node], others)
     j = tree.cost[node].sum()
     for k in range(level, last):
         accel = FOLLOW
@@ -293,7 +315,7 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
             state = begin_change(local, p, state, side)
             line[k] = entry_of(accel, side)
             j += c.lane_change
-        ply = simulate(local, p, c, q, state, followers, gap, leader_v, accel, k * q.ply)
+        ply = simulate(local, p, c, q, state, others, followers, gap, leader_v, accel, k * q.ply)
         j += ply.safety + ply.comfort + ply.passability
         if ply.end == LOST:
             return j + ply.loss
@@ -373,14 +395,15 @@ def _bury(tree: Tree, node: int) -> None:
 
 @kernel
 def replay(
-    local: Local, p: EgoParams, c: CostParams, q: SearchParams, root: State, line: Floats, lanes: Indices, motion: Floats, pose: Floats, terms: Floats
-) -> tuple[int, int]:
+    local: Local, p: EgoParams, c: CostParams, q: SearchParams, root: State, others: Floats, line: Floats, lanes: Indices, motion: Floats, pose: Floats,
+    terms: Floats,
+) -> tuple[int, int]:  # fmt: skip
     """Drive a sequence of M steps (entries, see entry_of) and write down every one of them.
 
     lanes [M] node, motion [M, 2] s and v, pose [M, 4]; terms [5] receives safety, comfort, passability, other and loss. Returns the number of
     steps written and how it ended: ALIVE at the end of the sequence, LOST, ARRIVED, or IMPOSSIBLE where a lane change cannot begin.
     """
-    meeting = meet(local, p, c, root, local.followers, 0.0, 0)
+    meeting = meet(local, p, c, root, others, local.followers, 0.0, 0)
     state, followers, gap, leader_v = root, meeting.followers, meeting.gap, meeting.leader_v
     one = SearchParams(1, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon)
     terms[:] = 0.0
@@ -391,7 +414,7 @@ def replay(
                 return at, IMPOSSIBLE
             state = begin_change(local, p, state, side)
             terms[3] += c.lane_change
-        ply = simulate(local, p, c, one, state, followers, gap, leader_v, entry_of(line[at], -side), at)
+        ply = simulate(local, p, c, one, state, others, followers, gap, leader_v, entry_of(line[at], -side), at)
         state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
         terms[0] += ply.safety
         terms[1] += ply.comfort

@@ -14,6 +14,8 @@ from sumo_mcts.model.local import Local, State, chain_gap
 from sumo_mcts.planners.base import Task
 from sumo_mcts.scene import RoadMap
 
+NOBODY = np.zeros((0, 2))  # who reacts in the search
+
 
 def ending_lane(length: float = 500.0) -> RoadMap:
     """Two lanes of edge a, of which only the left one leads on to edge b."""
@@ -72,8 +74,8 @@ def test_who_is_beside_the_ego_in_the_lane_that_it_leaves_is_met(progress: float
     road = lanes_east(2, 900.0)
     task, local, state = view(road, "a_0", 100.0, 10.0, Agent("beside", "a_0", 103.0, 10.0, d=-2.6))
     if progress == 0.0:  # alone in its lane, with somebody whose box is far aside: the boxes decide
-        assert not meet(local, task.ego, task.cost, state, local.followers, 0.0, 0).contact
+        assert not meet(local, task.ego, task.cost, state, NOBODY, local.followers, 0.0, 0).contact
         return
     first, second = (state.node, state.node + 1) if progress <= 0.5 else (state.node + 1, state.node)
     changing = state._replace(node=first, other=second, progress=progress)
-    assert meet(local, task.ego, task.cost, changing, local.followers, 0.0, 0).contact == contact
+    assert meet(local, task.ego, task.cost, changing, NOBODY, local.followers, 0.0, 0).contact == contact

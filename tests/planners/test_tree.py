@@ -86,7 +86,7 @@ def test_the_same_seed_gives_the_same_tree_and_another_one_another() -> None:
 def test_a_search_in_pieces_is_the_search_in_one() -> None:
     """As a time budget does it."""
     whole = grow(TOYS["traffic"], 300)
-    tree = new_tree(302, len(whole.actions), whole.q.look_ahead + whole.q.rollout)
+    tree = new_tree(302, len(whole.actions), whole.q.look_ahead + whole.q.rollout, np.zeros((0, 2)))
     rng = np.random.Generator(np.random.PCG64(1))
     for passes in (100, 1, 199):
         search(tree, whole.local, whole.task.ego, whole.task.cost, whole.q, whole.actions, whole.root, passes, rng)
