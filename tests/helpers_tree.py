@@ -66,6 +66,9 @@ def before_a_light(shows: int, distance: float = 60.0, v: float = 12.0) -> Toy:
 TOYS = {
     "free": on_three_lanes(),
     "traffic": on_three_lanes(None, Agent("ahead", "a_1", 130.0, 6.0), Agent("beside", "a_2", 98.0, 11.0), Agent("behind", "a_0", 80.0, 13.0)),
+    "reactive": on_three_lanes(
+        None, Agent("ahead", "a_1", 130.0, 6.0), Agent("beside", "a_2", 93.0, 11.0), Agent("behind", "a_1", 80.0, 13.0), sets=("planner.reactive=3",)
+    ),
     "wall": on_three_lanes(None, *(Agent(f"w{k}", f"a_{k}", 135.0, 0.0) for k in range(3))),
     "red": before_a_light(RED),
 }

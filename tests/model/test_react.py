@@ -1,0 +1,111 @@
+"""Others that react to the ego inside the search."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from helpers import Agent, ego_at
+from helpers_model import lanes_east, local_of, scene_of, task_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sumo_mcts.model.local import COS, NODE, SIN, SLOT, Local, S, State, V, X, Y
+from sumo_mcts.model.react import BRAKES, CLOCK, DISTANCE, IMPOSED, REACTION, SPEED, at_rest, careful_speed, react, seen
+from sumo_mcts.planners.base import Task
+
+DT = 0.2  # s between looks, and between forecast times
+LENGTH = 5.0  # m, of everybody
+
+
+def view(v: float, *agents: Agent, reactive: int = 4) -> tuple[Task, Local, State]:
+    """The ego in the middle of three lanes, 300 m along."""
+    road = lanes_east(3, 1500.0)
+    ego = ego_at(road, "a_1", 300.0, v)
+    task = task_of(road, ego)
+    return task, *local_of(task, scene_of(ego, road, *agents), reactive=reactive)
+
+
+def drive(task: Task, local: Local, state: State, accels: Sequence[float]) -> tuple[list[State], list[tuple[float, float]], list[float]]:
+    """The ego's states, position and speed of agent 0 beside each, and the braking imposed."""
+    others, states, rows, imposed = at_rest(local, 4), [state], [(float(local.agent[0, 0, S]), float(local.agent[0, 0, V]))], [0.0]
+    for k, accel in enumerate(accels):
+        v = max(0.0, state.v + accel * DT)
+        state = state._replace(s=state.s + v * DT, v=v)
+        imposed.append(react(local, task.ego, state, others, k + 1, DT))
+        _, _, _, _, speed, _, s = seen(local, others, 0, k + 1)
+        states.append(state)
+        rows.append((s, speed))
+    return states, rows, imposed
+
+
+def test_who_has_nobody_ahead_does_as_forecast() -> None:
+    task, local, state = view(10.0, Agent("beside", "a_0", 280.0, 12.0))
+    others = at_rest(local, 4)
+    for k in range(1, 40):
+        assert react(local, task.ego, state._replace(s=300.0 + 2.0 * k), others, k, DT) == 0.0
+        assert seen(local, others, 0, k) == pytest.approx(local.agent[k, 0, [X, Y, COS, SIN, V, NODE, S]])
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 15.0), st.floats(3.0, 60.0), st.lists(st.floats(-BRAKES, 2.6), min_size=30, max_size=30))
+def test_a_careful_driver_never_touches_an_ego_that_brakes_no_harder(v: float, gap: float, accels: list[float]) -> None:
+    follower = min(15.0, careful_speed(gap, v))
+    task, local, state = view(v, Agent("behind", "a_1", 300.0 - LENGTH - gap, follower))
+    states, rows, _ = drive(task, local, state, accels)
+    for k, (ego, (s, speed)) in enumerate(zip(states, rows, strict=True)):
+        late = float(local.agent[k, 0, S]) - s
+        assert s < ego.s - LENGTH and late >= -1e-9 and speed >= 0.0
+        if late > 1e-9 and k > 0 and ego.s - LENGTH - s > 1.5:
+            assert rows[k - 1][1] - speed <= BRAKES * DT + 1e-9
+
+
+@given(st.floats(0.0, 15.0), st.floats(3.0, 80.0), st.floats(0.0, 15.0))
+def test_the_careful_speed_leaves_room_to_stop(leader_v: float, gap: float, decel: float) -> None:
+    """After a second of reaction, both braking equally, it stands its own distance behind the leader."""
+    v = careful_speed(gap, leader_v)
+    stops_at = v * REACTION + v * v / (2.0 * BRAKES)
+    assert stops_at == pytest.approx(gap - DISTANCE + leader_v**2 / (2.0 * BRAKES))
+    assert careful_speed(DISTANCE - 0.01, leader_v) == 0.0
+
+
+def test_who_is_held_up_drives_as_its_slow_twin() -> None:
+    """Behind an ego that brakes to a stand, on a straight lane: Krauss' rule by hand."""
+    task, local, state = view(12.0, Agent("behind", "a_1", 275.0, 12.0))
+    accels = [0.0] * 5 + [-3.0] * 20 + [0.0] * 10
+    states, rows, imposed = drive(task, local, state, accels)
+    s, v = rows[0]
+    for k, ego in enumerate(states[1:], 1):
+        careful = careful_speed(ego.s - LENGTH - s, ego.v)
+        wanted = max(0.0, min(v + 2.0 * DT, max(careful, v - BRAKES * DT)))
+        asked = max(0.0, min((v - careful) / DT, BRAKES) - IMPOSED) if careful < v else 0.0
+        s, v = s + wanted * DT, wanted
+        if s >= local.agent[k, 0, S]:
+            s, v = local.agent[k, 0, S], local.agent[k, 0, V]
+        assert rows[k] == pytest.approx((s, v)) and imposed[k] == pytest.approx(asked), k
+    assert rows[-1][1] < 1.5 and DISTANCE - 0.5 < states[-1].s - LENGTH - rows[-1][0] < DISTANCE + 2.5
+
+
+def test_a_lane_change_close_in_front_imposes_braking_and_one_far_ahead_does_not() -> None:
+    for gap, expected in ((4.0, True), (40.0, False)):
+        task, local, state = view(8.0, Agent("beside", "a_2", 300.0 - LENGTH - gap, 12.0))
+        other = int(np.flatnonzero(task.route.lane == 2)[0])
+        _, _, imposed = drive(task, local, state._replace(other=other, progress=0.01), [0.0] * 5)
+        assert (sum(imposed) > 0.0) == expected
+
+
+def test_the_nearest_that_react_on_the_way_are_moved() -> None:
+    those = [Agent("far", "a_1", 200.0, 9.0), Agent("near", "a_1", 280.0, 9.0), Agent("ahead", "a_2", 310.0, 9.0), Agent("walks", "", x=290.0, y=9.0)]
+    _, local, _ = view(10.0, *those, reactive=2)
+    names = sorted(agent.id for agent in those)
+    assert {name: slot for name, slot in zip(names, local.trait[:, SLOT].tolist(), strict=True) if slot >= 0} == {"ahead": 0.0, "near": 1.0}
+    assert at_rest(local, 2)[:, [CLOCK, SPEED]].tolist() == [[0.0, 9.0], [0.0, 9.0]]
+    _, local, _ = view(10.0, *those, reactive=0)
+    assert np.all(local.trait[:, SLOT] == -1) and at_rest(local, 0).shape == (0, 2)
+
+
+def test_who_stands_where_its_forecast_stands_is_found_again() -> None:
+    """Where a forecast stands still its clock has no one answer; the position does."""
+    task, local, state = view(0.0, Agent("behind", "a_1", 300.0 - LENGTH - DISTANCE - 1.0, 0.0))
+    _, rows, _ = drive(task, local, state, [0.0] * 20)
+    assert all(math.isfinite(s) and s <= 300.0 - LENGTH for s, _ in rows)
