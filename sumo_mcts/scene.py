@@ -46,6 +46,9 @@ class RoadMap(NamedTuple):
     exit: Ints  # [L] internal lanes: the ordinary lane that they end in; others: themselves
     direction: Ints  # [L] internal lanes: STRAIGHT, LEFT, RIGHT or TURN of their connection; others: STRAIGHT
     junction: Ints  # [L] internal lanes: index into junction_ids
+    knot: Ints  # [L] the knot (junctions with nothing but short lanes between them) that the lane lies in
+    begins: Ints  # [L] the knot where it begins
+    ends: Ints  # [L] the knot where it ends
     rule: Ints  # [L] internal lanes that start a connection: how it is entered; others: PRIORITY
     signal: Ints  # [L] internal lanes that start a connection: index into signal_ids
     link: Ints  # [L] ... and the link's index in that signal's state

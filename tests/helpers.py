@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.scene import GREEN, PRIORITY, STRAIGHT, Agents, EgoState, Frame, Ints, RoadMap, Signals
+from sumo_mcts.world.roadmap import knots
 
 ALL_CLASSES = 2**33 - 1
 
@@ -46,7 +47,9 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
     """A RoadMap of the lanes, in their order; lane lengths are those of the shapes."""
     ids = [f"{lane.edge}_{lane.number}" for lane in lanes]
     number = {name: i for i, name in enumerate(ids)}
-    edges, junctions = list(dict.fromkeys(lane.edge for lane in lanes)), list(dict.fromkeys(lane.junction for lane in lanes if lane.junction))
+    edges = list(dict.fromkeys(lane.edge for lane in lanes))
+    begins, ends = _joints(lanes)
+    junctions = list(dict.fromkeys([*(lane.junction for lane in lanes if lane.junction), *begins.values(), *ends.values()]))
     signals = list(dict.fromkeys(lane.signal for lane in lanes if lane.signal))
     shapes = [np.array(lane.points, dtype=np.float64) for lane in lanes]
     arcs = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))]) for shape in shapes]
@@ -82,6 +85,14 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
         exit=_ints(leads_to(lane) for lane in lanes),
         direction=_ints(lane.direction for lane in lanes),
         junction=_ints(junctions.index(lane.junction) if lane.junction else -1 for lane in lanes),
+        **knots(
+            np.array([bool(lane.junction) for lane in lanes]),
+            length,
+            *(
+                _ints(junctions.index(lane.junction or joints.get(lane.edge, "")) if lane.junction or lane.edge in joints else -1 for lane in lanes)
+                for joints in (begins, ends)
+            ),
+        ),
         rule=_ints(lane.rule for lane in lanes),
         signal=_ints(signals.index(lane.signal) if lane.signal else -1 for lane in lanes),
         link=_ints(lane.link for lane in lanes),
@@ -94,6 +105,19 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
         conflict_merge=np.array([c.merge for c in both], dtype=np.bool_),
         conflict_yields=np.array([c.yields == c.lane for c in both], dtype=np.bool_),
     )
+
+
+def _joints(lanes: Sequence[Lane]) -> tuple[dict[str, str], dict[str, str]]:
+    """The junctions at which edges begin and end; where lanes join without one it is named after the edge before."""
+    begins: dict[str, str] = {}
+    ends: dict[str, str] = {}
+    by_id = {f"{lane.edge}_{lane.number}": lane for lane in lanes}
+    for lane in lanes:
+        for after in (by_id[name] for name in lane.after):
+            joint = lane.junction or after.junction or f"{lane.edge}|"
+            ends.setdefault(lane.edge, joint)
+            begins.setdefault(after.edge, joint)
+    return begins, ends
 
 
 def _ints(values: Iterable[int]) -> Ints:

@@ -14,7 +14,7 @@ from sumo_mcts.evaluation.referee import Goal
 from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, build_local, ego_state
+from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, build_local, ego_state
 from sumo_mcts.model.route import Indices, RouteMap, route_map
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.scene import Bools, EgoState, Floats, Forecast, RoadMap, Scene
@@ -174,7 +174,7 @@ def _touched(local: Local, p: EgoParams, state: State, row: int, share: float) -
         ox, oy = before[X] + share * (after[X] - before[X]), before[Y] + share * (after[Y] - before[Y])
         length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
         reach = own_length + own_width + length + width
-        if abs(ox - x) > reach or abs(oy - y) > reach:
+        if abs(ox - x) > reach or abs(oy - y) > reach or apart(local, state, 2.0 * p.half_length, row + 1, i):
             continue
         oc, on = before[COS] + share * (after[COS] - before[COS]), before[SIN] + share * (after[SIN] - before[SIN])
         norm = math.sqrt(oc * oc + on * on)

@@ -28,6 +28,7 @@ from sumo_mcts.model.local import (
     V,
     X,
     Y,
+    apart,
     chain_gap,
 )
 from sumo_mcts.model.react import seen
@@ -86,10 +87,10 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
     for i in range(local.agent.shape[1]):
         if local.agent[now, i, NODE] == GONE:
             continue
-        bx, by, bc, bs, v, node, s = seen(local, others, i, now)
+        bx, by, bc, bs, v, s, at = seen(local, others, i, now)
         if abs(bx - x) > SIGHT or abs(by - y) > SIGHT:
             continue
-        moved = local.trait[i, SLOT] >= 0.0
+        node, moved = int(local.agent[at, i, NODE]), local.trait[i, SLOT] >= 0.0
         length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
         if node >= 0:
             to_agent = _gap_ahead(local, state, back, node, s)
@@ -111,7 +112,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
                 else:
                     rate += c.claim
         close = p.half_length + length + p.half_width + width + c.margin_m + 0.5 * (state.v + v) * local.dt
-        if abs(bx - x) < close and abs(by - y) < close:
+        if abs(bx - x) < close and abs(by - y) < close and not apart(local, state, 2.0 * p.half_length, at, i):
             # Longer by what they drive until half-way to the next check: nobody slips through between two.
             swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * v * local.dt
             if boxes_touch(x, y, cs, sn, swept, half_width, bx, by, bc, bs, sweep, width):
@@ -119,7 +120,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
                 rate += c.margin
         if local.trait[i, POLITE] == 0.0 and not moved:
-            rate += _claim(local, p, c, x, y, cs, sn, now, i)
+            rate += _claim(local, p, c, state, x, y, cs, sn, now, i)
     if local.node[state.node, INTERNAL] > 0.0:
         rate += _in_the_way(local, p, c, state, now)
     wish = c.headway_gap + c.headway_s * state.v
@@ -218,7 +219,7 @@ def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: in
 
 
 @kernel
-def _claim(local: Local, p: EgoParams, c: CostParams, x: float, y: float, cs: float, sn: float, now: int, i: int) -> float:
+def _claim(local: Local, p: EgoParams, c: CostParams, state: State, x: float, y: float, cs: float, sn: float, now: int, i: int) -> float:
     """Cost per second of standing where the agent will be within claim_s; the sooner, the dearer."""
     length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
     reach = p.half_length + length + p.half_width + width
@@ -227,7 +228,7 @@ def _claim(local: Local, p: EgoParams, c: CostParams, x: float, y: float, cs: fl
         if at >= local.agent.shape[0] or local.agent[at, i, NODE] == GONE:
             return 0.0
         bx, by = local.agent[at, i, X], local.agent[at, i, Y]
-        if abs(bx - x) < reach and abs(by - y) < reach:
+        if abs(bx - x) < reach and abs(by - y) < reach and not apart(local, state, 2.0 * p.half_length, at, i):
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width):
                 return c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
     return 0.0

@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.route import Indices, RouteMap, lane_pose
+from sumo_mcts.model.route import LENGTH, Indices, RouteMap, lane_pose
 from sumo_mcts.scene import GREEN, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
 BACK = 100.0  # m of the route behind the ego where followers are seen
 VIEW = 400.0  # m of the route ahead that a search may see
 GONE = -2  # Local.agent's NODE of an agent that is not there
 JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are looked at
+NEARBY = 10.0  # m beside its length within which a vehicle is near a knot
 ASIDE = 0.2  # m kept clear aside by a lane change yet to begin, half of it by one that is under way: else every inaccuracy would stop it half-way
 TURNED = 0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
 FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
@@ -26,9 +27,10 @@ class Local(NamedTuple):
     node: Floats  # RouteMap.table, of the whole route
     row: Floats  # RouteMap.rows
     closed: NDArray[np.uint8]  # [W, T] the stop line at the node's end may not be crossed
+    level: Indices  # [W, K] how the ego's lanes meet those that agents drive (see _levels)
     ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
-    agent: Floats  # [T, N, 8] X .. DRIVEN below
+    agent: Floats  # [T, N, 10] X .. NEAR below
     trait: Floats  # [N, 5] HALF_LENGTH .. SLOT below
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
@@ -39,8 +41,9 @@ class Local(NamedTuple):
     dt: float  # s between forecast times
 
 
-# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, -2: not there any more), lane position, m driven from now on.
-X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
+# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, -2: not there any more), lane position, m driven from now on,
+# column of Local.level (-1: off the road), and which junctions are near (see _near).
+X, Y, COS, SIN, V, NODE, S, DRIVEN, PLACE, NEAR = range(10)
 # Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass;
 # its row among those that the search moves (model/react.py), -1: the table has it.
 HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT = range(5)
@@ -114,16 +117,48 @@ def build_local(
     s, v = forecast.s[hypothesis], forecast.v[hypothesis]
     driven = np.zeros_like(v)
     driven[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * forecast.dt, axis=0)
+    level, place, near = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
     closed = _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel)
     followers = _followers(node[0], s[0], forecast.reacts, ahead, state, first)
     return Local(
-        route.table, route.rows, closed, ahead,
-        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven]),
+        route.table, route.rows, closed, level, ahead,
+        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven, place, near]),
         np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields, _slots(forecast, node, scene, reactive)]),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, followers), first, float(route.limit[state.node]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
         followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
     )  # fmt: skip
+
+
+def _levels(road: RoadMap, own: Indices, lane: Ints, s: Floats, length: Floats) -> tuple[Indices, Indices, Indices]:
+    """How the ego's lanes `own` [W] meet the lanes of the agents [T, N], which stand at s [T, N] and are so long [N], m.
+
+    Boxes that overlap in the plane touch only on the same edge, or near a knot that both lanes have to do with: else one road is a bridge over the
+    other. Returns level [W, K], place [T, N] (its columns) and near [T, N]. Bit 3 i + j of level: the knot of kind i (0 the lane lies in it, 1 ends
+    there, 2 begins there) of the ego's lane is that of kind j of the other; bit j of near: the agent is near the knot of kind j.
+    """
+    those, place = np.unique(lane, return_inverse=True)
+    mine, theirs = (np.stack([road.knot[lanes], road.ends[lanes], road.begins[lanes]]) for lanes in (own, those))
+    level = (road.edge[own][:, None] == road.edge[those]).astype(np.int64)
+    for i in range(3):
+        for j in range(3):
+            level |= ((mine[i][:, None] == theirs[j]) & (theirs[j] >= 0)).astype(np.int64) << (3 * i + j)
+    near = 1 + 2 * (road.length[lane] - s < NEARBY + length) + 4 * (s < NEARBY + length)
+    return level, np.where(lane >= 0, place.reshape(lane.shape), -1), near.astype(np.int64)
+
+
+@kernel
+def apart(local: Local, state: State, length: float, at: int, i: int) -> bool:
+    """Whether the ego (its length in m) and agent i, where it is at forecast time `at`, are on different levels."""
+    w, place = state.node - local.first, int(local.agent[at, i, PLACE])
+    if place < 0 or w < 0 or w >= local.level.shape[0]:
+        return False
+    level, theirs = local.level[w, place], int(local.agent[at, i, NEAR])
+    if level & theirs & 7 != 0:
+        return False
+    if (level >> 3) & theirs & 7 != 0 and local.node[state.node, LENGTH] - state.s < NEARBY + length:
+        return False
+    return (level >> 6) & theirs & 7 == 0 or state.s >= NEARBY + length
 
 
 def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> Floats:

@@ -74,18 +74,17 @@ def react(local: Local, p: EgoParams, state: State, others: Floats, now: int, se
 
 
 @kernel
-def seen(local: Local, others: Floats, i: int, now: int) -> tuple[float, float, float, float, float, int, float]:
-    """Agent i at forecast time `now`: centre x, y, cos and sin of the heading, speed, route node and position, wherever it is by then."""
+def seen(local: Local, others: Floats, i: int, now: int) -> tuple[float, float, float, float, float, float, int]:
+    """Agent i at forecast time `now`, wherever it is by then: centre x, y, cos and sin of the heading, speed, lane position, and when it was to be there."""
     r = int(local.trait[i, SLOT])
     if r < 0 or others[r, CLOCK] >= now:
         row = local.agent[now, i]
-        return row[X], row[Y], row[COS], row[SIN], row[V], int(row[NODE]), row[S]
+        return row[X], row[Y], row[COS], row[SIN], row[V], row[S], now
     clock = others[r, CLOCK]
     k = int(clock)
     s = local.agent[k, i, S] + _at(local, i, clock, DRIVEN) - local.agent[k, i, DRIVEN]
     return (
-        _at(local, i, clock, X), _at(local, i, clock, Y), _at(local, i, clock, COS), _at(local, i, clock, SIN), others[r, SPEED],
-        int(local.agent[k, i, NODE]), s,
+        _at(local, i, clock, X), _at(local, i, clock, Y), _at(local, i, clock, COS), _at(local, i, clock, SIN), others[r, SPEED], s, k,
     )  # fmt: skip
 
 

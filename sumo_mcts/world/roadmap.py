@@ -36,6 +36,7 @@ TOUCH = 1.9  # m: the same where SUMO sees no foes: two cars of 1.8 m just pass
 SIDE_BY_SIDE = 0.75  # ... but never more than this share of the distance at which the two lanes would lie next to each other
 APART = 5.0  # m: two meetings of the same two paths count as one when less lies between them
 SAMPLING = 0.5  # m between the points at which two centre lines are compared
+KNOT = 25.0  # m: junctions with shorter lanes between them are one place
 NAMED = 6  # edges that a message names
 TINY = 0.01  # m: the length given to a lane whose shape has none, so that it has a heading
 
@@ -142,7 +143,8 @@ def _convert(net: Any) -> RoadMap:
     junction_number = {node.getID(): i for i, node in enumerate(net.getNodes())}
     edge = np.repeat(np.arange(len(edges), dtype=np.int32), [len(edge.getLanes()) for edge in edges])
     internal = np.array([lane.getEdge().isSpecial() for lane in lanes], dtype=np.bool_)
-    junction = [junction_number[lane.getEdge().getFromNode().getID()] if inside else -1 for lane, inside in zip(lanes, internal, strict=True)]
+    begins = np.array([junction_number[lane.getEdge().getFromNode().getID()] for lane in lanes], dtype=np.int32)
+    ends = np.array([junction_number[lane.getEdge().getToNode().getID()] for lane in lanes], dtype=np.int32)
     length = np.array([lane.getLength() for lane in lanes], dtype=np.float64)
     width = np.array([lane.getWidth() for lane in lanes], dtype=np.float64)
 
@@ -187,7 +189,8 @@ def _convert(net: Any) -> RoadMap:
         successor=np.array([lane for lanes_after in following for lane in lanes_after], dtype=np.int32),
         exit=exit_lane,
         direction=direction,
-        junction=np.array(junction, dtype=np.int32),
+        junction=np.where(internal, begins, -1).astype(np.int32),
+        **knots(internal, length, begins, ends),
         rule=rule,
         signal=signal,
         link=signal_link,
@@ -265,6 +268,17 @@ def _flatten(shapes: Sequence[Floats]) -> tuple[Ints, Floats, Floats]:
 
 
 # --- connections and right of way ---
+
+
+def knots(internal: Bools, length: Floats, begins: Ints, ends: Ints) -> dict[str, Ints]:
+    """RoadMap.knot, begins and ends, from the junctions [L] where lanes begin and end (-1: nowhere; of internal lanes that which they lie in)."""
+    inside = internal | (length < KNOT)
+    name = np.arange(max(begins.max(initial=-1), ends.max(initial=-1)) + 2)  # the last one is that of nowhere
+    joins = [(int(a), int(b)) for a, b in zip(begins[inside], ends[inside], strict=True) if a >= 0 and b >= 0 and a != b]
+    for a, b in joins:
+        name[name == name[b]] = name[a]
+    name[-1] = -1
+    return {key: values.astype(np.int32) for key, values in (("knot", np.where(inside, name[begins], -1)), ("begins", name[begins]), ("ends", name[ends]))}
 
 
 def _read_links(net: Any, number: dict[str, int], junction_number: dict[str, int]) -> tuple[tuple[str, ...], list[_Link]]:

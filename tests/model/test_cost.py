@@ -1,18 +1,24 @@
 """What a state costs, and who is seen from it: rules that hold whatever the weights are."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import Agent, Lane, build, edges, ego_at
+from helpers import Agent, Lane, build, crossing, edges, ego_at
 from helpers_model import lanes_east, local_of, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sumo_mcts.assets import scenario_path
+from sumo_mcts.config import load
+from sumo_mcts.evaluation.referee import can_meet
 from sumo_mcts.model.cost import meet, terminal
-from sumo_mcts.model.local import Local, State, chain_gap
+from sumo_mcts.model.local import NEAR, PLACE, Local, State, _levels, apart, chain_gap
+from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.base import Task
 from sumo_mcts.scene import RoadMap
+from sumo_mcts.world.roadmap import known_roadmap
 
 NOBODY = np.zeros((0, 2))  # who reacts in the search
 
@@ -66,6 +72,64 @@ def test_the_changes_to_come_are_known_before_the_lanes_part() -> None:
     task, local, state = view(road, "a_0", 90.0, 10.0)
     assert task.route.changes.tolist()[:4] == [0, 2, 1, 0] and task.route.needed.tolist()[:4] == [2, 2, 1, 0]
     assert local.urgency[state.node - local.first] == local.urgency[state.node + 1 - local.first] > 1.0
+
+
+# --- bridges ---
+
+
+@pytest.mark.parametrize(("lane", "s", "contact"), [("br_0", 98.4 + 2.5, False), ("eo_0", 41.0, True)])
+def test_who_drives_on_the_bridge_above_is_not_met(lane: str, s: float, contact: bool) -> None:
+    """The bridge is at x = 50, 40 m along the road below it."""
+    task, local, state = view(crossing(), "wi_0", 10.0, 10.0, Agent("there", lane, s, 0.0))
+    below = state._replace(node=int(np.flatnonzero(task.route.lane == task.road.lane_ids.index("eo_0"))[0]), s=42.5)
+    found = meet(local, task.ego, task.cost, below, NOBODY, local.followers, 0.0, 0)
+    assert found.contact == contact and (contact or found.rate == 0.0)
+
+
+def test_what_lies_behind_a_short_edge_is_not_behind_a_bridge() -> None:
+    """Two junctions 8 m apart are one place: a long vehicle stands on both."""
+    lanes = [
+        Lane("a", 0, ((0, 0), (100, 0)), (":j_0",)),
+        Lane(":j", 0, ((100, 0), (110, 0)), ("m_0",), junction="j"),
+        Lane("m", 0, ((110, 0), (118, 0)), (":k_0",)),
+        Lane(":k", 0, ((118, 0), (128, 0)), ("b_0",), junction="k"),
+        Lane("b", 0, ((128, 0), (300, 0))),
+        Lane("side", 0, ((105, -80), (105, -6)), (":s_0",)),
+        Lane(":s", 0, ((105, -6), (105, 6)), ("out_0",), junction="j"),
+        Lane("out", 0, ((105, 6), (105, 90))),
+        Lane("over", 0, ((60, -80), (60, 80))),
+    ]
+    road = build(lanes)
+    ego = ego_at(road, "side_0", 70.0, 3.0, route=edges(road, "side", "out"))
+    task = task_of(road, ego)
+    local, state = local_of(task, scene_of(ego, road, Agent("long", "b_0", 4.0, 0.0, length=30.0), Agent("over", "over_0", 80.0, 0.0)))
+    inside = state._replace(node=state.node + 1, s=6.0)
+    assert not apart(local, inside, 5.0, 0, 0) and apart(local, inside, 5.0, 0, 1)
+
+
+@pytest.mark.parametrize("name", ["unprotected-left-turn", "highway-exit", "straight-line"])
+def test_whoever_the_referee_would_count_is_never_on_another_level(name: str) -> None:
+    config = load(scenario_path(name))
+    road, rng = known_roadmap(str(config.sumo.net)), np.random.default_rng(0)
+    route = route_map(road, tuple(road.edge_ids.index(edge) for edge in config.traffic.actors[0].route), 0, 5.0, 1.0, 50.0, 2.0)
+    met = 0
+    for _ in range(400):
+        node, lane = rng.integers(len(route.lane)), int(rng.integers(len(road.lane_ids)))
+        s, other_s = (float(rng.uniform(0.0, road.length[k])) for k in (route.lane[node], lane))
+        own = np.array([route.lane[node]], np.int64)
+        level, place, near = _levels(road, own, np.array([[lane]], np.int32), np.array([[other_s]]), np.array([5.0]))
+        agent = np.zeros((1, 1, NEAR + 1))
+        agent[0, 0, PLACE], agent[0, 0, NEAR] = place[0, 0], near[0, 0]
+        local = SimpleNamespace(first=node, level=level, agent=agent, node=route.table)
+        if can_meet(road, (int(route.lane[node]), s, 5.0), (lane, other_s, 5.0)):
+            met += 1
+            assert not apart.py_func(local, State(node, s, 0.0, 0.0, 0.0, -1, 0.0), 5.0, 0, 0), (
+                road.lane_ids[lane],
+                other_s,
+                road.lane_ids[route.lane[node]],
+                s,
+            )
+    assert met > 20
 
 
 @pytest.mark.parametrize(("progress", "contact"), [(0.0, False), (0.45, True), (0.52, True), (0.6, False)])

@@ -10,7 +10,7 @@ from helpers_model import lanes_east, local_of, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.model.local import COS, NODE, SIN, SLOT, Local, S, State, V, X, Y
+from sumo_mcts.model.local import COS, SIN, SLOT, Local, S, State, V, X, Y
 from sumo_mcts.model.react import BRAKES, CLOCK, DISTANCE, IMPOSED, REACTION, SPEED, at_rest, careful_speed, react, seen
 from sumo_mcts.planners.base import Task
 
@@ -33,7 +33,7 @@ def drive(task: Task, local: Local, state: State, accels: Sequence[float]) -> tu
         v = max(0.0, state.v + accel * DT)
         state = state._replace(s=state.s + v * DT, v=v)
         imposed.append(react(local, task.ego, state, others, k + 1, DT))
-        _, _, _, _, speed, _, s = seen(local, others, 0, k + 1)
+        _, _, _, _, speed, s, _ = seen(local, others, 0, k + 1)
         states.append(state)
         rows.append((s, speed))
     return states, rows, imposed
@@ -44,7 +44,7 @@ def test_who_has_nobody_ahead_does_as_forecast() -> None:
     others = at_rest(local, 4)
     for k in range(1, 40):
         assert react(local, task.ego, state._replace(s=300.0 + 2.0 * k), others, k, DT) == 0.0
-        assert seen(local, others, 0, k) == pytest.approx(local.agent[k, 0, [X, Y, COS, SIN, V, NODE, S]])
+        assert seen(local, others, 0, k) == pytest.approx((*local.agent[k, 0, [X, Y, COS, SIN, V, S]], k))
 
 
 @settings(deadline=None)
