@@ -26,7 +26,7 @@ Row = dict[str, Any]
 # Setting a: car following, seven accelerations, two on each of two sides are twelve actions.
 SETTING_A = (
     "planner.accelerations_mps2=[-8, -4.5, -2, -1, 0, 1, 2.6]", "planner.lane_change_accelerations_mps2=[-1, 1]", "planner.look_ahead_steps=4",
-    "planner.rollout_steps=4", "planner.step_s=1", "planner.check_s=0.2", "prediction.step_s=0.2",
+    "planner.rollout_steps=4", "planner.step_s=1", "planner.check_s=0.2", "planner.reactive=0", "prediction.step_s=0.2",
 )  # fmt: skip
 SCENE = "unprotected-left-turn"  # whose network is filled with agents
 EGO_EDGES = ("from_west", "to_north")
@@ -65,9 +65,12 @@ def run(share: float, note: Note) -> list[Row]:
     for agents, limit in ((5, 100_000.0), (10, None), (50, None)):
         note(f"searching among {agents} agents")
         budget = Budget(f"iterations/s, {agents} tabulated agents, 12 actions, 4 + 4 steps of 1 s (setting a)", "1/s", limit, at_least=True)
-        rows.append(_row(budget, _iterations_per_second(agents, share)))
+        rows.append(_row(budget, _iterations_per_second(agents, 0, share)))
+    note("searching among agents that react")
+    rows.append(_row(Budget("iterations/s, 10 reactive agents (setting a otherwise)", "1/s", 20_000.0, at_least=True), _iterations_per_second(10, 10, share)))
     note("deciding with 3000 iterations")
-    rows += _quantiles("one decision of 3000 iterations, 10 tabulated agents", _decisions(10, 3000, share), (20.0, 40.0))
+    rows += _quantiles("one decision of 3000 iterations, 10 tabulated agents", _decisions(10, 0, 3000, share), (20.0, 40.0))
+    rows += _quantiles("one decision of 3000 iterations, 10 reactive agents", _decisions(10, 10, 3000, share), (150.0, 300.0))
     note("driving through a grid of streets")
     times, in_range = _cycles(share)
     rows += _quantiles(f"a cycle among {VEHICLES} vehicles, up to {in_range} in range, 1000 iterations, all in", times, (25.0, 50.0))
@@ -115,12 +118,12 @@ def _seconds(words: list[str], environment: dict[str, str]) -> float:
 # --- scenes without SUMO ---
 
 
-def _iterations_per_second(agents: int, share: float) -> float:
-    """Median over scenes of what the search alone, without the forecast, gets done."""
-    scenario, road = _scenario("planner.iterations=20000")
+def _iterations_per_second(agents: int, reactive: int, share: float) -> float:
+    """Median over scenes of what decisions of many iterations get done."""
+    scenario, road = _scenario("planner.iterations=20000", f"planner.reactive={reactive}")
     rates = []
     for seed in range(max(2, round(10 * share))):
-        scene = _scene(road, agents, seed)
+        scene = _scene(road, agents, seed, near=reactive > 0)
         Driver(scenario, road, PHYSICS, seed).decide(scene)  # touches the memory of the tree
         began = time.perf_counter()
         thought = Driver(scenario, road, PHYSICS, seed).decide(scene)
@@ -128,12 +131,12 @@ def _iterations_per_second(agents: int, share: float) -> float:
     return float(np.median(rates))
 
 
-def _decisions(agents: int, iterations: int, share: float) -> list[float]:
+def _decisions(agents: int, reactive: int, iterations: int, share: float) -> list[float]:
     """Times of decisions in s, forecast included, one for each scene."""
-    scenario, road = _scenario(f"planner.iterations={iterations}")
+    scenario, road = _scenario(f"planner.iterations={iterations}", f"planner.reactive={reactive}")
     driver, times = Driver(scenario, road, PHYSICS, 0), []
     for seed in range(max(20, round(200 * share))):
-        scene = _scene(road, agents, seed)
+        scene = _scene(road, agents, seed, near=reactive > 0)
         began = time.perf_counter()
         driver.decide(scene)
         times.append(time.perf_counter() - began)
@@ -145,15 +148,15 @@ def _scenario(*overrides: str) -> tuple[ScenarioConfig, RoadMap]:
     return scenario, read_roadmap(str(scenario.sumo.net))
 
 
-def _scene(road: RoadMap, count: int, seed: int) -> Scene:
-    """`count` agents anywhere on the arms of the crossing, and the ego on its way there."""
+def _scene(road: RoadMap, count: int, seed: int, near: bool = False) -> Scene:
+    """`count` agents anywhere on the arms of the crossing, or `near`: on those that the ego drives on, and the ego on its way there."""
     rng = np.random.default_rng(seed)
     route = tuple(road.edge_ids.index(edge) for edge in EGO_EDGES)
     own = int(np.flatnonzero(road.edge == route[0])[-1])
     x, y, heading = _pose(road, own, EGO_S)
     ego = EgoState("ego", x, y, heading, EGO_SPEED, 0.0, own, EGO_S, 0.0, 5.0, 1.8, 2.6, 4.5, 9.0, 50.0, 1.0, 0, route, 0.0, -1, -1)
     places: list[tuple[int, float]] = []
-    lanes = np.flatnonzero(~road.internal)
+    lanes = np.flatnonzero(np.isin(road.edge, route) if near else ~road.internal)
     while len(places) < count:
         lane = int(rng.choice(lanes))
         s = float(rng.uniform(6.0, road.length[lane]))

@@ -1,8 +1,10 @@
 """The bench measures what the table of budgets names; how fast this machine is, it does not judge."""
 
+import numpy as np
 import pytest
 
 from sumo_mcts import benchmark
+from sumo_mcts.driver import Driver
 
 
 @pytest.mark.slow
@@ -11,10 +13,20 @@ def test_every_quantity_is_measured() -> None:
     rows = benchmark.run(0.05, said.append)
     assert all(list(row) == ["quantity", "value", "unit", "budget", "ok"] and row["value"] > 0 for row in rows)
     quantities = " ".join(row["quantity"] for row in rows)
-    for words in ("--help", "warm start", "5 tabulated agents", "50 tabulated agents", "3000 iterations", "300 vehicles"):
+    for words in ("--help", "warm start", "5 tabulated agents", "50 tabulated agents", "3000 iterations", "reactive", "300 vehicles"):
         assert words in quantities
     assert "first compilation" not in quantities
     assert said[0].startswith("starting")
+
+
+def test_whoever_is_near_reacts() -> None:
+    scenario, road = benchmark._scenario("planner.iterations=50", "planner.reactive=10")
+    for seed in range(3):
+        scene = benchmark._scene(road, 10, seed, near=True)
+        thought = Driver(scenario, road, benchmark.PHYSICS, 0).decide(scene)
+        assert thought.forecast is not None and thought.forecast.reacts.sum() == 10
+        own = [road.edge_ids.index(edge) for edge in benchmark.EGO_EDGES]
+        assert np.isin(road.edge[scene.agents.lane], own).all()
 
 
 def test_budgets_are_judged_from_their_side() -> None:
