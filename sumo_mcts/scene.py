@@ -1,6 +1,6 @@
 """The language between the rooms: plain tuples of arrays, no behaviour.
 
-SI units; angles in radians, counter-clockwise from east. Lane 0 of an edge is its rightmost. Every index array uses -1 for "none".
+SI units; angles in radians, counter-clockwise from east; left is left, also where people drive on the left. Every index array uses -1 for "none".
 A lane position ``s`` is SUMO's: metres from the start of the lane in units of its SUMO length, which may differ from the length of its shape.
 """
 
@@ -28,8 +28,9 @@ class RoadMap(NamedTuple):
     edge_ids: tuple[str, ...]
     junction_ids: tuple[str, ...]
     signal_ids: tuple[str, ...]
+    lefthand: bool  # people drive on the left: SUMO then counts lanes from the left
     edge: Ints  # [L] index into edge_ids
-    index: Ints  # type: ignore[assignment]  # [L] position within the edge, 0 = rightmost (tuple.index is not missed)
+    index: Ints  # type: ignore[assignment]  # [L] position within the edge from the right, 0 = rightmost (tuple.index is not missed)
     internal: Bools  # [L] inside a junction
     length: Floats  # [L] SUMO's lane length, m
     shape_length: Floats  # [L] arc length of the shape, m

@@ -67,6 +67,7 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
         edge_ids=tuple(edges),
         junction_ids=tuple(junctions),
         signal_ids=tuple(signals),
+        lefthand=False,
         edge=_ints(edges.index(lane.edge) for lane in lanes),
         index=_ints(lane.number for lane in lanes),
         internal=np.array([bool(lane.junction) for lane in lanes]),

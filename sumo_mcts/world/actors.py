@@ -52,7 +52,7 @@ class Actors:
     ) -> None:
         """`step` and `change_s` (SUMO's lanechange.duration) in s; `egos` are driven by somebody else; scripts are compiled for `seconds`."""
         self._libsumo: Any = import_libsumo()
-        self._step = step
+        self._step, self._left = step, -1 if road.lefthand else 1
         self._egos = frozenset(egos)
         self._actors = {actor.id: actor for actor in actors}
         for actor in actors:
@@ -107,9 +107,9 @@ class Actors:
         self._playing &= present
         self._orders = {vehicle: orders for vehicle, orders in self._orders.items() if vehicle in present}
         for vehicle in sorted(self._playing):
-            _play(self._libsumo.vehicle, vehicle, self._scripts[vehicle], round((time - self._departed[vehicle]) / self._step) + 1)
+            _play(self._libsumo.vehicle, vehicle, self._scripts[vehicle], round((time - self._departed[vehicle]) / self._step) + 1, self._left)
         for vehicle, orders in sorted(self._orders.items()):
-            self._orders[vehicle] = _command(self._libsumo.vehicle, vehicle, orders, time - self._departed[vehicle], self._step)
+            self._orders[vehicle] = _command(self._libsumo.vehicle, vehicle, orders, time - self._departed[vehicle], self._step, self._left)
 
     def _begin(self, vehicle: str, time: float) -> None:
         self._departed[vehicle] = time
@@ -367,13 +367,13 @@ def _beside(road: RoadMap, lane: int, side: int, actor: Actor) -> int:
     return lane_there
 
 
-def _play(cars: Any, vehicle: str, script: Script, row: int) -> None:
-    """Have SUMO (its vehicle domain: `cars`) arrive at this row with its next step; after the last one the speed stays."""
+def _play(cars: Any, vehicle: str, script: Script, row: int, left: int) -> None:
+    """Have SUMO (its vehicle domain: `cars`) arrive at this row with its next step; after the last one the speed stays. `left`: to the next lane there."""
     if row >= len(script.v):
         return
     cars.setSpeed(vehicle, float(script.v[row]))
     if script.change[row]:
-        cars.changeLane(vehicle, cars.getLaneIndex(vehicle) + int(script.change[row]), 0.0)
+        cars.changeLane(vehicle, cars.getLaneIndex(vehicle) + left * int(script.change[row]), 0.0)
 
 
 # --- vehicles that SUMO drives ---
@@ -386,7 +386,7 @@ class _Orders(NamedTuple):
     drive: _Drive
 
 
-def _command(cars: Any, vehicle: str, orders: _Orders, time: float, step: float) -> _Orders:
+def _command(cars: Any, vehicle: str, orders: _Orders, time: float, step: float, left: int) -> _Orders:
     """Tell a vehicle what is due `time` s after its departure; its driver still keeps its distance."""
     due = [event for event in orders.waiting if _due(event, time, cars.getDistance(vehicle))]
     drive, v = orders.drive, cars.getSpeed(vehicle)
@@ -394,7 +394,7 @@ def _command(cars: Any, vehicle: str, orders: _Orders, time: float, step: float)
         if event.change_lane is None:
             drive = _told(drive, event, drive.target)
         else:
-            _ask_for_lane(cars, vehicle, _SIDES[event.change_lane])
+            _ask_for_lane(cars, vehicle, left * _SIDES[event.change_lane])
     after = _stood(drive, v, step)
     if after.target is not None:
         cars.setSpeed(vehicle, _towards(after.target, v, after.accel * step))

@@ -8,6 +8,7 @@ import numpy as np
 
 from sumo_mcts.scene import Floats, Follow, Release, RoadMap
 from sumo_mcts.world.observe import Change
+from sumo_mcts.world.roadmap import sumo_lane
 from sumo_mcts.world.simulation import import_libsumo
 
 _SLACK = 1e-6  # m/s2: rounding is no trespass
@@ -78,7 +79,7 @@ class Commander:
         target = int((self._road.left if side > 0 else self._road.right)[source]) if source >= 0 else -1
         if target < 0:
             return
-        self._get.changeLane(self._vehicle, int(self._road.index[target]), 0.0)
+        self._get.changeLane(self._vehicle, sumo_lane(self._road, target), 0.0)
         if self._bounds.change_duration > 0.0:
             self.change = Change(0.0, source, target)
 

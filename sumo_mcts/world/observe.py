@@ -46,6 +46,7 @@ class Observer:
         self._libsumo: Any = import_libsumo()
         self._road = road
         self.lanes = lane_index(road)
+        self._left = -1.0 if road.lefthand else 1.0  # SUMO's lateral positions grow in the order of its lanes
         self._edges = {edge: i for i, edge in enumerate(road.edge_ids)}
         self._types: dict[str, VehicleType] = {}
         self._standing: dict[str, float] = {}
@@ -98,7 +99,7 @@ class Observer:
         return EgoState(
             vehicle, x - 0.5 * kind.length * math.cos(heading), y - 0.5 * kind.length * math.sin(heading), heading, get.getSpeed(vehicle),
             get.getAcceleration(vehicle), self.lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle),
-            get.getLateralLanePosition(vehicle), kind.length, kind.width, kind.max_accel, kind.decel, kind.emergency_decel, kind.max_speed,
+            self._left * get.getLateralLanePosition(vehicle), kind.length, kind.width, kind.max_accel, kind.decel, kind.emergency_decel, kind.max_speed,
             kind.speed_factor, kind.vclass, edges, change.progress, change.target, change.source,
         )  # fmt: skip
 
@@ -141,7 +142,7 @@ class Observer:
         signals = get.getSignals(vehicle)
         return (
             vehicle, px - 0.5 * kind.length * math.cos(heading), py - 0.5 * kind.length * math.sin(heading), heading, v, a, self._smoothed(vehicle, a, time),
-            kind.length, kind.width, lane, s, get.getLateralLanePosition(vehicle),
+            kind.length, kind.width, lane, s, self._left * get.getLateralLanePosition(vehicle),
             (-1 if signals & 1 else 1 if signals & 2 else 0), self._stood(vehicle, v, time), False,
         )  # fmt: skip
 

@@ -151,6 +151,7 @@ def _convert(net: Any) -> RoadMap:
     signal_ids, links = _read_links(net, number, junction_number)
     following = [_following(lane, number) for lane in lanes]
     offset, points, point_s = _flatten(_shapes(lanes, following))
+    lefthand = _is_lefthand(edge, internal, offset, points)
     exit_lane = np.arange(len(lanes), dtype=np.int32)
     direction, rule = np.full((2, len(lanes)), [[STRAIGHT], [PRIORITY]], dtype=np.int32)
     signal, signal_link = np.full((2, len(lanes)), -1, dtype=np.int32)
@@ -172,16 +173,17 @@ def _convert(net: Any) -> RoadMap:
         edge_ids=tuple(edge.getID() for edge in edges),
         junction_ids=tuple(junction_number),
         signal_ids=signal_ids,
+        lefthand=lefthand,
         edge=edge,
-        index=np.array([i for edge in edges for i in range(len(edge.getLanes()))], dtype=np.int32),
+        index=np.array([i for edge in edges for i in range(len(edge.getLanes()))[:: -1 if lefthand else 1]], dtype=np.int32),
         internal=internal,
         length=length,
         shape_length=point_s[offset[1:] - 1],
         width=width,
         speed=np.array([lane.getSpeed() for lane in lanes], dtype=np.float64),
         classes=classes,
-        left=_neighbours(edge, 1),
-        right=_neighbours(edge, -1),
+        left=_neighbours(edge, -1 if lefthand else 1),
+        right=_neighbours(edge, 1 if lefthand else -1),
         point_offset=offset,
         points=points,
         point_s=point_s,
@@ -225,6 +227,21 @@ def _neighbours(edge: Ints, step: int) -> Ints:
     inside = (there >= 0) & (there < len(edge))
     there[~inside] = 0
     return np.where(inside & (edge[there] == edge), there, -1).astype(np.int32)
+
+
+def _is_lefthand(edge: Ints, internal: Bools, offset: Ints, points: Floats) -> bool:
+    """Whether the second lane of an edge lies to the right of the first one. The network file says it too, but sumolib does not read it."""
+    pairs = np.flatnonzero((edge[1:] == edge[:-1]) & ~internal[1:])
+    if not len(pairs):
+        return False
+    along = points[offset[pairs] + 1] - points[offset[pairs]]
+    aside = points[offset[pairs + 1]] - points[offset[pairs]]
+    return bool(np.median(along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]) < 0.0)
+
+
+def sumo_lane(road: RoadMap, lane: int) -> int:
+    """The number that SUMO gives a lane of its edge: counted from the left where people drive on the left."""
+    return int(road.lane_ids[lane].rsplit("_", 1)[1])
 
 
 def _connections(lane: Any) -> list[Any]:

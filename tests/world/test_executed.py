@@ -1,6 +1,7 @@
 """The predicted ego is the executed ego: what a Plan says of the end of each decision period is what SUMO then reports."""
 
 import math
+import subprocess
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -19,9 +20,11 @@ from sumo_mcts.model.ego import FREE, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.local import build_local
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.scene import Decision, Follow, Plan
+from sumo_mcts.world.roadmap import read_roadmap
 
 STRAIGHT, CROSSING = "straight-line", "unprotected-left-turn"
 GAME = Path(sumo.SUMO_HOME) / "tools" / "game"
+NETWORKS = Path(__file__).parent.parent.parent / "networks"
 STEPS = [0.05, 0.1, 0.25, 0.5, 1.0]
 
 
@@ -136,6 +139,26 @@ def test_the_search_among_others(name: str) -> None:
     check(found)
     for one in found:
         assert one.aside < 0.12 and one.turned < 2.5, one
+
+
+def test_where_people_drive_on_the_left(tmp_path: Path) -> None:
+    """There SUMO counts lanes and lateral positions from the other side."""
+    sources = [flag + str(NETWORKS / STRAIGHT / f"{STRAIGHT}.{kind}.xml") for flag, kind in (("-n=", "nod"), ("-e=", "edg"), ("-x=", "con"))]
+    net_file = tmp_path / "left.net.xml"
+    subprocess.run([str(Path(sumo.SUMO_HOME) / "bin" / "netconvert"), *sources, "--lefthand", f"--output-file={net_file}"], check=True, capture_output=True)
+    road = read_roadmap(str(net_file))
+    assert road.lefthand and not read_roadmap(str(NETWORKS / STRAIGHT / f"{STRAIGHT}.net.xml")).lefthand
+    lanes = [road.lane_ids.index(f"road_{k}") for k in (2, 1, 0)]
+    assert road.index[lanes].tolist() == [0, 1, 2] and road.left[lanes].tolist() == [lanes[1], lanes[2], -1]
+    config = load(scenario_path(STRAIGHT), ("planner.iterations=200",))
+    result = run_episode(config.model_copy(update={"sumo": config.sumo.model_copy(update={"net": str(net_file)})}), seed=3)
+    assert result.rows[0]["lane_changes"] > 0
+    found = differences(result)
+    check(found)
+    for one in found:
+        assert one.aside < 0.12 and one.turned < 2.5, one
+    for cycle in result.traces[0].cycles:
+        assert np.abs(cycle.forecast.pose[0, 1, :, 1] - cycle.forecast.pose[0, 0, :, 1]).max(initial=0.0) < 0.6, "an agent jumps to its mirror image"
 
 
 def test_where_lanes_and_their_shapes_differ_in_length() -> None:
