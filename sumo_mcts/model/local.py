@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.route import LENGTH, Indices, RouteMap, lane_pose
-from sumo_mcts.scene import GREEN, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
+from sumo_mcts.scene import GREEN, YELLOW, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
 BACK = 100.0  # m of the route behind the ego where followers are seen
 VIEW = 400.0  # m of the route ahead that a search may see
 GONE = -2  # Local.agent's NODE of an agent that is not there
 JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are looked at
 NEARBY = 10.0  # m beside its length within which a vehicle is near a knot
+RED_DECEL = 6.0  # m/s2 beyond which nobody stops for red: whoever has to, since yellow was short or it departs before a red light
 ASIDE = 0.2  # m kept clear aside by a lane change yet to begin, half of it by one that is under way: else every inaccuracy would stop it half-way
 TURNED = 0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
 FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
@@ -278,7 +279,8 @@ def _closed(
         closed[i] = shows != GREEN
         distance = route.station[n] + route.length[n] - here
         # Whom the change to yellow (or a switch nobody announced) catches too close to stop goes on: until the next green or the stop line.
-        if shows[0] != GREEN and state.v > 0.5 and 0.0 < distance < state.v**2 / (2.0 * stop_decel):
+        decel = stop_decel if shows[0] == YELLOW else max(stop_decel, RED_DECEL)
+        if shows[0] != GREEN and state.v > 0.5 and 0.0 < distance < state.v**2 / (2.0 * decel):
             reopened = np.flatnonzero(shows == GREEN)
             closed[i, : reopened[0] if len(reopened) else times] = 0
     return closed

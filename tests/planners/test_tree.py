@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from sumo_mcts.driver import make_planner
 from sumo_mcts.planners.mcts import MctsPlanner
 from sumo_mcts.planners.tree import ALIVE, IMPOSSIBLE, LOST, NONE, new_tree, search
-from sumo_mcts.scene import GREEN, RED, Follow
+from sumo_mcts.scene import GREEN, RED, YELLOW, Follow
 
 PASSES = [1, 7, 40, 400, 3000]
 
@@ -238,6 +238,16 @@ def test_a_light_that_nobody_can_stop_for_is_passed() -> None:
     road = road_with_light()
     toy = Toy(road, scene_of(ego_at(road, "a_0", 192.0, 13.0, route=(0, 2)), road, signals=lights(RED)))
     assert np.min(decide(toy).plan.v) > 11.0
+
+
+@pytest.mark.parametrize(("shows", "needed", "passes"), [(RED, 5.0, False), (RED, 7.0, True), (YELLOW, 2.5, False), (YELLOW, 3.5, True)])
+def test_who_comes_upon_red_brakes_harder_for_it_than_for_yellow(shows: int, needed: float, passes: bool) -> None:
+    """As who departs in front of a red light. `needed`: the braking that leads to a stand at the line, m/s2."""
+    road = road_with_light()
+    toy = Toy(road, scene_of(ego_at(road, "a_0", 200.0 - 121.0 / (2.0 * needed), 11.0, route=(0, 2)), road, signals=lights(shows)))
+    plan = decide(toy).plan
+    assert (np.flatnonzero(plan.lane == 0)[-1] + 1 < len(plan.lane)) == passes
+    assert passes == (plan.v[9] > 8.0)
 
 
 def test_the_last_plan_is_carried_on_where_it_is_no_worse() -> None:
