@@ -72,6 +72,36 @@ def run(
         raise typer.Exit(FAILED)
 
 
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": False})
+def forecast(
+    context: typer.Context,
+    scenario: Scenario,
+    ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable); `any`: the first suitable one.")] = None,  # noqa: UP045
+    ego_until: Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")] = None,  # noqa: UP045
+    seeds: Annotated[Optional[int], typer.Option(min=1, help="Episodes with seeds 0 to N-1. Default: one, as `run` drives it.", metavar="N")] = None,  # noqa: UP045
+    planner: Annotated[Optional[str], typer.Option(help="Who drives: mcts, paper, sumo or constant.")] = None,  # noqa: UP045
+    assign: Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="Set any key of the scenario (repeatable).")] = None,  # noqa: UP045
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of the progress.")] = False,
+) -> None:
+    """Measure every forecast, oracles too, against what then happened. Options after -- go to SUMO."""
+    overrides = (*(assign or ()), *([f"planner.name={planner}"] if planner is not None else []))
+    with _plain_errors():
+        from sumo_mcts import commands
+        from sumo_mcts.config import ConfigError
+
+        if scenario.endswith(".sumocfg") and not ego:
+            raise ConfigError(f"{scenario}: --ego: not given; `sumo-mcts run {scenario}` lists the candidates")
+        with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
+            config = commands.resolve(scenario, None, tuple(ego or ()), ego_until, overrides, tuple(context.args))
+            result = commands.forecasts(config, scenario, seeds, tuple(context.args), note)
+    typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.forecast_table(result))
+    for problem in result["problems"]:
+        typer.echo(f"error: {problem}", err=True)
+    if result["problems"]:
+        raise typer.Exit(FAILED)
+
+
 @app.command()
 def scenarios(as_json: Annotated[bool, typer.Option("--json", help="A list of {name, description}.")] = False) -> None:
     """The built-in scenarios."""

@@ -11,6 +11,7 @@ import yaml
 from sumo_mcts import assets, config, records
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.forecast_error import compare
 from sumo_mcts.world.arguments import key_of_value, network_of, sumocfg_arguments
 from sumo_mcts.world.candidates import Candidate, candidates
 from sumo_mcts.world.roadmap import known_roadmap
@@ -50,6 +51,21 @@ def run(scenario: ScenarioConfig, origin: str, seed: int | None, gui: bool, sumo
         seed = 0
     with _named(origin, scenario.sumo.sumocfg):
         return run_episode(scenario, seed, gui=gui, sumo_options=sumo_options, progress=note)
+
+
+def forecasts(scenario: ScenarioConfig, origin: str, seeds: int | None, sumo_options: Sequence[str], note: Note) -> dict[str, Any]:
+    """The error of every forecast over episodes with seeds 0 .. `seeds` - 1; None: one, as in `run`. Raises ConfigError."""
+    with _named(origin, scenario.sumo.sumocfg):
+        one = None if scenario.sumo.sumocfg is not None else 0
+        return compare(scenario, [one] if seeds is None else list(range(seeds)), sumo_options, note)
+
+
+def forecast_table(document: dict[str, Any]) -> str:
+    """The errors for a person, as Markdown."""
+    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in document["outcomes"].items())
+    head = f"{document['scenario']}, driven by {document['variant']}: {outcomes}, {document['cycles']} cycles"
+    columns = "| forecast | after, s | pairs | mean, m | 95 %, m | largest, m | right lane | taken for gone | one forecast (p50), ms |"
+    return "\n".join([head, "", columns, "|---|---|---|---|---|---|---|---|---|", *map(_forecast_line, document["forecasts"])])
 
 
 def failures(result: EpisodeResult) -> list[str]:
@@ -149,6 +165,13 @@ def _first_suitable(sumocfg: str, seed: int | None, sumo_options: Sequence[str])
     if not found or not found[-1].suitable:
         raise ConfigError(f"{sumocfg}: --ego any: no suitable vehicle departs; without --ego the candidates are listed")
     return found[-1].id
+
+
+def _forecast_line(row: dict[str, Any]) -> str:
+    metres = " | ".join("-" if row[key] is None else f"{row[key]:.2f}" for key in ("mean_m", "p95_m", "max_m"))
+    lane = "-" if row["right_lane"] is None else f"{100.0 * row['right_lane']:.1f} %"
+    cost = "-" if row["forecast_ms_p50"] is None else f"{row['forecast_ms_p50']:.1f}"
+    return f"| {row['prediction']} | {row['horizon_s']:g} | {row['pairs']} | {metres} | {lane} | {row['gone']} | {cost} |"
 
 
 def _summary(row: dict[str, Any]) -> str:

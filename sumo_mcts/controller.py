@@ -91,7 +91,5 @@ def _scenario(ego: str, config: ScenarioConfig | Mapping[str, Any] | None) -> Sc
         data = {"name": "controller", "sumo": {"net": option("net-file")}, "egos": [{"id": ego}]}
         config = scenario_files.build({**data, **(config or {})}, "Controller")
     if config.prediction.name in _NOT_HERE:
-        raise ConfigError(
-            f"Controller: prediction.name: {config.prediction.name} {_NOT_HERE[config.prediction.name]}; allowed: idm, constant_velocity, routes"
-        )
+        raise ConfigError(f"Controller: prediction.name: {config.prediction.name} {_NOT_HERE[config.prediction.name]}; allowed: idm, constant_velocity, routes")
     return config

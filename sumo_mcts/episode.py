@@ -136,6 +136,8 @@ class Loop:
     def start(self) -> None:
         """Start SUMO with the next draw of the actors. Raises ConfigError where the input is wrong."""
         config = self.config
+        if config.prediction.name == "clone":
+            clone.require_possible(self._gui)
         actors = draw(config.traffic, self._traffic)
         self.arguments = sumo_arguments(config, self.seed, actors, Path(self._folder.name), self._options)
         road = known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net))  # SUMO itself does not survive every network
@@ -144,7 +146,7 @@ class Loop:
             check(actor, road)
         self._simulation = Simulation(self.arguments, gui=self._gui)
         if config.prediction.name == "clone":
-            clone.require_possible(self._gui)
+            clone.require_one_thread()
         self.world: World = running_world(config.planner.period_s)
         physics, egos = self.world.physics, [ego.id for ego in self._egos]
         self._actors = Actors(actors, self.world.road, physics.step, events=config.traffic.events, egos=egos, change_s=physics.change_duration)

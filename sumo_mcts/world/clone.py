@@ -4,7 +4,6 @@ The copy shares the state of every random generator: it knows what drivers and i
 """
 
 import os
-import resource
 import select
 import signal
 import stat
@@ -29,15 +28,22 @@ _EPS = 1e-9
 
 
 def require_possible(gui: bool) -> None:
-    """Raise ConfigError where the running simulation cannot be copied."""
-    threads = {name: option(name) for name in ("threads", "device.rerouting.threads")}
-    why = [
-        *(["it needs Linux, where a process can be copied"] if sys.platform != "linux" else []),
-        *(["a copy has no window of its own; leave --gui out"] if gui else []),
-        *(f"a copy has one thread, SUMO's option {name} asks for {count}" for name, count in threads.items() if int(count) > 1),
-    ]
-    if why:
-        raise ConfigError(f"prediction.name: clone: {why[0]}; allowed: idm, constant_velocity, routes, script")
+    """Raise ConfigError where no simulation can be copied."""
+    if sys.platform != "linux":
+        _refuse("copies the running process, which works on Linux only")
+    if gui:
+        _refuse("a copy has no window; leave --gui out")
+
+
+def require_one_thread() -> None:
+    """Raise ConfigError where the running simulation cannot be copied: of several threads a copy would have one, and wait for the others for ever."""
+    for name in ("threads", "device.rerouting.threads"):
+        if int(option(name)) > 1:
+            _refuse(f"SUMO's option {name} is {option(name)}, a copy has one thread; leave it out")
+
+
+def _refuse(why: str) -> NoReturn:
+    raise ConfigError(f"prediction.name: clone: {why}; allowed without: idm, constant_velocity, routes, script")
 
 
 def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:
@@ -96,15 +102,18 @@ def _live(work: Callable[[], Floats], pipe: int) -> NoReturn:
 
 def _let_go(pipe: int) -> None:
     """What the copy writes goes nowhere but into the pipe, files that are being read it reads by itself, and it opens no others."""
+    import fcntl  # not on Windows
+    import resource
+
     nowhere = os.open(os.devnull, os.O_RDWR)
-    for number in map(int, os.listdir(_FDS)):
+    for number in [int(link.name) for link in _FDS.iterdir()]:
         if number in (pipe, nowhere):
             continue
         try:
             mode = os.fstat(number).st_mode
         except OSError:
             continue  # the list's own
-        if _written(number):
+        if fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE != os.O_RDONLY:
             os.dup2(nowhere, number)
         elif stat.S_ISREG(mode):  # SUMO reads route files bit by bit: a shared position would make the original miss what the copy has read
             own = os.open(_FDS / str(number), os.O_RDONLY)
@@ -114,16 +123,10 @@ def _let_go(pipe: int) -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))
 
 
-def _written(number: int) -> bool:
-    """Whether a file descriptor can be written to."""
-    import fcntl
-
-    return fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE != os.O_RDONLY
-
-
 def _read_all(pipe: int) -> bytes:
     """Everything up to the pipe's end."""
-    parts, until = [], time.monotonic() + PATIENCE_S
+    parts: list[bytes] = []
+    until = time.monotonic() + PATIENCE_S
     while True:
         ready, _, _ = select.select([pipe], [], [], max(0.0, until - time.monotonic()))
         if not ready:
