@@ -76,7 +76,7 @@ def run(
 def forecast(
     context: typer.Context,
     scenario: Scenario,
-    ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable); `any`: the first suitable one.")] = None,  # noqa: UP045
+    ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable, one episode each); `any`: the first suitable one.")] = None,  # noqa: UP045
     ego_until: Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")] = None,  # noqa: UP045
     seeds: Annotated[Optional[int], typer.Option(min=1, help="Episodes with seeds 0 to N-1. Default: one, as `run` drives it.", metavar="N")] = None,  # noqa: UP045
     planner: Annotated[Optional[str], typer.Option(help="Who drives: mcts, paper, sumo or constant.")] = None,  # noqa: UP045
@@ -88,13 +88,9 @@ def forecast(
     overrides = (*(assign or ()), *([f"planner.name={planner}"] if planner is not None else []))
     with _plain_errors():
         from sumo_mcts import commands
-        from sumo_mcts.config import ConfigError
 
-        if scenario.endswith(".sumocfg") and not ego:
-            raise ConfigError(f"{scenario}: --ego: not given; `sumo-mcts run {scenario}` lists the candidates")
         with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
-            config = commands.resolve(scenario, None, tuple(ego or ()), ego_until, overrides, tuple(context.args))
-            result = commands.forecasts(config, scenario, seeds, tuple(context.args), note)
+            result = commands.forecasts(scenario, tuple(ego or ()), ego_until, overrides, seeds, tuple(context.args), note)
     typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.forecast_table(result))
     for problem in result["problems"]:
         typer.echo(f"error: {problem}", err=True)

@@ -3,6 +3,8 @@
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,16 +24,16 @@ PREDICTORS = ("constant_velocity", "idm", "routes", "script", "clone")
 Note = Callable[[str], None]
 
 
-def compare(config: ScenarioConfig, seeds: Sequence[int | None], sumo_options: Sequence[str], note: Note) -> dict[str, Any]:
-    """One episode a seed, driven as the scenario says; every predictor judged in all of its cycles. Raises ConfigError."""
+def compare(configs: Sequence[ScenarioConfig], seeds: Sequence[int | None], sumo_options: Sequence[str], note: Note) -> dict[str, Any]:
+    """An episode for each of these (one scenario with different egos) and seed; every predictor judged in all of their cycles. Raises ConfigError."""
     require_possible(gui=False)
-    judge = _Judge(config)
+    judge, config = _Judge(configs[0]), configs[0]
     rows: list[records.Row] = []
-    for k, seed in enumerate(seeds):
+    episodes = list(product(configs, seeds))
+    for k, (episode, seed) in enumerate(episodes):
         judge.begin()
-        where = f"episode {k + 1} of {len(seeds)}"
-        news = lambda text, where=where: note(f"{where}  {text}" if text[:1].isdigit() else text)  # noqa: E731  # the loop's news begin with the time
-        rows += run_episode(config, seed, sumo_options=sumo_options, progress=news, watch=judge.watch).rows
+        news = partial(_tell, note, f"episode {k + 1} of {len(episodes)}")
+        rows += run_episode(episode, seed, sumo_options=sumo_options, progress=news, watch=judge.watch).rows
     return {
         "schema_version": records.SCHEMA_VERSION,
         "scenario": config.name,
@@ -42,6 +44,11 @@ def compare(config: ScenarioConfig, seeds: Sequence[int | None], sumo_options: S
         "cycles": judge.cycles,
         "forecasts": judge.table(),
     }
+
+
+def _tell(note: Note, where: str, news: str) -> None:
+    """What an episode says, with which one it is where the news are of a moment in it."""
+    note(f"{where}  {news}" if news[:1].isdigit() else news)
 
 
 class _Said(NamedTuple):

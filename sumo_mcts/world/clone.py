@@ -49,9 +49,14 @@ def _refuse(why: str) -> NoReturn:
 def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:
     """What `work` returns (float64, of this shape) when it is done in a copy of this process. Raises SimulationError where the copy fails."""
     ours, theirs = os.pipe()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # other threads, if any, are not needed there
-        child = os.fork()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # other threads, if any, are not needed there
+            child = os.fork()
+    except OSError as error:
+        os.close(ours)
+        os.close(theirs)
+        raise SimulationError(f"the simulation cannot be copied: {error.strerror}") from None
     if child == 0:
         _live(work, theirs)
     try:

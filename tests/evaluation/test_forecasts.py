@@ -1,7 +1,6 @@
 """The statistics of forecasts, by hand; and where they come from, in small episodes."""
 
 import json
-import math
 
 import numpy as np
 import pytest
@@ -84,7 +83,7 @@ def nothing(_: str) -> None:
 
 @pytest.mark.parametrize("name", ["straight-line", "highway-exit-scripted"])
 def test_the_copy_is_exact_where_the_ego_does_what_was_nominal(name: str) -> None:
-    document = compare(scene_of(name, "planner.name=sumo"), [2], (), nothing)
+    document = compare([scene_of(name, "planner.name=sumo")], [2], (), nothing)
     assert document["problems"] == []
     pairs = {row["horizon_s"]: row["pairs"] for row in told(document, "clone")}
     assert pairs[1.0] >= pairs[3.0] >= pairs[5.0] > 20
@@ -101,7 +100,7 @@ def test_the_copy_is_exact_where_the_ego_does_what_was_nominal(name: str) -> Non
 def test_all_are_judged_on_the_same_pairs_and_nothing_is_disturbed() -> None:
     scene = scene_of("unprotected-left-turn-scripted", "planner.iterations=100")
     seen: list[str] = []
-    document = compare(scene, [0, 1], (), seen.append)
+    document = compare([scene], [0, 1], (), seen.append)
     for horizon in (1.0, 3.0, 5.0):
         rows = [row for row in document["forecasts"] if row["horizon_s"] == horizon]
         assert [row["prediction"] for row in rows] == ["constant_velocity", "idm", "routes", "script", "clone"]
@@ -109,6 +108,12 @@ def test_all_are_judged_on_the_same_pairs_and_nothing_is_disturbed() -> None:
     for script, copy in zip(told(document, "script"), told(document, "clone"), strict=True):
         assert script["mean_m"] == pytest.approx(copy["mean_m"], abs=1e-3)
     assert any(text.startswith("episode 2 of 2") for text in seen)
+
+
+def test_each_ego_has_an_episode_of_its_own() -> None:
+    found = commands.forecasts("straight-line", ["ego", "same"], None, ("planner.name=sumo", "episode.depart_limit_s=1"), None, (), nothing)
+    assert found["outcomes"] == {"arrived": 1, "error": 1}
+    assert found["seeds"] == [0]
 
 
 def test_asking_changes_no_episode() -> None:
@@ -128,7 +133,7 @@ def test_a_forecast_that_fails_is_an_outcome(monkeypatch: pytest.MonkeyPatch) ->
         raise RuntimeError("no crystal ball")
 
     monkeypatch.setattr(Loop, "copied", broken)
-    document = compare(scene_of("straight-line", "planner.name=sumo"), [0], (), nothing)
+    document = compare([scene_of("straight-line", "planner.name=sumo")], [0], (), nothing)
     assert document["outcomes"] == {"error": 1}
     assert document["problems"] == ["straight-line: ego ego: RuntimeError: no crystal ball"]
 
@@ -145,10 +150,11 @@ def test_the_table_shows_every_row() -> None:
         "gone": 1,
         "forecast_ms_p50": 0.31,
     }
-    none = {**row, "pairs": 0, "mean_m": None, "p95_m": None, "max_m": None, "right_lane": None, "gone": 0, "forecast_ms_p50": None}
-    document = {"scenario": "s", "variant": "mcts-idm-1000", "outcomes": {"arrived": 2}, "cycles": 40, "forecasts": [row, none]}
+    none = {**row, "horizon_s": 3.0, "pairs": 0, "mean_m": None, "p95_m": None, "max_m": None, "right_lane": None, "gone": 0}
+    other = [{**each, "prediction": "clone", "forecast_ms_p50": None} for each in (row, none)]
+    document = {"scenario": "s", "variant": "mcts-idm-1000", "outcomes": {"arrived": 2}, "cycles": 40, "forecasts": [row, none, *other]}
     lines = commands.forecast_table(document).splitlines()
-    assert lines[0] == "s, driven by mcts-idm-1000: 2 arrived, 40 cycles"
-    assert lines[-2] == "| idm | 1 | 8 | 0.13 | 1.00 | 2.00 | 97.5 % | 1 | 0.3 |"
-    assert lines[-1] == "| idm | 1 | 0 | - | - | - | - | 0 | - |"
-    assert math.isclose(len({line.count("|") for line in lines[2:]}), 1)
+    assert lines[0] == "s, driven by mcts-idm-1000: 2 arrived, 40 cycles; after 1, 3 s:"
+    assert lines[-2] == "| s | idm | 8 0 | 0.13 - | 1.00 - | 2.00 - | 97.5 - | 1 0 | 0.3 |"
+    assert lines[-1] == "| s | clone | 8 0 | 0.13 - | 1.00 - | 2.00 - | 97.5 - | 1 0 | - |"
+    assert len({line.count("|") for line in lines[2:]}) == 1
