@@ -146,7 +146,7 @@ class Loop:
             check(actor, road)
         self._simulation = Simulation(self.arguments, gui=self._gui)
         if config.prediction.name == "clone":
-            clone.require_one_thread()
+            clone.require_copyable()
         self.world: World = running_world(config.planner.period_s)
         physics, egos = self.world.physics, [ego.id for ego in self._egos]
         self._actors = Actors(actors, self.world.road, physics.step, events=config.traffic.events, egos=egos, change_s=physics.change_duration)

@@ -15,7 +15,7 @@ from sumo_mcts.driver import Driver
 from sumo_mcts.episode import Loop, default_variant, run_episode
 from sumo_mcts.evaluation.forecasts import Errors, errors, statistics, together
 from sumo_mcts.scene import Forecast, Scene
-from sumo_mcts.world.clone import require_one_thread, require_possible
+from sumo_mcts.world.clone import require_copyable, require_possible
 from sumo_mcts.world.observe import LANE, THERE
 
 HORIZONS = (1.0, 3.0, 5.0)  # s
@@ -75,7 +75,7 @@ class _Judge:
 
     def watch(self, loop: Loop, drivers: Mapping[str, Driver], scenes: Mapping[str, Scene]) -> None:
         """A cycle of the egos in `scenes`: judge what was said before, and ask anew."""
-        require_one_thread()
+        require_copyable()
         for ego, scene in scenes.items():
             self._judge(loop, ego, scene.time)
             try:

@@ -35,11 +35,17 @@ def require_possible(gui: bool) -> None:
         _refuse("a copy has no window; leave --gui out")
 
 
-def require_one_thread() -> None:
-    """Raise ConfigError where the running simulation cannot be copied: of several threads a copy would have one, and wait for the others for ever."""
+def require_copyable() -> None:
+    """Raise ConfigError where the running simulation cannot be copied.
+
+    Of several threads a copy would have one, and wait for the others for ever; and it would save the states of a time to come.
+    """
     for name in ("threads", "device.rerouting.threads"):
         if int(option(name)) > 1:
             _refuse(f"SUMO's option {name} is {option(name)}, a copy has one thread; leave it out")
+    for name, never in (("save-state.period", "-1"), ("save-state.times", "")):
+        if option(name) != never:
+            _refuse(f"SUMO's option {name} is {option(name)}, a copy saves no states; leave it out")
 
 
 def _refuse(why: str) -> NoReturn:

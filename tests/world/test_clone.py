@@ -285,6 +285,8 @@ def test_it_says_where_it_does_not_work(monkeypatch: pytest.MonkeyPatch) -> None
         run_episode(scene, 0, gui=True)
     with pytest.raises(ConfigError, match="SUMO's option threads is 2"):
         run_episode(scene, 0, sumo_options=["--threads", "2"])
+    with pytest.raises(ConfigError, match=r"option save-state\.times is 900, a copy saves no states"):
+        run_episode(scene, 0, sumo_options=["--save-state.times", "900"])
     monkeypatch.setattr(clone.sys, "platform", "win32")
     with pytest.raises(ConfigError, match="Linux only"):
         run_episode(scene, 0)
