@@ -138,7 +138,7 @@ OPTIONS = [
     (("run", "good.yaml", "--iterations", "many"), "'--iterations'"),
     (("run", "good.yaml", "--iterations", "0"), "'--iterations'"),
     (("run", "good.yaml", "--seed", "-1"), "'--seed'"),
-    (("run", "good.yaml", "--prediction", "clone", "--gui"), "good.yaml: prediction.name: clone: a copy has no window; leave --gui out; allowed without: idm"),
+    (("run", "good.yaml", "--prediction", "clone", "--gui"), "good.yaml: prediction.name: clone: a copy has no window; leave --gui out; allowed here: idm"),
     (("run", "good.yaml", "--prediction", "clone", "--", "--threads", "2"), "good.yaml: prediction.name: clone: SUMO's option threads is 2, a copy has one"),
     (("forecast", "good.yaml", "--", "--save-state.times", "900"), "prediction.name: clone: SUMO's option save-state.times is 900, a copy saves no"),
     (("forecast", "good.yaml", "--", "--threads", "2"), "good.yaml: prediction.name: clone: SUMO's option threads is 2, a copy has one thread"),

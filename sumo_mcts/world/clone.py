@@ -3,6 +3,7 @@
 The copy shares the state of every random generator: it knows what drivers and insertions are going to draw. An oracle.
 """
 
+import contextlib
 import os
 import select
 import signal
@@ -49,7 +50,7 @@ def require_copyable() -> None:
 
 
 def _refuse(why: str) -> NoReturn:
-    raise ConfigError(f"prediction.name: clone: {why}; allowed without: idm, constant_velocity, routes, script")
+    raise ConfigError(f"prediction.name: clone: {why}; allowed here: idm, constant_velocity, routes, script")
 
 
 def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:
@@ -73,8 +74,9 @@ def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:
     finally:
         os.close(ours)
         if child:  # whatever happened: nobody is left behind
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
+            with contextlib.suppress(ProcessLookupError, ChildProcessError):  # interrupted just after its end
+                os.kill(child, signal.SIGKILL)
+                os.waitpid(child, 0)
     if status == 0 and len(answer) == 8 * int(np.prod(shape)):
         return np.frombuffer(answer, np.float64).reshape(shape)
     how = f"by signal {-status}" if status < 0 else f"with status {status}"

@@ -271,6 +271,32 @@ def test_the_planner_drives_with_it() -> None:
     assert first.traces[0].cycles[5].forecast.reacts.all()
 
 
+def test_the_nominal_ego_is_the_rest_of_the_last_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[Follow | Release] = []
+    copied = Loop.copied
+
+    def noted(loop: Loop, scene: Scene, nominal: Follow | Release, dt: float, count: int) -> object:
+        told.append(nominal)
+        return copied(loop, scene, nominal, dt, count)
+
+    def again(_: Loop, drivers: Mapping[str, Driver], scenes: Mapping[str, Scene]) -> None:
+        drivers["ego"].forecast(scenes["ego"], "clone", 1.0)
+
+    monkeypatch.setattr(Loop, "copied", noted)
+    scene = scene_of("straight-line", "prediction.name=clone", "planner.iterations=100", "episode.time_limit_s=8")
+    cycles = run_episode(scene, 1, watch=again).traces[0].cycles
+    commands = [cycle.decision.command for cycle in cycles]
+    before, after = told[::2], told[1::2]
+    assert isinstance(before[0], Release)
+    for command, nominal in zip(commands, after, strict=True):
+        assert np.array_equal(nominal.speeds, command.speeds[:20])
+        assert nominal.lane_change == command.lane_change
+    for command, nominal in zip(commands[:-1], before[1:], strict=True):
+        assert np.array_equal(nominal.speeds, command.speeds[5:25])
+        assert nominal.lane_change == 0
+    assert any(command.lane_change for command in commands)
+
+
 def test_scripted_agents_do_not_react_in_it() -> None:
     scene = scene_of("highway-exit-scripted", "prediction.name=clone", "planner.iterations=50")
     forecast = run_episode(scene, 0).traces[0].cycles[2].forecast
