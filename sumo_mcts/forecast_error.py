@@ -79,7 +79,7 @@ class _Judge:
         for ego, scene in scenes.items():
             self._judge(loop, ego, scene.time)
             try:
-                forecasts = {name: self._ask(drivers[ego], name, scene) for name in self._predictors}
+                forecasts = {name: self._ask(drivers[ego], name, scene, max(HORIZONS) + 0.5 * loop.world.period) for name in self._predictors}
             except Exception as error:  # as with planners: an outcome, not the end of a batch
                 loop.fail(ego, f"{type(error).__name__}: {error}")
                 continue
@@ -88,9 +88,9 @@ class _Judge:
                 self.cycles += 1
                 self._said[ego].append(_Said(scene, given))
 
-    def _ask(self, driver: Driver, name: str, scene: Scene) -> Forecast | None:
+    def _ask(self, driver: Driver, name: str, scene: Scene, seconds: float) -> Forecast | None:
         began = time.perf_counter()
-        forecast = driver.forecast(scene, name, max(HORIZONS))
+        forecast = driver.forecast(scene, name, seconds)
         self._ms[name].append((time.perf_counter() - began) * 1000.0)
         return forecast
 

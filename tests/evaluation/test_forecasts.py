@@ -97,6 +97,15 @@ def test_the_copy_is_exact_where_the_ego_does_what_was_nominal(name: str) -> Non
     json.dumps(document, allow_nan=False)
 
 
+def test_horizons_between_two_cycles_are_judged_in_the_nearer_one() -> None:
+    """Cycles 0.3 s apart: 0.9, 3.0 and 5.1 s; between two states of the forecast, 0.2 s apart, nobody leaves a line by more than 4.5 cm at 9 m/s2."""
+    document = compare([scene_of("straight-line", "planner.name=sumo", "planner.period_s=0.3", "episode.time_limit_s=8")], [2], (), nothing)
+    rows = told(document, "clone")
+    assert min(row["pairs"] for row in rows) > 20
+    assert rows[1]["max_m"] < 1e-9
+    assert max(row["max_m"] for row in rows) < 0.045
+
+
 def test_all_are_judged_on_the_same_pairs_and_nothing_is_disturbed() -> None:
     scene = scene_of("unprotected-left-turn-scripted", "planner.iterations=100")
     seen: list[str] = []
