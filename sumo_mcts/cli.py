@@ -30,7 +30,7 @@ def run(
     ego_until: Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")] = None,  # noqa: UP045
     seed: Annotated[Optional[int], typer.Option(min=0, help="Default 0; a .sumocfg keeps its own.")] = None,  # noqa: UP045
     planner: Annotated[Optional[str], typer.Option(help="mcts, paper, sumo or constant.")] = None,  # noqa: UP045
-    prediction: Annotated[Optional[str], typer.Option(help="idm, constant_velocity, or an oracle: routes, script.")] = None,  # noqa: UP045
+    prediction: Annotated[Optional[str], typer.Option(help="idm, constant_velocity, or an oracle: routes, script, clone.")] = None,  # noqa: UP045
     iterations: Annotated[Optional[int], typer.Option(min=1, help="Iteration budget of one decision.")] = None,  # noqa: UP045
     time_budget: Annotated[Optional[float], typer.Option(metavar="MS", help="Time budget of one decision instead; not reproducible.")] = None,  # noqa: UP045
     time_limit: Annotated[Optional[float], typer.Option(metavar="S", help="Seconds after departure until the episode is a timeout.")] = None,  # noqa: UP045
@@ -69,6 +69,32 @@ def run(
     for failure in failures:
         typer.echo(f"error: {failure}", err=True)
     if failures:
+        raise typer.Exit(FAILED)
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": False})
+def forecast(
+    context: typer.Context,
+    scenario: Scenario,
+    ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable, one episode each); `any`: the first suitable one.")] = None,  # noqa: UP045
+    ego_until: Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")] = None,  # noqa: UP045
+    seeds: Annotated[Optional[int], typer.Option(min=1, help="Episodes with seeds 0 to N-1. Default: one, as `run` drives it.", metavar="N")] = None,  # noqa: UP045
+    planner: Annotated[Optional[str], typer.Option(help="Who drives: mcts, paper, sumo or constant.")] = None,  # noqa: UP045
+    assign: Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="Set any key of the scenario (repeatable).")] = None,  # noqa: UP045
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of the progress.")] = False,
+) -> None:
+    """Measure every forecast, oracles too, against what then happened. Options after -- go to SUMO."""
+    overrides = (*(assign or ()), *([f"planner.name={planner}"] if planner is not None else []))
+    with _plain_errors():
+        from sumo_mcts import commands
+
+        with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
+            result = commands.forecasts(scenario, tuple(ego or ()), ego_until, overrides, seeds, tuple(context.args), note)
+    typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.forecast_table(result))
+    for problem in result["problems"]:
+        typer.echo(f"error: {problem}", err=True)
+    if result["problems"]:
         raise typer.Exit(FAILED)
 
 

@@ -11,6 +11,7 @@ import yaml
 from sumo_mcts import assets, config, records
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.forecast_error import compare
 from sumo_mcts.world.arguments import key_of_value, network_of, sumocfg_arguments
 from sumo_mcts.world.candidates import Candidate, candidates
 from sumo_mcts.world.roadmap import known_roadmap
@@ -50,6 +51,32 @@ def run(scenario: ScenarioConfig, origin: str, seed: int | None, gui: bool, sumo
         seed = 0
     with _named(origin, scenario.sumo.sumocfg):
         return run_episode(scenario, seed, gui=gui, sumo_options=sumo_options, progress=note)
+
+
+def forecasts(
+    scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], seeds: int | None, sumo_options: Sequence[str], note: Note
+) -> dict[str, Any]:
+    """The error of every forecast, over an episode for each ego (none given: the scenario's own, together) and seed: 0 .. `seeds` - 1; None: one,
+    as in `run`. Raises ConfigError."""
+    if scenario.endswith(".sumocfg") and not egos:
+        raise ConfigError(f"{scenario}: --ego: not given; `sumo-mcts run {scenario}` lists the candidates")
+    resolved = [resolve(scenario, None, names, until, overrides, sumo_options) for names in ([[ego] for ego in egos] or [[]])]
+    sumocfg = resolved[0].sumo.sumocfg
+    with _named(scenario, sumocfg):
+        one = None if sumocfg is not None else 0
+        return compare(resolved, [one] if seeds is None else list(range(seeds)), sumo_options, note)
+
+
+def forecast_table(document: dict[str, Any]) -> str:
+    """The errors for a person, as Markdown: a row for each predictor, in each cell the horizons one after the other."""
+    rows = document["forecasts"]
+    names = list(dict.fromkeys(row["prediction"] for row in rows))
+    after = ", ".join(f"{horizon:g}" for horizon in dict.fromkeys(row["horizon_s"] for row in rows))
+    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in document["outcomes"].items())
+    head = f"{document['scenario']}, driven by {document['variant']}: {outcomes}, {document['cycles']} cycles; after {after} s:"
+    columns = "| scene | forecast | pairs | mean, m | 95 %, m | largest, m | right lane, % | taken for gone | one forecast (p50), ms |"
+    lines = [_forecast_line(document["scenario"], [row for row in rows if row["prediction"] == name]) for name in names]
+    return "\n".join([head, "", columns, "|---|---|---|---|---|---|---|---|---|", *lines])
 
 
 def failures(result: EpisodeResult) -> list[str]:
@@ -149,6 +176,15 @@ def _first_suitable(sumocfg: str, seed: int | None, sumo_options: Sequence[str])
     if not found or not found[-1].suitable:
         raise ConfigError(f"{sumocfg}: --ego any: no suitable vehicle departs; without --ego the candidates are listed")
     return found[-1].id
+
+
+def _forecast_line(scenario: str, rows: Sequence[dict[str, Any]]) -> str:
+    def show(key: str, digits: int, factor: float = 1.0) -> str:
+        return " ".join("-" if row[key] is None else f"{factor * row[key]:.{digits}f}" for row in rows)
+
+    cells = [show("pairs", 0), show("mean_m", 2), show("p95_m", 2), show("max_m", 2), show("right_lane", 1, 100.0), show("gone", 0)]
+    cost = "-" if rows[0]["forecast_ms_p50"] is None else f"{rows[0]['forecast_ms_p50']:.1f}"
+    return f"| {scenario} | {rows[0]['prediction']} | {' | '.join(cells)} | {cost} |"
 
 
 def _summary(row: dict[str, Any]) -> str:

@@ -130,8 +130,10 @@ class SensorConfig(_Section):
 class PredictionConfig(_Section):
     """The forward-predicted copy of the traffic."""
 
-    name: Literal["idm", "constant_velocity", "routes", "script"] = Field(
-        "idm", description="routes and script are oracles: idm along the agents' true next lanes, and the scripts of a scripted scene"
+    name: Literal["idm", "constant_velocity", "routes", "script", "clone"] = Field(
+        "idm",
+        description="routes, script and clone are oracles: idm along the agents' true next lanes, the scripts of a scripted scene, and what a copy of the "
+        "running simulation does (Linux, without a window)",
     )
     step_s: Positive = Field(0.2, description="time between forecast states")
     headway_s: Positive = Field(1.2, description="IDM time headway of the others")

@@ -8,13 +8,18 @@ while libsumo.simulation.getMinExpectedNumber():
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 from sumo_mcts import config as scenario_files
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.driver import Driver, Oracles, Thought, streams, warm_up
 from sumo_mcts.pilot import Pilot, running_world
 from sumo_mcts.world.simulation import option, require_running
+
+_NOT_HERE = {
+    "script": "reads the scripts of a scenario that `sumo-mcts run` plays",
+    "clone": "copies a simulation that `sumo-mcts run` plays: what your loop is going to command is not known",
+}
 
 
 class Controller:
@@ -29,7 +34,8 @@ class Controller:
         require_running()
         self._ego, self._config = ego, _scenario(ego, config)
         self._world = running_world(self._config.planner.period_s)
-        self._driver = Driver(self._config, self._world.road, self._world.physics, streams(seed).search, Oracles(self._world.observer.way, _no_script))
+        oracles = Oracles(self._world.observer.way, _no_script, _no_copy)
+        self._driver = Driver(self._config, self._world.road, self._world.physics, streams(seed).search, oracles)
         self._pilot: Pilot | None = None
         self._over = False
         self.thought: Thought | None = None  # the last decision, and what it rests on
@@ -74,13 +80,16 @@ def _no_script(*_: object) -> None:
     """Nobody in a loop of the user's own holds one."""
 
 
+def _no_copy(*_: object) -> NoReturn:
+    """A copy would not do what the user's loop is going to do."""
+    raise ConfigError("Controller: no copy of a loop of the user's own")
+
+
 def _scenario(ego: str, config: ScenarioConfig | Mapping[str, Any] | None) -> ScenarioConfig:
     """A scenario around the running simulation."""
     if not isinstance(config, ScenarioConfig):
         data = {"name": "controller", "sumo": {"net": option("net-file")}, "egos": [{"id": ego}]}
         config = scenario_files.build({**data, **(config or {})}, "Controller")
-    if config.prediction.name == "script":
-        raise ConfigError(
-            "Controller: prediction.name: script reads the scripts of a scenario that `sumo-mcts run` plays; allowed: idm, constant_velocity, routes"
-        )
+    if config.prediction.name in _NOT_HERE:
+        raise ConfigError(f"Controller: prediction.name: {config.prediction.name} {_NOT_HERE[config.prediction.name]}; allowed: idm, constant_velocity, routes")
     return config

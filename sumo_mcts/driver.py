@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from sumo_mcts.planners.base import Planner, Situation, Task
 from sumo_mcts.planners.baselines import ConstantPlanner, SumoPlanner
 from sumo_mcts.planners.mcts import MctsParams, MctsPlanner
 from sumo_mcts.planners.paper import PaperParams, PaperPlanner
-from sumo_mcts.scene import GREEN, IGNORING, Agents, Decision, EgoState, Floats, Forecast, Ints, Plan, Release, RoadMap, Scene, Signals
+from sumo_mcts.scene import GREEN, IGNORING, Agents, Decision, EgoState, Floats, Follow, Forecast, Ints, Plan, Release, RoadMap, Scene, Signals
 
 SEARCHING = ("mcts", "paper")  # planners that search a forecast
 NEAR_STOP = 3.0  # m before a stop sign within which standing counts
@@ -33,6 +33,8 @@ class Oracles(NamedTuple):
 
     way: Callable[[str, int], Ints]  # vehicle and its lane: the lanes it is really going to take
     script: Callable[[str, float, float, int], Scripted | None]  # vehicle, time (s), step (s), count: its coming states, if it holds a script
+    clone: Callable[[Scene, Follow | Release, float, int], Mapping[int, Scripted]]
+    # scene, what its ego is to do, step (s), count: the coming states of its agents (index) in a copy of the simulation
 
 
 class Physics(NamedTuple):
@@ -76,6 +78,7 @@ class Driver:
         self._edges: tuple[int, ...] = ()
         self._stood: dict[int, float] = {}  # node at whose stop sign the ego has stood -> when
         self._plan: Plan | None = None
+        self._command: Follow | Release = Release()
         self._plan_time = 0.0
 
     def decide(self, scene: Scene) -> Thought:
@@ -85,14 +88,27 @@ class Driver:
         route = self._route
         state = None if route is None or scene.ego.lane < 0 else ego_state(route, as_seen(self._road, scene.ego))
         if state is None or route is None:
-            self._plan = None
+            self._plan, self._command = None, Release()
             return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
         self._note_stop(route, state, scene.time)
-        forecast = self._forecast(scene, route, state) if self._planner.needs_forecast else None
+        name = self._config.prediction.name
+        forecast = self._forecast(scene, route, state, name, self._horizon()) if self._planner.needs_forecast else None
         situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), frozenset(self._stood))
         decision = self._planner.plan(situation)
-        self._plan, self._plan_time = decision.plan, scene.time
+        self._plan, self._command, self._plan_time = decision.plan, decision.command, scene.time
         return Thought(decision, forecast, _ms(began))
+
+    def forecast(self, scene: Scene, name: str, seconds: float) -> Forecast | None:
+        """What the predictor `name` says right after a decision, given the plan just made; None where the ego is not on its route."""
+        route = self._route
+        state = None if route is None or scene.ego.lane < 0 else ego_state(route, as_seen(self._road, scene.ego))
+        if state is None or route is None:
+            return None
+        side = self._command.lane_change if isinstance(self._command, Follow) else 0
+        other = int((route.left if side > 0 else route.right)[state.node]) if side else -1
+        if other >= 0:
+            state = state._replace(progress=CENTRED, other=other)  # it is about to begin
+        return self._forecast(scene, route, state, name, seconds)
 
     def _keep_route(self, ego: EgoState) -> None:
         """Lay the route out when the ego is taken over, and again when SUMO gave it another one."""
@@ -111,25 +127,33 @@ class Driver:
         if route.sign[state.node] and state.v < 0.1 and route.length[state.node] - state.s < NEAR_STOP:
             self._stood.setdefault(state.node, now)
 
-    def _forecast(self, scene: Scene, route: RouteMap, state: State) -> Forecast:
+    def _horizon(self) -> float:
+        """How far the planner looks into a forecast, s."""
         config = self._config
+        if config.planner.name == "paper":
+            return (config.paper.look_ahead_steps + config.paper.rollout_steps) * max(config.paper.step_s, self._physics.step) + self._traffic.step
         steps = config.planner.look_ahead_steps + config.planner.rollout_steps
         ply = max(1, round(config.planner.step_s / self._physics.step)) * self._physics.step
-        seconds = steps * ply + config.cost.claim_s + self._traffic.step
-        if config.planner.name == "paper":
-            seconds = (config.paper.look_ahead_steps + config.paper.rollout_steps) * max(config.paper.step_s, self._physics.step) + self._traffic.step
-        stood_s = scene.time - self._stood.get(state.node, math.inf)
-        told = self._told(scene, seconds)
-        return predict(self._road, scene, _ego_lanes(route, state), self._nominal(scene.time), self._traffic, seconds, told, stood_s)
+        return steps * ply + config.cost.claim_s + self._traffic.step
 
-    def _told(self, scene: Scene, seconds: float) -> Told:
-        """What the oracle tells that the scenario asks for, if it asks for one."""
+    def _forecast(self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float) -> Forecast:
+        params = self._traffic._replace(interacting=name != "constant_velocity")
+        stood_s = scene.time - self._stood.get(state.node, math.inf)
+        told = self._told(scene, name, seconds)
+        return predict(self._road, scene, _ego_lanes(route, state), self._nominal(scene.time), params, seconds, told, stood_s)
+
+    def _told(self, scene: Scene, name: str, seconds: float) -> Told:
+        """What the oracle `name` tells, if it is one."""
         agents, ask = scene.agents, self._oracles
-        match self._config.prediction.name:
-            case "script" if ask is not None:
-                count = int(np.ceil(seconds / self._traffic.step)) + 1
-                scripts = {i: ask.script(name, scene.time, self._traffic.step, count) for i, name in enumerate(agents.ids)}
-                return Told(scripts={i: script for i, script in scripts.items() if script is not None})
+        count = int(np.ceil(seconds / self._traffic.step)) + 1
+        match name:
+            case "script" | "clone" if ask is not None:
+                known = {i: ask.script(vehicle, scene.time, self._traffic.step, count) for i, vehicle in enumerate(agents.ids)}
+                scripts = {i: script for i, script in known.items() if script is not None}
+                if name == "script":
+                    return Told(scripts=scripts)
+                copies = ask.clone(scene, self._nominal_command(scene.time), self._traffic.step, count)
+                return Told(scripts={i: copies[i] for i in scripts}, copies=copies)
             case "routes" if ask is not None:
                 return Told(ways={int(i): ask.way(agents.ids[i], int(agents.lane[i])) for i in np.flatnonzero(agents.lane >= 0)})
         return Told()
@@ -142,6 +166,14 @@ class Driver:
         end = min(float(self._plan.time[-1]), begin + NOMINAL_S)
         times = np.arange(begin + self._traffic.step, end + 1e-9, self._traffic.step)
         return np.asarray(np.interp(times, self._plan.time, self._plan.v))
+
+    def _nominal_command(self, now: float) -> Follow | Release:
+        """What is left of the last command, as long as the forecast takes it for granted; then SUMO's own driver."""
+        if isinstance(self._command, Release):
+            return self._command
+        begin = round((now - self._plan_time) / self._physics.step)
+        left = self._command.speeds[begin : begin + round(NOMINAL_S / self._physics.step)]
+        return Follow(left, self._command.lane_change if begin == 0 else 0) if len(left) else Release()
 
 
 def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:

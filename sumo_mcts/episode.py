@@ -23,7 +23,8 @@ from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.pilot import Pilot, World, running_world
 from sumo_mcts.recorder import Recorder
 from sumo_mcts.records import Row, Trace
-from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Frame, RoadMap, Scene
+from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Frame, Release, RoadMap, Scene
+from sumo_mcts.world import clone
 from sumo_mcts.world import gui as window
 from sumo_mcts.world.actors import Actors, check, draw
 from sumo_mcts.world.arguments import REFEREE_OPTIONS, network_of, sumo_arguments
@@ -37,6 +38,7 @@ WAITING_NEWS_S = 30.0  # between two words about an ego that has not departed
 MOST_REDRAWN = 20  # draws in a row without a way out: it is not the draw's fault
 
 Progress = Callable[[str], None]
+Watch = Callable[["Loop", Mapping[str, Driver], Mapping[str, Scene]], None]  # called with every set of decisions, before they are executed
 
 
 class EpisodeResult(NamedTuple):
@@ -55,6 +57,7 @@ def run_episode(
     sumo_options: Sequence[str] = (),
     progress: Progress | None = None,
     variant: str | None = None,
+    watch: Watch | None = None,
 ) -> EpisodeResult:
     """Run a scenario to its end; without a seed SUMO keeps its own. Raises ConfigError where the input is wrong; what fails later is an outcome."""
     began = time.perf_counter()
@@ -67,7 +70,10 @@ def run_episode(
         warm_up(config, loop.world.road, loop.world.physics)
         drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.oracles) for ego in config.egos}
         while scenes := loop.scenes():
-            loop.apply(_decide(loop, scenes, drivers, recorders))
+            decisions = _decide(loop, scenes, drivers, recorders)
+            if watch is not None:
+                watch(loop, drivers, scenes)
+            loop.apply(decisions)
             if progress is not None:
                 progress(_news(scenes))
     finally:
@@ -130,6 +136,8 @@ class Loop:
     def start(self) -> None:
         """Start SUMO with the next draw of the actors. Raises ConfigError where the input is wrong."""
         config = self.config
+        if config.prediction.name == "clone":
+            clone.require_possible(self._gui)
         actors = draw(config.traffic, self._traffic)
         self.arguments = sumo_arguments(config, self.seed, actors, Path(self._folder.name), self._options)
         road = known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net))  # SUMO itself does not survive every network
@@ -137,6 +145,8 @@ class Loop:
         for actor in actors:
             check(actor, road)
         self._simulation = Simulation(self.arguments, gui=self._gui)
+        if config.prediction.name == "clone":
+            clone.require_copyable()
         self.world: World = running_world(config.planner.period_s)
         physics, egos = self.world.physics, [ego.id for ego in self._egos]
         self._actors = Actors(actors, self.world.road, physics.step, events=config.traffic.events, egos=egos, change_s=physics.change_duration)
@@ -185,7 +195,7 @@ class Loop:
     @property
     def oracles(self) -> Oracles:
         """For forecasts that are labelled so."""
-        return Oracles(self.world.observer.way, self.scripted)
+        return Oracles(self.world.observer.way, self.scripted, self.copied)
 
     def scripted(self, vehicle: str, now: float, dt: float, count: int) -> Scripted | None:
         """The coming `count` states of a scripted actor, `dt` s apart: an oracle."""
@@ -200,6 +210,33 @@ class Loop:
         valid = (rows >= 0) & (rows < len(script.v))
         rows = np.clip(rows, 0, len(script.v) - 1)
         return Scripted(self._script_poses[vehicle][rows], script.v[rows], script.lane[rows], script.s[rows], valid)
+
+    def copied(self, scene: Scene, nominal: Follow | Release, dt: float, count: int) -> dict[int, Scripted]:
+        """The coming `count` states of the scene's agents, `dt` s apart, if its ego does what is nominal: an oracle. Raises SimulationError.
+
+        Everybody else does what it will do; egos carry on with what they were told, then SUMO's own driver does. Who is not there yet is left out.
+        """
+        every = max(1, round(dt / self.world.physics.step))
+        rows = math.ceil((count - 1) * dt / (every * self.world.physics.step) - 1e-9) + 1
+        states = clone.in_copy(lambda: self._rehearse(scene, nominal, every, rows), (rows, len(scene.agents.ids), 8))
+        return clone.at_times(states, every * self.world.physics.step, dt, count)
+
+    def _rehearse(self, scene: Scene, nominal: Follow | Release, every: int, rows: int) -> Floats:
+        """[rows, N, 8] the states of the agents now and after each `every` steps: for a copy of the simulation, which it moves on."""
+        assert self._simulation is not None, "start() first"
+        pilots = {ego.id: ego.pilot for ego in self._egos if ego.pilot is not None}
+        pilots[scene.ego.id].accept(Decision(nominal, None, (), -1, "nominal", 0, 0))
+        read = self.world.observer.states
+        states = [read(scene.agents.ids)]
+        for k in range(1, (rows - 1) * every + 1):
+            self._actors.before_step(self._simulation.time)
+            for pilot in pilots.values():
+                pilot.rehearse_step()
+            self._simulation.step()
+            now = read(scene.agents.ids)  # each step, as the original does: it remembers lanes
+            if k % every == 0:
+                states.append(now)
+        return np.array(states)
 
     def _futures(self, now: float, count: int) -> list[Future]:
         """The coming `count` states of every scripted actor, a step apart."""

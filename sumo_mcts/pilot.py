@@ -65,6 +65,13 @@ class Pilot:
         """Command the step that begins now."""
         self._commander.before_step()
 
+    def rehearse_step(self) -> None:
+        """Likewise in a copy of the simulation, where nobody decides: after the profile SUMO's own driver goes on, until the ego has left."""
+        if self._commander.played:
+            self._commander.release()
+        elif self._world.observer.present(self._vehicle):
+            self._commander.before_step()
+
     def release(self) -> None:
         """Hand the ego back to SUMO, if it is still there."""
         self._commander.release()

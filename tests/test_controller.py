@@ -124,7 +124,12 @@ def test_decides_once_a_period(simulation: Simulation) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "named"), [({"planner": {"iteration": 5}}, "planner.iteration: unknown key"), ({"prediction": {"name": "script"}}, "prediction.name")]
+    ("settings", "named"),
+    [
+        ({"planner": {"iteration": 5}}, "planner.iteration: unknown key"),
+        ({"prediction": {"name": "script"}}, "prediction.name: script reads the scripts"),
+        ({"prediction": {"name": "clone"}}, "prediction.name: clone copies a simulation .* allowed: idm, constant_velocity, routes"),
+    ],
 )
 def test_wrong_settings_are_named(simulation: Simulation, settings: dict[str, Any], named: str) -> None:
     with pytest.raises(ConfigError, match=named):

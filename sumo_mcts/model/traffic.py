@@ -2,7 +2,7 @@
 
 Every agent is led along its most likely lanes: the turn that its signals announce, else straight on, else the first way. `constant_velocity`
 keeps its speed; `idm` follows its leader, stops for red, yields where it must and lets a standing car stand; `routes` does so along the lanes
-that the agents are going to take in truth; `script` reads what is scripted.
+that the agents are going to take in truth; `script` reads what is scripted; `clone` reads what a copy of the simulation tells.
 """
 
 import math
@@ -67,10 +67,10 @@ def predict(
         _conflicts(road, paths) if params.interacting else None,
     )  # fmt: skip
     pose, lane, s, valid = _poses(road, agents, paths, x, v, times, params.step)
-    for i, script in told.scripts.items():
-        have = min(len(script.v), times)
-        pose[:have, i], v[:have, i + 1], lane[:have, i], s[:have, i] = script.pose[:have], script.v[:have], script.lane[:have], script.s[:have]
-        valid[:have, i], valid[have:, i] = script.valid[:have], False
+    for i, known in (*told.copies.items(), *told.scripts.items()):
+        have = min(len(known.v), times)
+        pose[:have, i], v[:have, i + 1], lane[:have, i], s[:have, i] = known.pose[:have], known.v[:have], known.lane[:have], known.s[:have]
+        valid[:have, i], valid[have:, i] = known.valid[:have], False
     reacts = ~agents.person
     for i in told.scripts:
         reacts[i], polite[i] = False, False
@@ -80,7 +80,7 @@ def predict(
 
 
 class Scripted(NamedTuple):
-    """The coming states of a scripted agent at the forecast's times. K times."""
+    """The coming states of an agent, known from its script or from a copy of the simulation, at the forecast's times. K times."""
 
     pose: Floats  # [K, 4]
     v: Floats  # [K]
@@ -93,6 +93,7 @@ class Told(NamedTuple):
     """What oracles tell, by agent (index): nothing, unless a scenario asks for one."""
 
     scripts: Mapping[int, Scripted] = {}  # its coming states, whatever happens
+    copies: Mapping[int, Scripted] = {}  # its coming states if the ego does what is nominal; it reacts and yields as it would otherwise
     ways: Mapping[int, Ints] = {}  # the lanes that it is really going to take from the one that it is in
 
 

@@ -49,6 +49,11 @@ class Commander:
         if command.lane_change != 0:
             self._begin_change(command.lane_change)
 
+    @property
+    def played(self) -> bool:
+        """Whether the profile is over."""
+        return self._at >= len(self._profile)
+
     def before_step(self) -> None:
         """Command the step that begins now."""
         if self._own_modes is None:

@@ -1,6 +1,7 @@
 """From the running simulation to a Scene (what the planner may know) and a Frame (what the referee judges by)."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ SIGNAL_RANGE = 500.0  # m within which signals are read
 LEADER_RANGE = 100.0  # m within which an agent's leader is asked for
 TREND_S = 1.0
 BRAKING = -1.5  # m/s2 beyond which the referee wants to know why
+POSE, SPEED, LANE, POSITION, THERE = slice(0, 4), 4, 5, 6, 7  # columns of states(): centre x, y, cos, sin; m/s; lane of the front; m; 1 where it is there
 _SHOWS = {"G": GREEN, "g": GREEN, "o": GREEN, "O": GREEN, "s": GREEN, "y": YELLOW, "Y": YELLOW, "r": RED, "u": RED}
 
 
@@ -103,6 +105,22 @@ class Observer:
             kind.speed_factor, kind.vclass, edges, change.progress, change.target, change.source,
         )  # fmt: skip
 
+    def states(self, names: Sequence[str]) -> Floats:
+        """[N, 8] where vehicles and persons are now, however far away; zeros, on lane -1, for those that are not there."""
+        cars, persons = self._libsumo.vehicle, self._libsumo.person
+        driving, walking = set(cars.getIDList()), set(persons.getIDList())
+        states = np.zeros((len(names), 8))
+        states[:, LANE] = -1
+        for i, name in enumerate(names):
+            if name in driving:
+                px, py = cars.getPosition(name)
+                x, y, heading, lane, s = self._box(name, px, py)
+                states[i] = x, y, math.cos(heading), math.sin(heading), cars.getSpeed(name), lane, s, 1.0
+            elif name in walking and not persons.getVehicle(name):
+                heading = _heading(persons.getAngle(name))
+                states[i] = *persons.getPosition(name), math.cos(heading), math.sin(heading), persons.getSpeed(name), -1, 0.0, 1.0
+        return states
+
     def way(self, vehicle: str, lane: int) -> Ints:
         """The lanes it is really going to take, as no sensor knows, without changing lanes; in the wrong lane they end where that lane does."""
         lanes = [lane]
@@ -136,15 +154,21 @@ class Observer:
     def _vehicle_row(self, vehicle: str, px: float, py: float, time: float) -> tuple[Any, ...]:
         get = self._libsumo.vehicle
         kind = self._type(vehicle)
-        lane, s = self.lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle)
-        heading = self._chord(vehicle, lane, s - kind.length, px, py) if kind.articulated and lane >= 0 else _heading(get.getAngle(vehicle))
+        x, y, heading, lane, s = self._box(vehicle, px, py)
         v, a = get.getSpeed(vehicle), get.getAcceleration(vehicle)
         signals = get.getSignals(vehicle)
         return (
-            vehicle, px - 0.5 * kind.length * math.cos(heading), py - 0.5 * kind.length * math.sin(heading), heading, v, a, self._smoothed(vehicle, a, time),
-            kind.length, kind.width, lane, s, self._left * get.getLateralLanePosition(vehicle),
+            vehicle, x, y, heading, v, a, self._smoothed(vehicle, a, time), kind.length, kind.width, lane, s, self._left * get.getLateralLanePosition(vehicle),
             (-1 if signals & 1 else 1 if signals & 2 else 0), self._stood(vehicle, v, time), False,
         )  # fmt: skip
+
+    def _box(self, vehicle: str, px: float, py: float) -> tuple[float, float, float, int, float]:
+        """Centre x, y, heading, lane and lane position of a vehicle whose front is at (px, py)."""
+        get = self._libsumo.vehicle
+        kind = self._type(vehicle)
+        lane, s = self.lanes.get(get.getLaneID(vehicle), -1), get.getLanePosition(vehicle)
+        heading = self._chord(vehicle, lane, s - kind.length, px, py) if kind.articulated and lane >= 0 else _heading(get.getAngle(vehicle))
+        return px - 0.5 * kind.length * math.cos(heading), py - 0.5 * kind.length * math.sin(heading), heading, lane, s
 
     def _chord(self, vehicle: str, lane: int, rear: float, px: float, py: float) -> float:
         """Heading from the rear, at lane position `rear` (m, negative: on the lane before), to the front of a long vehicle at (px, py)."""

@@ -103,7 +103,10 @@ class Simulation:
 
     def _reason(self, error: Exception) -> str:
         """Why SUMO failed, in one line: the exception often says no more than `Process Error`."""
-        text = self._log.read_text(encoding="utf-8", errors="replace") if self._log.is_file() else ""
+        try:
+            text = self._log.read_text(encoding="utf-8", errors="replace")
+        except OSError:  # not there, or this is a copy of the process, which opens no files
+            text = ""
         first = text[text.find("Error: ") :].removeprefix("Error: ") if "Error: " in text else str(error)
         return " ".join(_END_OF_ERROR.split(first)[0].split())
 

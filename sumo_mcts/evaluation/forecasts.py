@@ -1,0 +1,51 @@
+"""How far forecasts lie from what then happened. A pair is an agent in one cycle that is still there when the forecast is judged."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_mcts.scene import Bools, Floats, Forecast, Ints
+
+
+class Errors(NamedTuple):
+    """One forecast, or several, at one time. P pairs."""
+
+    distance: Floats  # [P] m between the centres; nan where the forecast has the agent gone
+    on_lane: Bools  # [P] it counts in the lane share: it was on a lane
+    right_lane: Bools  # [P] the forecast had its front there (a lane of a junction counts as one)
+
+
+def errors(forecast: Forecast, after: float, centre: Floats, lane: Ints, there: Bools) -> Errors:
+    """A forecast (its first hypothesis) against where the agents really are `after` s: centre [N, 2], lane [N] of the front, and who is still there [N].
+
+    Between two forecast times positions lie on a straight line, and the lane is that of the nearer one.
+    """
+    place = min(after / forecast.dt, forecast.v.shape[1] - 1.0)
+    low = min(int(np.floor(place + 1e-9)), forecast.v.shape[1] - 2) if forecast.v.shape[1] > 1 else 0
+    high, near = min(low + 1, forecast.v.shape[1] - 1), round(place)
+    share = max(place - low, 0.0)
+    expected = forecast.pose[0, low, :, :2] * (1.0 - share) + forecast.pose[0, high, :, :2] * share
+    distance = np.where(forecast.valid[0, near], np.hypot(*(expected - centre).T), np.nan)
+    right = (forecast.lane[0, near] == lane) & forecast.valid[0, near]
+    return Errors(distance[there], (lane >= 0)[there], right[there])
+
+
+def together(parts: Sequence[Errors]) -> Errors:
+    """All pairs of several forecasts."""
+    if not parts:
+        return Errors(np.zeros(0), np.zeros(0, np.bool_), np.zeros(0, np.bool_))
+    return Errors(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def statistics(found: Errors) -> dict[str, float | int | None]:
+    """Pairs; of their position errors, m, mean, 95th percentile and the largest; the share on the right lane; and how many the forecast had gone."""
+    known = found.distance[~np.isnan(found.distance)]
+    return {
+        "pairs": len(found.distance),
+        "mean_m": float(known.mean()) if len(known) else None,
+        "p95_m": float(np.percentile(known, 95)) if len(known) else None,
+        "max_m": float(known.max()) if len(known) else None,
+        "right_lane": float(found.right_lane[found.on_lane].mean()) if found.on_lane.any() else None,
+        "gone": len(found.distance) - len(known),
+    }
