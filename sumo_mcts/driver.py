@@ -76,7 +76,7 @@ class Driver:
     def __init__(self, config: ScenarioConfig, road: RoadMap, physics: Physics, seed: int, oracles: Oracles | None = None) -> None:
         self._config, self._road, self._physics, self._seed = config, road, physics, seed
         self._oracles = oracles
-        self._planner, self._fail_safe = make_planner(config), FailSafe(_assumed(config), config.planner.period_s)
+        self._planner, self._fail_safe = make_planner(config), FailSafe(assumed(config), config.planner.period_s)
         self._failures = 0  # of the planner, in a row
         self._traffic = _traffic_params(config, physics.step)
         self._route: RouteMap | None = None
@@ -254,7 +254,7 @@ def cost_params(config: ScenarioConfig) -> CostParams:
     )  # fmt: skip
 
 
-def _assumed(config: ScenarioConfig) -> Assumed:
+def assumed(config: ScenarioConfig) -> Assumed:
     """What the fail-safe takes the others to do."""
     f = config.failsafe
     return Assumed(f.decel_mps2, f.accel_mps2, f.over_limit, f.reaction_s, f.yield_decel_mps2, f.horizon_s)

@@ -115,10 +115,11 @@ class FailSafe:
     def _drive(self, local: Local, situation: Situation, command: Follow, begin: int, decel: float) -> tuple[Plan, Obstacle]:
         """What a command and the manoeuvre after it come to; without speeds the manoeuvre begins at once."""
         ego, steps = self._task.ego, math.ceil(LONGEST_S / self._task.ego.step)
-        period = max(1, round(self._period / ego.step)) if len(command.speeds) else 0
+        speeds = np.asarray(command.speeds, np.float64)
+        period = max(1, round(self._period / ego.step)) if len(speeds) else 0
         nodes, motion, pose = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4))
         used, agent, when = drive(
-            local, ego, self._assumed, self._top_speeds(situation), situation.state, command.speeds, command.lane_change, period, begin, decel,
+            local, ego, self._assumed, self._top_speeds(situation), situation.state, speeds, command.lane_change, period, begin, decel,
             nodes, motion, pose,
         )  # fmt: skip
         times = (np.arange(used, dtype=np.float64) + 1.0) * ego.step
@@ -126,9 +127,9 @@ class FailSafe:
         return Plan(times, motion[:used, 1].copy(), lanes, motion[:used, 0].copy(), pose[:used].copy()), Obstacle(agent, when)
 
     def _top_speeds(self, situation: Situation) -> Floats:
-        """[N] what each agent may reach, m/s: somewhat more than the limit, or than it drives already."""
+        """[N] what each agent may reach, m/s: somewhat more than the limit, at least what it drives already."""
         agents, limit = situation.scene.agents, self._task.road.speed
-        return np.asarray(self._assumed.over_limit * np.maximum(np.where(agents.lane >= 0, limit[agents.lane], 0.0), agents.v))
+        return np.maximum(np.where(agents.lane >= 0, self._assumed.over_limit * limit[agents.lane], 0.0), agents.v)
 
 
 def nonsense(task: Task, state: State, decision: object) -> str:
@@ -276,7 +277,7 @@ def _driven_least(v: float, decel: float, time: float) -> float:
 @kernel
 def _driven_most(v: float, accel: float, top: float, time: float) -> float:
     """m that an agent drives at most: accelerating up to its top speed."""
-    rise = min(time, max(top - v, 0.0) / accel)
+    rise = min(time, (top - v) / accel)
     return v * rise + 0.5 * accel * rise * rise + (v + accel * rise) * (time - rise)
 
 
@@ -284,7 +285,7 @@ def _driven_most(v: float, accel: float, top: float, time: float) -> float:
 def _driven_reacting(v: float, q: Assumed, top: float, time: float) -> float:
     """m that an agent drives at most which brakes for the ego after its reaction time."""
     before = min(time, q.reaction)
-    return _driven_most(v, q.accel, top, before) + _driven_least(min(v + q.accel * before, max(top, v)), q.yield_decel, time - before)
+    return _driven_most(v, q.accel, top, before) + _driven_least(min(v + q.accel * before, top), q.yield_decel, time - before)
 
 
 @kernel

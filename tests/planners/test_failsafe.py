@@ -1,0 +1,323 @@
+"""The fail-safe: situations whose answer is known, what holds for every manoeuvre that it verifies, a naive twin, and planners that fail in SUMO."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import helpers
+import numpy as np
+import pytest
+from helpers import Agent, crossing, edges, ego_at
+from helpers_model import PHYSICS, lanes_east, scenario, scene_of, situation_of, task_of
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from naive import Box
+
+from sumo_mcts import assets, config, driver
+from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.driver import Driver, assumed, make_planner
+from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.model.ego import begin_change, can_change
+from sumo_mcts.model.local import State, build_local
+from sumo_mcts.planners.base import Situation, Task
+from sumo_mcts.planners.failsafe import ALONG, LONGEST_S, STOP_DECEL, FailSafe, nonsense
+from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Plan, Release, RoadMap, Scene
+
+PERIOD = 0.5  # s
+DT = PHYSICS.step
+
+
+class Case(NamedTuple):
+    """A scene, and what the ego is told."""
+
+    task: Task
+    situation: Situation
+    command: Follow
+
+    def __repr__(self) -> str:
+        """What hypothesis shows."""
+        agents = self.situation.scene.agents
+        return f"{self.situation.state} {self.command} {[(agents.lane[i], agents.s[i], agents.v[i]) for i in range(len(agents.ids))]}"
+
+    @property
+    def fail_safe(self) -> FailSafe:
+        """One that has seen nothing yet."""
+        result = FailSafe(assumed(scenario()), PERIOD)
+        result.start(self.task)
+        return result
+
+
+def case(road: RoadMap, ego: EgoState, *agents: Agent, speed: float | None = None, side: int = 0) -> Case:
+    """`speed`: what the ego is told, by default to go on as it does."""
+    task = task_of(road, ego)
+    return Case(task, situation_of(task, scene_of(ego, road, *agents)), Follow(np.full(10, ego.v if speed is None else speed), side))
+
+
+def objection(road: RoadMap, ego: EgoState, *agents: Agent, speed: float | None = None, side: int = 0) -> str:
+    """What the fail-safe says."""
+    those = case(road, ego, *agents, speed=speed, side=side)
+    return those.fail_safe.objection(those.situation, those.command)
+
+
+def ready(fail_safe: FailSafe, situation: Situation) -> Plan:
+    """The whole manoeuvre that was just verified."""
+    plan = fail_safe.fall_back(situation, "asked for", None).plan
+    assert plan is not None
+    return plan
+
+
+# --- situations ---
+
+LANES = lanes_east(3, 900.0)
+
+
+def on_lane(v: float = 15.0, s: float = 200.0) -> EgoState:
+    return ego_at(LANES, "a_1", s, v)
+
+
+def test_alone_nothing_is_objected_to() -> None:
+    assert objection(LANES, on_lane()) == ""
+    assert objection(LANES, on_lane(), side=1) == ""
+
+
+@pytest.mark.parametrize(("gap", "safe"), [(15.0, False), (40.0, True)])
+def test_a_standing_car_needs_a_stopping_distance(gap: float, safe: bool) -> None:
+    """At 15 m/s: 7.5 m in the period, 14 m of braking with 8 m/s2, some for the jerk."""
+    said = objection(LANES, on_lane(), Agent("wall", "a_1", 200.0 + gap + 5.0, 0.0))
+    assert (said == "") == safe
+    assert safe or "wall (ahead" in said
+
+
+@pytest.mark.parametrize(("gap", "safe"), [(0.5, False), (15.0, True)])
+def test_a_leader_may_brake(gap: float, safe: bool) -> None:
+    said = objection(LANES, on_lane(), Agent("leader", "a_1", 200.0 + gap + 5.0, 15.0), speed=16.0)
+    assert (said == "") == safe
+
+
+def test_whoever_is_behind_keeps_its_distance() -> None:
+    assert objection(LANES, on_lane(), Agent("tailgater", "a_1", 193.0, 16.0), speed=10.0) == ""
+
+
+@pytest.mark.parametrize(("behind", "v", "safe"), [(12.0, 22.0, False), (60.0, 16.0, True)])
+def test_nobody_is_cut_off(behind: float, v: float, safe: bool) -> None:
+    said = objection(LANES, on_lane(), Agent("fast", "a_2", 200.0 - behind, v), side=1)
+    assert (said == "") == safe
+    assert safe or "fast (behind" in said
+
+
+def test_a_lane_change_into_somebody() -> None:
+    beside = Agent("beside", "a_2", 200.0, 15.0)
+    assert objection(LANES, on_lane(), beside) == ""
+    assert "beside" in objection(LANES, on_lane(), beside, side=1)
+
+
+CROSSING = crossing(bridge=False)
+
+
+def from_south(s: float, v: float) -> EgoState:
+    return ego_at(CROSSING, "si_0", s, v, route=edges(CROSSING, "si", "no"))
+
+
+def test_it_does_not_enter_before_somebody_with_the_right_of_way() -> None:
+    near = Agent("near", "wi_0", 75.0, 13.0)
+    assert "near (crossing" in objection(CROSSING, from_south(89.5, 9.0), near)
+    assert objection(CROSSING, from_south(89.5, 9.0)) == ""
+    assert objection(CROSSING, from_south(60.0, 9.0), near) == ""  # it can still stop
+    assert objection(CROSSING, from_south(89.5, 0.0), near, speed=0.0) == ""
+
+
+def test_who_is_on_the_junction_may_leave_it() -> None:
+    """A stop would be in the way of somebody who comes in a few seconds; going on is not."""
+    ego = ego_at(CROSSING, ":sn_0", 6.0, 5.0, route=edges(CROSSING, "si", "no"))
+    those = case(CROSSING, ego, Agent("coming", "wi_0", 40.0, 10.0))
+    fail_safe = those.fail_safe
+    assert fail_safe.objection(those.situation, those.command) == ""
+    plan = ready(fail_safe, those.situation)
+    assert CROSSING.lane_ids[plan.lane[-1]] == "no_0" and plan.s[-1] > 5.0
+
+
+def test_a_pedestrian_on_the_road() -> None:
+    ego = from_south(60.0, 12.0)
+    assert "child" in objection(CROSSING, ego, Agent("child", "", v=1.0, x=0.5, y=-100 + 60 + 9.0, heading=0.0, length=0.5, width=0.5))
+    assert objection(CROSSING, ego, Agent("child", "", v=1.0, x=6.0, y=-100 + 60 + 9.0, heading=0.0, length=0.5, width=0.5)) == ""
+
+
+def test_what_was_verified_goes_on() -> None:
+    those = case(LANES, on_lane(), Agent("ahead", "a_1", 260.0, 10.0))
+    fail_safe = those.fail_safe
+    assert fail_safe.objection(those.situation, those.command) == ""
+    whole = ready(fail_safe, those.situation)
+    assert np.all(whole.v[:5] == 15.0) and whole.v[-1] < 0.01
+    later = those.situation._replace(scene=those.situation.scene._replace(time=PERIOD))
+    decision = fail_safe.fall_back(later, "why not", None)
+    assert decision.reason == "fail-safe: why not" and isinstance(decision.command, Follow) and decision.plan is not None
+    assert np.array_equal(decision.command.speeds, whole.v[5:]) and decision.plan.time[0] == pytest.approx(DT)
+    rest = fail_safe.fall_back(those.situation._replace(scene=those.situation.scene._replace(time=60.0)), "why not", None)
+    assert isinstance(rest.command, Follow) and rest.command.speeds.tolist() == [whole.v[-1]]
+
+
+def test_the_first_cycle_without_a_way_out_is_braking_as_hard_as_possible() -> None:
+    those = case(LANES, on_lane(), Agent("wall", "a_1", 212.0, 0.0))
+    fail_safe = those.fail_safe
+    assert fail_safe.objection(those.situation, those.command) != ""
+    decision = fail_safe.fall_back(those.situation, "wall", None)
+    assert decision.reason == "fail-safe, unverified: wall" and decision.plan is not None
+    assert np.diff(decision.plan.v).min() == pytest.approx(-8.0 * DT) and np.all(np.diff(decision.plan.v) < 0.0)
+
+
+# --- nonsense ---
+
+
+@pytest.mark.parametrize(
+    ("command", "why"),
+    [
+        (Follow(np.full(5, np.nan), 0), "a speed of nan m/s"),
+        (Follow(np.array([15.0, np.inf]), 0), "a speed of inf m/s"),
+        (Follow(np.array([-1.0]), 0), "a speed of -1 m/s"),
+        (Follow(np.zeros(0), 0), "speeds of shape (0,)"),
+        (Follow(np.zeros((5, 2)), 0), "speeds of shape (5, 2)"),
+        (Follow(np.array(["fast"]), 0), "speeds of shape (1,) and type <U4"),
+        (Follow(np.full(5, 15.0), 2), "a lane change by 2"),
+        (Follow(np.full(5, 15.0), 1), "a lane change to the left, where there is no lane"),
+        ("faster", "no decision but Decision"),
+    ],
+)
+def test_nonsense(command: Any, why: str) -> None:
+    those = case(LANES, ego_at(LANES, "a_2", 200.0, 15.0))
+    assert why in nonsense(those.task, those.situation.state, Decision(command, None, (), -1, "", 0, 0))
+
+
+def test_a_lane_change_during_another_one_is_nonsense() -> None:
+    those = case(LANES, on_lane())
+    state = those.situation.state._replace(progress=0.3, other=2)
+    assert nonsense(those.task, state, Decision(Follow(np.full(5, 15.0), 1), None, (), -1, "", 0, 0)) == "a lane change during another one"
+
+
+def test_what_is_no_nonsense() -> None:
+    those = case(LANES, on_lane())
+    for command in (Follow(np.zeros(1), 1), Follow(np.full(90, 15.0), -1), Follow(np.array([3]), 0), Release()):
+        assert nonsense(those.task, those.situation.state, Decision(command, None, (), -1, "", 0, 0)) == ""
+    assert nonsense(those.task, those.situation.state, None) == "no decision but NoneType"
+
+
+# --- properties ---
+
+
+@st.composite
+def cases(draw: st.DrawFn) -> Case:
+    """An ego and up to four others, on three lanes or at a crossing, and any command."""
+    number = st.floats(0.0, 1.0)
+    if draw(st.booleans()):
+        ego = ego_at(LANES, "a_1", 200.0, 20.0 * draw(number))
+        agents = [Agent(f"x{k}", f"a_{draw(st.integers(0, 2))}", 150.0 + 120.0 * draw(number), 20.0 * draw(number)) for k in range(draw(st.integers(1, 4)))]
+        side = draw(st.sampled_from([0, 0, -1, 1]))
+        road = LANES
+    else:
+        ego, side, road = from_south(60.0 + 30.0 * draw(number), 14.0 * draw(number)), 0, CROSSING
+        places = [(draw(st.sampled_from(["wi_0", "si_0", "no_0", ":we_0"])), draw(number)) for _ in range(draw(st.integers(1, 4)))]
+        agents = [Agent(f"x{k}", on, share * (20.0 if on == ":we_0" else 90.0), 15.0 * draw(number)) for k, (on, share) in enumerate(places)]
+    assume(all(math.hypot(a.x - ego.x, a.y - ego.y) > 6.0 for a in map(lambda one: _centre(road, one), agents)))
+    return case(road, ego, *agents, speed=20.0 * draw(number), side=side)
+
+
+def _centre(road: RoadMap, agent: Agent) -> Agent:
+    x, y, _ = helpers.place(road, agent.on, agent.s, agent.length)
+    return agent._replace(x=x, y=y)
+
+
+class Way(NamedTuple):
+    """An agent's way as the forecast has it."""
+
+    driven: Floats  # [T] m
+    pose: Floats  # [T, 4]
+    v: float
+    top: float
+    exempt: bool  # behind the ego
+
+    def at(self, driven: float, size: tuple[float, float]) -> Box:
+        """Its box after so many metres; at the end of the way it stays there."""
+        x, y = (float(np.interp(driven, self.driven, self.pose[:, k])) for k in (0, 1))
+        k = min(int(np.searchsorted(self.driven, driven, side="right")), len(self.driven) - 1)
+        k = max(k - 1, 0)
+        return Box(x, y, math.atan2(self.pose[k, 3], self.pose[k, 2]), *size)
+
+
+def ways_of(those: Case) -> list[Way]:
+    forecast, agents, ego = those.situation.forecast, those.situation.scene.agents, those.situation.scene.ego
+    road, bounds = those.task.road, assumed(scenario())
+    result = []
+    for i in range(len(agents.ids)):
+        there = forecast.valid[0, :, i]
+        v = forecast.v[0, :, i]
+        driven = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * forecast.dt)])[there]
+        top = max(bounds.over_limit * float(road.speed[agents.lane[i]]), float(agents.v[i]))
+        behind = agents.lane[i] == ego.lane and agents.s[i] < ego.s
+        result.append(Way(driven, forecast.pose[0, there, i], float(agents.v[i]), top, bool(behind)))
+    return result
+
+
+def falls_short(way: Way, driven: float, at: float) -> bool:
+    """Whether an agent that reacts has not come so far at a time: it accelerates for its reaction time, then brakes."""
+    b = assumed(scenario())
+    v, x = way.v, 0.0
+    for k in range(round(at / 0.01)):
+        a = b.accel if k * 0.01 < b.reaction - 1e-9 else -b.yield_decel
+        after = min(max(v + a * 0.01, 0.0), max(way.top, v))
+        x, v = x + 0.5 * (v + after) * 0.01, after
+    return x < driven + 0.05
+
+
+def meets(those: Case, plan: Plan, way: Way, size: tuple[float, float], k: int, driven: float) -> bool:
+    """Whether the ego, after k + 1 steps of its plan, meets an agent that has driven so many metres."""
+    ego = those.task.ego
+    x, y, c, s = plan.pose[k]
+    if driven >= way.driven[-1] and len(way.driven) < those.situation.forecast.v.shape[1]:
+        return False  # it has left the map
+    box, own = way.at(driven, size), Box(x, y, math.atan2(s, c), ego.half_length, ego.half_width)
+    return bool(own.polygon().intersection(box.polygon()).area > 1e-6)
+
+
+def brakes_before(those: Case, plan: Plan, way: Way, size: tuple[float, float], k: int, driven: float) -> bool:
+    """Whether an agent that would meet the ego there can be relied on to brake: it drives up to the ego, or stands now, and has the time."""
+    x, y, c, s = plan.pose[k]
+    box = way.at(driven, size)
+    cosine, sine = math.cos(box.heading), math.sin(box.heading)
+    along = c * cosine + s * sine > ALONG and (x - box.x) * cosine + (y - box.y) * sine > 0.0
+    return (along or way.v < 0.01) and falls_short(way, driven, (k + 1) * DT)
+
+
+@settings(max_examples=150)
+@given(cases(), st.randoms(use_true_random=False))
+def test_a_verified_manoeuvre_meets_nobody_within_the_bounds(those: Case, random: Any) -> None:
+    fail_safe, bounds = those.fail_safe, assumed(scenario())
+    assume(those.command.lane_change == 0 or can_change(local_of(those), those.task.ego, those.situation.state, those.command.lane_change))
+    assume(fail_safe.objection(those.situation, those.command) == "")
+    plan = ready(fail_safe, those.situation)
+    agents = those.situation.scene.agents
+    assert plan.v[-1] < 0.01 or plan.lane[-1] == helpers.lane(those.task.road, "no_0")
+    for i, way in enumerate(ways_of(those)):
+        if way.exempt:
+            continue
+        size = float(agents.length[i]) / 2, float(agents.width[i]) / 2
+        for _ in range(4):
+            v, x = way.v, 0.0
+            mood = random.choice([-bounds.decel, bounds.accel, 0.0, None])
+            for k in range(len(plan.v)):
+                a = random.uniform(-bounds.decel, bounds.accel) if mood is None else mood
+                after = min(max(v + a * DT, 0.0), max(way.top, v))
+                x, v = x + 0.5 * (v + after) * DT, after
+                x = min(x, float(way.driven[-1]))
+                if meets(those, plan, way, size, k, x):
+                    assert brakes_before(those, plan, way, size, k, x)
+                    break
+
+
+def local_of(those: Case) -> Any:
+    situation, task = those.situation, those.task
+    return build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
