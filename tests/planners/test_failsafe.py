@@ -21,13 +21,13 @@ from naive import Box
 
 from sumo_mcts import assets, config, driver
 from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.driver import Driver, assumed, make_planner
+from sumo_mcts.driver import assumed, make_planner
 from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.model.ego import begin_change, can_change
-from sumo_mcts.model.local import State, build_local
+from sumo_mcts.model.ego import can_change
+from sumo_mcts.model.local import build_local
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.failsafe import ALONG, LONGEST_S, STOP_DECEL, FailSafe, nonsense
-from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Plan, Release, RoadMap, Scene
+from sumo_mcts.planners.failsafe import ACCELERATE, ALONG, BRAKE, HOLD, LONGEST_S, NO_END, NOBODY, STOP_DECEL, FailSafe, drive, nonsense
+from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Plan, Release, RoadMap
 
 PERIOD = 0.5  # s
 DT = PHYSICS.step
@@ -125,7 +125,7 @@ def from_south(s: float, v: float) -> EgoState:
 
 
 def test_it_does_not_enter_before_somebody_with_the_right_of_way() -> None:
-    near = Agent("near", "wi_0", 75.0, 13.0)
+    near = Agent("near", "wi_0", 83.0, 13.0)
     assert "near (crossing" in objection(CROSSING, from_south(89.5, 9.0), near)
     assert objection(CROSSING, from_south(89.5, 9.0)) == ""
     assert objection(CROSSING, from_south(60.0, 9.0), near) == ""  # it can still stop
@@ -321,3 +321,188 @@ def test_a_verified_manoeuvre_meets_nobody_within_the_bounds(those: Case, random
 def local_of(those: Case) -> Any:
     situation, task = those.situation, those.task
     return build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
+
+
+def touched(those: Case, plan: Plan, grown: float, *, ways: list[Way]) -> bool:
+    """The slow twin of the kernel's verdict: whether any place that an agent may be at, `grown` m longer and wider, is touched by the ego."""
+    bounds, ego, agents = assumed(scenario()), those.task.ego, those.situation.scene.agents
+    for i, way in enumerate(ways):
+        if way.exempt:
+            continue
+        for k in range(len(plan.v)):
+            at = (k + 1) * DT
+            stop = min(at, way.v / bounds.decel)
+            least = min(way.v * stop - 0.5 * bounds.decel * stop**2, float(way.driven[-1]))
+            rise = min(at, (way.top - way.v) / bounds.accel)
+            most = min(way.v * at + bounds.accel * rise * (at - 0.5 * rise), float(way.driven[-1]))
+            x, y, c, s = plan.pose[k]
+            if math.hypot(float(agents.x[i]) - x, float(agents.y[i]) - y) > most + 8.0:
+                continue
+            own = Box(x, y, math.atan2(s, c), ego.half_length, ego.half_width)
+            for driven in np.linspace(least, most, max(2, math.ceil((most - least) / 0.5))):
+                box = way.at(float(driven), (float(agents.length[i]) / 2, float(agents.width[i]) / 2))
+                if own.polygon().intersects(box.polygon(grown)):
+                    # the first place on its way is where it would run into the ego
+                    return not brakes_before(those, plan, way, (box.length, box.width), k, float(driven))
+    return False
+
+
+@settings(max_examples=60)
+@given(cases())
+def test_the_verdict_is_that_of_a_slow_twin(those: Case) -> None:
+    """In the kernel a box stands for half a step of driving, so that it may object to what passes by within a metre; never the other way round."""
+    local, ways = local_of(those), ways_of(those)
+    assume(those.command.lane_change == 0)
+    ego = those.task.ego
+    steps = round(LONGEST_S / DT)
+    for begin in (BRAKE, HOLD, ACCELERATE):
+        nodes, motion, pose = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4))
+        top = np.array([way.top for way in ways])
+        used, agent, _ = drive(
+            local, ego, assumed(scenario()), top, those.situation.state, those.command.speeds, 0, 5, begin, ego.max_decel, nodes, motion, pose
+        )
+        plan = Plan(np.arange(used) * DT, motion[:used, 1], nodes[:used].astype(np.int32), motion[:used, 0], pose[:used])
+        if agent == NOBODY:
+            assert not touched(those, plan, 0.0, ways=ways)
+        elif agent != NO_END:
+            assert touched(those, plan, 1.6, ways=ways)
+
+
+VERDICTS = """
+import json
+from test_failsafe import LANES, Agent, case, on_lane, ready
+result = []
+for gap in (15.0, 40.0, 60.0):
+    for side in (0, 1):
+        those = case(LANES, on_lane(), Agent("ahead", "a_1", 205.0 + gap, 5.0), Agent("behind", "a_2", 200.0 - gap, 18.0), side=side)
+        fail_safe = those.fail_safe
+        said = fail_safe.objection(those.situation, those.command)
+        result.append([said, [float(v).hex() for v in ready(fail_safe, those.situation).pose.ravel()]])
+print(json.dumps(result))
+"""
+
+
+def test_without_compilation_the_verdicts_are_the_same() -> None:
+    def run(disable: str) -> Any:
+        paths = [str(Path(__file__).parent), str(Path(helpers.__file__).parent), *sys.path]
+        env = {**os.environ, "NUMBA_DISABLE_JIT": disable, "PYTHONPATH": os.pathsep.join(paths)}
+        return json.loads(subprocess.run([sys.executable, "-c", VERDICTS], env=env, capture_output=True, text=True, check=True, timeout=120).stdout)
+
+    compiled = run("0")
+    assert compiled == run("1")
+    assert {said == "" for said, _ in compiled} == {True, False}
+
+
+# --- in SUMO ---
+
+
+class Sick:
+    """A planner that fails now and then."""
+
+    needs_forecast = True
+
+    def __init__(self, scene: ScenarioConfig, fails: Callable[[int], bool], failure: Callable[[Decision], Any]) -> None:
+        self._healthy, self._fails, self._failure, self._cycle = make_planner(scene), fails, failure, 0
+
+    def start(self, task: Task, seed: int) -> None:
+        self._healthy.start(task, seed)
+
+    def plan(self, situation: Situation) -> Decision:
+        self._cycle += 1
+        decision = self._healthy.plan(situation)
+        result: Decision = self._failure(decision) if self._fails(self._cycle) else decision
+        return result
+
+
+def episode(monkeypatch: pytest.MonkeyPatch, fails: Callable[[int], bool], failure: Callable[[Decision], Any], *sets: str) -> EpisodeResult:
+    """The left turn at seed 1 with a sick planner."""
+    healthy = driver.make_planner
+    monkeypatch.setattr(driver, "make_planner", lambda scene: Sick(scene, fails, failure))
+    monkeypatch.setattr(sys.modules[__name__], "make_planner", healthy)
+    return run_episode(config.load(assets.scenario_path("unprotected-left-turn"), ("planner.iterations=100", *sets)), 1)
+
+
+def raises(_: Decision) -> Any:
+    raise RuntimeError("no idea")
+
+
+def told(speeds: Any, side: int = 0) -> Callable[[Decision], Decision]:
+    return lambda decision: decision._replace(command=Follow(speeds, side))
+
+
+FAILURES: dict[str, tuple[Callable[[Decision], Any], str]] = {
+    "raises": (raises, "RuntimeError: no idea"),
+    "nothing": (lambda _: None, "no decision but NoneType"),
+    "nan": (told(np.full(5, np.nan)), "a speed of nan m/s"),
+    "infinite": (told(np.full(5, np.inf)), "a speed of inf m/s"),
+    "shape": (told(np.zeros((2, 3))), "speeds of shape (2, 3)"),
+    "empty": (told(np.zeros(0)), "speeds of shape (0,)"),
+    "side": (told(np.full(5, 5.0), 7), "a lane change by 7"),
+}
+
+
+@pytest.mark.parametrize("on", ["true", "false"])
+@pytest.mark.parametrize("name", FAILURES)
+def test_the_episode_survives_its_planner(name: str, on: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    failure, words = FAILURES[name]
+    result = episode(monkeypatch, lambda cycle: cycle in (1, 9, 10, 11), failure, f"failsafe.on={on}")
+    row, notes = result.rows[0], [cycle.note for cycle in result.traces[0].cycles]
+    assert row["outcome"] == "arrived", row
+    assert row["failsafe_interventions"] >= 4
+    assert all(notes[k].startswith("fail-safe: the planner failed: ") and words in notes[k] for k in (0, 8, 9, 10))
+    assert sum(note.startswith("fail-safe") for note in notes) == row["failsafe_interventions"]
+    deviating = [cycle for cycle in result.traces[0].cycles[:-1] if cycle.deviation]
+    assert not deviating  # the fail-safe manoeuvre, too, is driven as planned
+
+
+def test_a_planner_that_only_fails_ends_the_episode_with_its_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = episode(monkeypatch, lambda cycle: cycle > 5, raises, "failsafe.most_failures=3").rows[0]
+    assert (row["outcome"], row["error"]) == ("error", "PlannerError: RuntimeError: no idea")
+    assert (row["cycles"], row["failsafe_interventions"]) == (8, 3)
+
+
+def late(decision: Decision) -> Decision:
+    time.sleep(0.3)
+    return decision
+
+
+def test_a_late_decision_is_dropped_where_the_deadline_is_enforced(monkeypatch: pytest.MonkeyPatch) -> None:
+    sets = ("planner.period_s=0.3", "planner.enforce_deadline=true")
+    result = episode(monkeypatch, lambda cycle: cycle in (12, 13), late, *sets)
+    row, notes = result.rows[0], [cycle.note for cycle in result.traces[0].cycles]
+    assert row["outcome"] == "arrived" and row["deadline_misses"] >= 2
+    assert all(note.startswith("fail-safe: late: ") for note in notes[11:13])
+    assert row["failsafe_interventions"] == row["deadline_misses"]
+    assert result.manifest["reproducible"] is False
+
+
+def test_a_late_decision_is_executed_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = episode(monkeypatch, lambda cycle: cycle == 12, late, "planner.period_s=0.3")
+    assert result.rows[0]["deadline_misses"] >= 1 and result.rows[0]["failsafe_interventions"] == 0
+    assert result.manifest["reproducible"] is True
+
+
+def blind(name: str, on: str, seed: int) -> EpisodeResult:
+    return run_episode(config.load(assets.scenario_path(name), ("planner.name=constant", f"failsafe.on={on}")), seed)
+
+
+@pytest.mark.parametrize("name", ["unprotected-left-turn", "unprotected-left-turn-scripted"])
+def test_a_blind_planner_is_kept_safe(name: str) -> None:
+    without = [blind(name, "false", seed).rows[0] for seed in range(4)]
+    assert sum(row["outcome"] == "collision" for row in without) >= 2
+    assert all(row["failsafe_interventions"] == 0 for row in without)
+    kept = [blind(name, "true", seed) for seed in range(4)]
+    assert not [result.rows[0] for result in kept if result.rows[0]["outcome"] == "collision"]
+    for result in kept:
+        notes = [cycle.note for cycle in result.traces[0].cycles if cycle.note.startswith("fail-safe")]
+        assert len(notes) == result.rows[0]["failsafe_interventions"] > 0
+        assert all("m away" in note for note in notes)
+
+
+def test_the_fail_safe_leaves_a_good_planner_alone() -> None:
+    rows = [
+        run_episode(config.load(assets.scenario_path("unprotected-left-turn"), ("planner.iterations=300", f"failsafe.on={on}")), 2).rows[0]
+        for on in ("true", "false")
+    ]
+    assert [row["failsafe_interventions"] for row in rows] == [0, 0]
+    assert rows[0]["trace_digest"] == rows[1]["trace_digest"]
