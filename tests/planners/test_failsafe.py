@@ -26,7 +26,7 @@ from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.model.ego import can_change
 from sumo_mcts.model.local import build_local
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.failsafe import ACCELERATE, ALONG, BRAKE, HOLD, LONGEST_S, NO_END, NOBODY, STOP_DECEL, FailSafe, drive, nonsense
+from sumo_mcts.planners.failsafe import ACCELERATE, ALONG, BRAKE, HOLD, LONGEST_S, STOP_DECEL, FailSafe, drive, nonsense
 from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Plan, Release, RoadMap
 
 PERIOD = 0.5  # s
@@ -222,7 +222,7 @@ def cases(draw: st.DrawFn) -> Case:
         ego, side, road = from_south(60.0 + 30.0 * draw(number), 14.0 * draw(number)), 0, CROSSING
         places = [(draw(st.sampled_from(["wi_0", "si_0", "no_0", ":we_0"])), draw(number)) for _ in range(draw(st.integers(1, 4)))]
         agents = [Agent(f"x{k}", on, share * (20.0 if on == ":we_0" else 90.0), 15.0 * draw(number)) for k, (on, share) in enumerate(places)]
-    assume(all(math.hypot(a.x - ego.x, a.y - ego.y) > 6.0 for a in map(lambda one: _centre(road, one), agents)))
+    assume(all(math.hypot(a.x - ego.x, a.y - ego.y) > 6.0 for a in (_centre(road, one) for one in agents)))
     return case(road, ego, *agents, speed=20.0 * draw(number), side=side)
 
 
@@ -323,49 +323,45 @@ def local_of(those: Case) -> Any:
     return build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
 
 
-def touched(those: Case, plan: Plan, grown: float, *, ways: list[Way]) -> bool:
-    """The slow twin of the kernel's verdict: whether any place that an agent may be at, `grown` m longer and wider, is touched by the ego."""
-    bounds, ego, agents = assumed(scenario()), those.task.ego, those.situation.scene.agents
-    for i, way in enumerate(ways):
-        if way.exempt:
-            continue
-        for k in range(len(plan.v)):
-            at = (k + 1) * DT
-            stop = min(at, way.v / bounds.decel)
-            least = min(way.v * stop - 0.5 * bounds.decel * stop**2, float(way.driven[-1]))
-            rise = min(at, (way.top - way.v) / bounds.accel)
-            most = min(way.v * at + bounds.accel * rise * (at - 0.5 * rise), float(way.driven[-1]))
-            x, y, c, s = plan.pose[k]
-            if math.hypot(float(agents.x[i]) - x, float(agents.y[i]) - y) > most + 8.0:
-                continue
-            own = Box(x, y, math.atan2(s, c), ego.half_length, ego.half_width)
-            for driven in np.linspace(least, most, max(2, math.ceil((most - least) / 0.5))):
-                box = way.at(float(driven), (float(agents.length[i]) / 2, float(agents.width[i]) / 2))
-                if own.polygon().intersects(box.polygon(grown)):
-                    # the first place on its way is where it would run into the ego
-                    return not brakes_before(those, plan, way, (box.length, box.width), k, float(driven))
-    return False
+def reach(those: Case, way: Way, at: float) -> tuple[float, float]:
+    """What an agent has driven at least and at most by then, m; at the end of its way it stays."""
+    b = assumed(scenario())
+    stop, rise = min(at, way.v / b.decel), min(at, (way.top - way.v) / b.accel)
+    least, most = way.v * stop - 0.5 * b.decel * stop**2, way.v * at + b.accel * rise * (at - 0.5 * rise)
+    return min(least, float(way.driven[-1])), min(most, float(way.driven[-1]))
 
 
-@settings(max_examples=60)
+def clearance(those: Case, plan: Plan, i: int, way: Way, k: int) -> tuple[float, float]:
+    """The slow twin: how near (m) agent i could be to the ego after k + 1 steps of a plan, and what it has driven there, the first such place."""
+    ego, agents = those.task.ego, those.situation.scene.agents
+    least, most = reach(those, way, (k + 1) * DT)
+    x, y, c, s = plan.pose[k]
+    own = Box(x, y, math.atan2(s, c), ego.half_length, ego.half_width).polygon()
+    places = np.linspace(least, most, max(2, math.ceil((most - least) / 0.5)))
+    size = float(agents.length[i]) / 2, float(agents.width[i]) / 2
+    return min((round(own.distance(way.at(float(driven), size).polygon()), 6), float(driven)) for driven in places)
+
+
+@settings(max_examples=25)
 @given(cases())
 def test_the_verdict_is_that_of_a_slow_twin(those: Case) -> None:
-    """In the kernel a box stands for half a step of driving, so that it may object to what passes by within a metre; never the other way round."""
-    local, ways = local_of(those), ways_of(those)
+    """Whom the kernel objects to could be there, or within the metre that boxes are drawn out for half a step; whom it does not, could not."""
     assume(those.command.lane_change == 0)
-    ego = those.task.ego
-    steps = round(LONGEST_S / DT)
+    ways, steps, ego = ways_of(those), round(LONGEST_S / DT), those.task.ego
+    top = np.array([way.top for way in ways])
     for begin in (BRAKE, HOLD, ACCELERATE):
         nodes, motion, pose = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4))
-        top = np.array([way.top for way in ways])
         used, agent, _ = drive(
-            local, ego, assumed(scenario()), top, those.situation.state, those.command.speeds, 0, 5, begin, ego.max_decel, nodes, motion, pose
+            local_of(those), ego, assumed(scenario()), top, those.situation.state, those.command.speeds, 0, 5, begin, ego.max_decel, nodes, motion, pose
         )
         plan = Plan(np.arange(used) * DT, motion[:used, 1], nodes[:used].astype(np.int32), motion[:used, 0], pose[:used])
-        if agent == NOBODY:
-            assert not touched(those, plan, 0.0, ways=ways)
-        elif agent != NO_END:
-            assert touched(those, plan, 1.6, ways=ways)
+        if agent >= 0:
+            assert not ways[agent].exempt and clearance(those, plan, agent, ways[agent], used - 1)[0] < 2.0
+        size = ego.half_length, ego.half_width
+        for i, way in enumerate(ways):
+            for k in range(0, 0 if way.exempt else used - 1, 3):
+                distance, driven = clearance(those, plan, i, way, k)
+                assert distance > 0.0 or brakes_before(those, plan, way, size, k, driven)
 
 
 VERDICTS = """
@@ -488,10 +484,10 @@ def blind(name: str, on: str, seed: int) -> EpisodeResult:
 
 @pytest.mark.parametrize("name", ["unprotected-left-turn", "unprotected-left-turn-scripted"])
 def test_a_blind_planner_is_kept_safe(name: str) -> None:
-    without = [blind(name, "false", seed).rows[0] for seed in range(4)]
+    without = [blind(name, "false", seed).rows[0] for seed in range(3)]
     assert sum(row["outcome"] == "collision" for row in without) >= 2
     assert all(row["failsafe_interventions"] == 0 for row in without)
-    kept = [blind(name, "true", seed) for seed in range(4)]
+    kept = [blind(name, "true", seed) for seed in range(3)]
     assert not [result.rows[0] for result in kept if result.rows[0]["outcome"] == "collision"]
     for result in kept:
         notes = [cycle.note for cycle in result.traces[0].cycles if cycle.note.startswith("fail-safe")]
