@@ -233,8 +233,8 @@ class FailSafeConfig(_Section):
     decel_mps2: Positive = Field(4.5, description="others brake with at most this")
     accel_mps2: Positive = Field(2.6, description="others accelerate with at most this")
     over_limit: Annotated[float, Field(ge=1, allow_inf_nan=False)] = Field(1.25, description="up to so many times the limit, or up to the speed that they have")
-    reaction_s: NonNegative = Field(0.5, description="an agent in front of which the ego moves accelerates so long before it brakes")
-    yield_decel_mps2: Positive = Field(7.0, description="and then brakes with at least this")
+    reaction_s: NonNegative = Field(1.0, description="an agent in front of which the ego moves accelerates so long before it brakes")
+    yield_decel_mps2: Positive = Field(4.5, description="and then brakes with at least this")
     horizon_s: Positive = Field(6.0, description="how long the ego has to be safe at its stop too, from now")
     most_failures: int = Field(10, ge=0, description="so many decisions in a row may fail (raise, or be nonsense); one more ends the episode as error")
 

@@ -76,7 +76,9 @@ class Driver:
     def __init__(self, config: ScenarioConfig, road: RoadMap, physics: Physics, seed: int, oracles: Oracles | None = None) -> None:
         self._config, self._road, self._physics, self._seed = config, road, physics, seed
         self._oracles = oracles
-        self._planner, self._fail_safe = make_planner(config), FailSafe(assumed(config), config.planner.period_s)
+        self._planner = make_planner(config)
+        self._period = max(1, round(config.planner.period_s / physics.step)) * physics.step
+        self._fail_safe = FailSafe(assumed(config), self._period)
         self._failures = 0  # of the planner, in a row
         self._traffic = _traffic_params(config, physics.step)
         self._route: RouteMap | None = None
@@ -122,7 +124,7 @@ class Driver:
 
     def _objection(self, situation: Situation, decision: Decision | None, ms: float) -> str:
         """Why a decision that took so long must not be executed; "" where it may."""
-        deadline = deadline_s(self._config, self._config.planner.period_s) * 1000.0
+        deadline = deadline_s(self._config, self._period) * 1000.0
         if self._config.planner.enforce_deadline and ms > deadline:
             return f"late: {ms:.0f} ms of {deadline:.0f} ms"
         if self._config.failsafe.on and decision is not None and isinstance(decision.command, Follow):

@@ -18,9 +18,9 @@ from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, build_local, chain_gap
 from sumo_mcts.model.route import INTERNAL, LEFT_NODE, LENGTH, NEXT, RIGHT_NODE, Indices
 from sumo_mcts.planners.base import Situation, Task
+from sumo_mcts.planners.mcts import STOP_DECEL
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, Release
 
-STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow
 LONGEST_S = 30.0  # a manoeuvre that has not come to its end by then is none
 CHECK_S = 0.25  # longest time between two checks
 ALONG = 0.8  # cosine of the angle between two headings up to which one vehicle follows the other

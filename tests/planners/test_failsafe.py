@@ -14,7 +14,7 @@ import helpers
 import numpy as np
 import pytest
 from helpers import Agent, crossing, edges, ego_at
-from helpers_model import PHYSICS, lanes_east, scenario, scene_of, situation_of, task_of
+from helpers_model import PHYSICS, STOP_DECEL, lanes_east, scenario, scene_of, situation_of, task_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from naive import Box
@@ -26,7 +26,7 @@ from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.model.ego import can_change
 from sumo_mcts.model.local import build_local
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.failsafe import ACCELERATE, ALONG, BRAKE, HOLD, LONGEST_S, STOP_DECEL, FailSafe, drive, nonsense
+from sumo_mcts.planners.failsafe import ACCELERATE, ALONG, BRAKE, HOLD, LONGEST_S, FailSafe, drive, nonsense
 from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Plan, Release, RoadMap
 
 PERIOD = 0.5  # s
