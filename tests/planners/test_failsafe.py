@@ -18,16 +18,19 @@ from helpers_model import PHYSICS, STOP_DECEL, lanes_east, scenario, scene_of, s
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from naive import Box
+from typer.testing import CliRunner
 
-from sumo_mcts import assets, config, driver
+from sumo_mcts import assets, commands, config, driver
+from sumo_mcts.cli import app
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import assumed, make_planner
 from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.model.ego import can_change
+from sumo_mcts.model.ego import can_change, obey
 from sumo_mcts.model.local import build_local
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.failsafe import ACCELERATE, ALONG, BRAKE, HOLD, LONGEST_S, FailSafe, drive, nonsense
 from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Plan, Release, RoadMap
+from sumo_mcts.world.command import Bounds, bounded
 
 PERIOD = 0.5  # s
 DT = PHYSICS.step
@@ -389,6 +392,15 @@ def test_without_compilation_the_verdicts_are_the_same() -> None:
     assert {said == "" for said, _ in compiled} == {True, False}
 
 
+@given(st.floats(0.0, 30.0), st.floats(-9.0, 3.0), st.floats(0.0, 60.0))
+def test_a_command_is_obeyed_as_far_as_it_is_let_through(v: float, a: float, wanted: float) -> None:
+    those = case(LANES, on_lane(v))
+    p = those.task.ego
+    after, _ = obey(local_of(those), p, those.situation.state._replace(a=a), wanted, 0.0)
+    assert after.v == pytest.approx(bounded(wanted, v, a, Bounds(DT, 3.0, p.max_accel, p.max_decel, p.emergency_jerk)), abs=1e-5)
+    assert after.s == pytest.approx(200.0 + after.v * DT) and after.a == pytest.approx((after.v - v) / DT, abs=1e-6)
+
+
 # --- in SUMO ---
 
 
@@ -502,3 +514,18 @@ def test_the_fail_safe_leaves_a_good_planner_alone() -> None:
     ]
     assert [row["failsafe_interventions"] for row in rows] == [0, 0]
     assert rows[0]["trace_digest"] == rows[1]["trace_digest"]
+
+
+@pytest.mark.parametrize("given_option", [True, False])
+def test_the_option_sets_the_key(given_option: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+
+    def resolve(*arguments: Any) -> None:
+        said.extend(arguments[4])
+        raise config.ConfigError("enough")
+
+    monkeypatch.setattr(commands, "resolve", resolve)
+    assert CliRunner().invoke(app, ["run", "straight-line", *(["--enforce-deadline"] if given_option else [])]).exit_code == 2
+    assert ("planner.enforce_deadline=True" in said) == given_option
+    scene = config.load(assets.scenario_path("straight-line"), tuple(said))
+    assert scene.planner.enforce_deadline == given_option
