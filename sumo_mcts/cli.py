@@ -33,6 +33,7 @@ def run(
     prediction: Annotated[Optional[str], typer.Option(help="idm, constant_velocity, or an oracle: routes, script, clone.")] = None,  # noqa: UP045
     iterations: Annotated[Optional[int], typer.Option(min=1, help="Iteration budget of one decision.")] = None,  # noqa: UP045
     time_budget: Annotated[Optional[float], typer.Option(metavar="MS", help="Time budget of one decision instead; not reproducible.")] = None,  # noqa: UP045
+    enforce_deadline: Annotated[bool, typer.Option("--enforce-deadline", help="Drop decisions that come too late; not reproducible.")] = False,
     time_limit: Annotated[Optional[float], typer.Option(metavar="S", help="Seconds after departure until the episode is a timeout.")] = None,  # noqa: UP045
     assign: Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="Set any key of the scenario (repeatable).")] = None,  # noqa: UP045
     out: Annotated[Optional[Path], typer.Option(help="Folder for rows, traces and pictures.")] = None,  # noqa: UP045
@@ -42,6 +43,7 @@ def run(
 ) -> None:
     """Drive one episode. Options after -- go to SUMO."""
     chosen = {"planner.name": planner, "prediction.name": prediction, "planner.iterations": iterations, "planner.time_budget_ms": time_budget,
+              "planner.enforce_deadline": enforce_deadline or None,
               "episode.time_limit_s": time_limit, "episode.stop_time_s": time_limit}  # fmt: skip
     overrides = (*(assign or ()), *(f"{key}={value}" for key, value in chosen.items() if value is not None))
     with _plain_errors():

@@ -163,6 +163,7 @@ class PlannerConfig(_Section):
     name: Literal["mcts", "paper", "sumo", "constant"] = "mcts"
     iterations: int = Field(1000, ge=1, le=10_000_000, description="iteration budget of one decision")
     time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead (not reproducible)")
+    enforce_deadline: bool = Field(False, description="a decision later than the time budget, else the period, is not executed (not reproducible)")
     period_s: Positive = Field(0.5, description="decision period")
     step_s: Positive = Field(1.0, description="duration of one action in the tree of planner mcts")
     look_ahead_steps: int = Field(6, ge=1, le=12, description="levels of the tree")
@@ -229,6 +230,19 @@ class CostConfig(_Section):
     red: Positive = Field(100.0, description="entering on red")
 
 
+class FailSafeConfig(_Section):
+    """The last check before a decision is executed, and what the others may do meanwhile."""
+
+    on: bool = Field(False, description="execute only decisions after which a safe end can be reached, whatever the others do within these bounds")
+    decel_mps2: Positive = Field(4.5, description="others brake with at most this")
+    accel_mps2: Positive = Field(2.6, description="others accelerate with at most this")
+    over_limit: Annotated[float, Field(ge=1, allow_inf_nan=False)] = Field(1.25, description="up to so many times the limit, or up to the speed that they have")
+    reaction_s: NonNegative = Field(1.0, description="an agent in front of which the ego moves accelerates so long before it brakes")
+    yield_decel_mps2: Positive = Field(4.5, description="and then brakes with at least this")
+    horizon_s: Positive = Field(6.0, description="how long the ego has to be safe at its stop too, from now")
+    most_failures: int = Field(10, ge=0, description="so many decisions in a row may fail (raise, or be nonsense); one more ends the episode as error")
+
+
 class ScenarioConfig(_Section):
     """One scenario file."""
 
@@ -244,6 +258,7 @@ class ScenarioConfig(_Section):
     planner: PlannerConfig = PlannerConfig()
     paper: PaperConfig = PaperConfig()
     cost: CostConfig = CostConfig()
+    failsafe: FailSafeConfig = FailSafeConfig()
 
 
 def load(path: Path, overrides: tuple[str, ...] = ()) -> ScenarioConfig:

@@ -17,6 +17,7 @@ from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import LANES, Scripted, Told, TrafficParams, predict
 from sumo_mcts.planners.base import Planner, Situation, Task
 from sumo_mcts.planners.baselines import ConstantPlanner, SumoPlanner
+from sumo_mcts.planners.failsafe import Assumed, FailSafe, nonsense
 from sumo_mcts.planners.mcts import MctsParams, MctsPlanner
 from sumo_mcts.planners.paper import PaperParams, PaperPlanner
 from sumo_mcts.scene import GREEN, IGNORING, Agents, Decision, EgoState, Floats, Follow, Forecast, Ints, Plan, Release, RoadMap, Scene, Signals
@@ -58,12 +59,17 @@ def streams(seed: int | None) -> Streams:
     return Streams(traffic, int(search.generate_state(1)[0]))
 
 
+class PlannerError(Exception):
+    """The planner failed too often in a row; the message is that of its last failure."""
+
+
 class Thought(NamedTuple):
     """One decision with what it rests on."""
 
     decision: Decision
     forecast: Forecast | None
     plan_ms: float
+    intervened: bool = False  # the fail-safe manoeuvre in place of what the planner decided; why: decision.reason
 
 
 class Driver:
@@ -73,6 +79,9 @@ class Driver:
         self._config, self._road, self._physics, self._seed = config, road, physics, seed
         self._oracles = oracles
         self._planner = make_planner(config)
+        self._period = max(1, round(config.planner.period_s / physics.step)) * physics.step
+        self._fail_safe = FailSafe(assumed(config), self._period)
+        self._failures = 0  # of the planner, in a row
         self._traffic = _traffic_params(config, physics.step)
         self._route: RouteMap | None = None
         self._edges: tuple[int, ...] = ()
@@ -82,21 +91,49 @@ class Driver:
         self._plan_time = 0.0
 
     def decide(self, scene: Scene) -> Thought:
-        """Observe, predict, plan."""
+        """Observe, predict, plan, check. Raises PlannerError where the planner failed too often in a row."""
         began = time.perf_counter()
         self._keep_route(scene.ego)
         route = self._route
         state = None if route is None or scene.ego.lane < 0 else ego_state(route, as_seen(self._road, scene.ego))
         if state is None or route is None:
             self._plan, self._command = None, Release()
+            self._fail_safe.forget()
             return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
         self._note_stop(route, state, scene.time)
-        name = self._config.prediction.name
-        forecast = self._forecast(scene, route, state, name, self._horizon()) if self._planner.needs_forecast else None
+        forecast = self._usual_forecast(scene, route, state) if self._planner.needs_forecast or self._config.failsafe.on else None
         situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), frozenset(self._stood))
-        decision = self._planner.plan(situation)
+        decision, why = self._planned(situation)
+        why = why or self._objection(situation, decision, _ms(began))
+        if why:
+            if forecast is None:
+                situation = situation._replace(forecast=self._usual_forecast(scene, route, state))
+            decision = self._fail_safe.fall_back(situation, why, decision)
+        assert decision is not None, "whatever fails has a reason"
         self._plan, self._command, self._plan_time = decision.plan, decision.command, scene.time
-        return Thought(decision, forecast, _ms(began))
+        return Thought(decision, forecast, _ms(began), why != "")
+
+    def _planned(self, situation: Situation) -> tuple[Decision | None, str]:
+        """The planner's decision, or why there is none."""
+        try:
+            decision = self._planner.plan(situation)
+            why = nonsense(self._task, situation.state, decision)
+        except Exception as error:  # whatever a planner may do
+            decision, why = None, f"{type(error).__name__}: {error}"
+        self._failures = self._failures + 1 if why else 0
+        if self._failures > self._config.failsafe.most_failures:
+            raise PlannerError(why)
+        return (None, f"the planner failed: {why}") if why else (decision, "")
+
+    def _objection(self, situation: Situation, decision: Decision | None, ms: float) -> str:
+        """Why a decision that took so long must not be executed; "" where it may."""
+        deadline = deadline_s(self._config, self._period) * 1000.0
+        if self._config.planner.enforce_deadline and ms > deadline:
+            return f"late: {ms:.0f} ms of {deadline:.0f} ms"
+        if self._config.failsafe.on and decision is not None and isinstance(decision.command, Follow):
+            return self._fail_safe.objection(situation, decision.command)
+        self._fail_safe.forget()
+        return ""
 
     def forecast(self, scene: Scene, name: str, seconds: float) -> Forecast | None:
         """What the predictor `name` says right after a decision, given the plan just made; None where the ego is not on its route."""
@@ -110,6 +147,10 @@ class Driver:
             state = state._replace(progress=CENTRED, other=other)  # it is about to begin
         return self._forecast(scene, route, state, name, seconds)
 
+    def _usual_forecast(self, scene: Scene, route: RouteMap, state: State) -> Forecast:
+        """What the scenario's predictor says, as far as its planner looks."""
+        return self._forecast(scene, route, state, self._config.prediction.name, self._horizon())
+
     def _keep_route(self, ego: EgoState) -> None:
         """Lay the route out when the ego is taken over, and again when SUMO gave it another one."""
         if self._route is not None and ego.route == self._edges[len(self._edges) - len(ego.route) :] and ego.route:
@@ -120,7 +161,9 @@ class Driver:
         params = ego_params(self._config, ego, self._physics)
         self._edges, self._stood = ego.route, {}
         self._route = route_map(self._road, ego.route, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
-        self._planner.start(Task(self._road, self._route, params, cost_params(self._config)), self._seed)
+        self._task = Task(self._road, self._route, params, cost_params(self._config))
+        self._fail_safe.start(self._task)
+        self._planner.start(self._task, self._seed)
 
     def _note_stop(self, route: RouteMap, state: State, now: float) -> None:
         """Remember when the ego stood at a stop sign."""
@@ -178,9 +221,11 @@ class Driver:
 
 def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
     """Load (the first time: compile) what decisions need, by one that nobody executes; without it the ego's first decision would be late."""
-    if config.planner.name not in SEARCHING:
+    if config.planner.name not in SEARCHING and not config.failsafe.on:
         return
-    tried = config.model_copy(update={"planner": config.planner.model_copy(update={"iterations": 1, "time_budget_ms": None})})
+    planner = config.planner.model_copy(update={"iterations": 1, "time_budget_ms": None, "enforce_deadline": False})
+    checked = config.failsafe.on or config.planner.enforce_deadline
+    tried = config.model_copy(update={"planner": planner, "failsafe": config.failsafe.model_copy(update={"on": checked})})
     scene = _still_life(road, physics.step)
     with suppress(Exception):  # what fails here fails again at the first real decision, where it becomes the outcome
         Driver(tried, road, physics, 0).decide(scene)
@@ -244,6 +289,17 @@ def cost_params(config: ScenarioConfig) -> CostParams:
         c.contact, c.speed_at_contact, c.headway_s, c.headway_gap_m, c.headway, c.claim_s, c.claim, c.margin_m, c.margin, c.acceleration, c.jerk, c.braking,
         c.progress, c.tail_s, c.blocking, c.route, c.lane_change, c.red, c.cut_in_decel_mps2, c.imposed,
     )  # fmt: skip
+
+
+def assumed(config: ScenarioConfig) -> Assumed:
+    """What the fail-safe takes the others to do."""
+    f = config.failsafe
+    return Assumed(f.decel_mps2, f.accel_mps2, f.over_limit, f.reaction_s, f.yield_decel_mps2, f.horizon_s)
+
+
+def deadline_s(config: ScenarioConfig, period: float) -> float:
+    """When a decision is late, s: the time budget if there is one, else the decision period (s)."""
+    return period if config.planner.time_budget_ms is None else config.planner.time_budget_ms / 1000.0
 
 
 def _paper_params(config: ScenarioConfig) -> PaperParams:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.driver import Thought, no_forecast
+from sumo_mcts.driver import Thought, deadline_s, no_forecast
 from sumo_mcts.records import CycleRecord, Trace, lanes_around
 from sumo_mcts.scene import Plan, RoadMap, Scene
 
@@ -32,10 +32,11 @@ class Recorder:
         """The keys of a row that tell of decisions; `period` in s."""
         decisions = [thought.decision for thought in self._thoughts]
         times = np.array([thought.plan_ms for thought in self._thoughts])
-        deadline = period if config.planner.time_budget_ms is None else config.planner.time_budget_ms / 1000.0
+        deadline = deadline_s(config, period)
         searched = any(decision.iterations or decision.known for decision in decisions)
         return {
             "decision_flips": _flips([decision.plan for decision in decisions]),
+            "failsafe_interventions": sum(thought.intervened for thought in self._thoughts),
             "iterations_per_decision": config.planner.iterations if searched else None,
             "iterations": sum(decision.iterations for decision in decisions),
             "cycles": len(decisions),

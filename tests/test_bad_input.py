@@ -124,6 +124,7 @@ OPTIONS = [
     (("run", "good.yaml", "--set", "cost.heading=1"), "good.yaml: cost.heading: unknown key; allowed: contact,"),
     (("run", "good.yaml", "--set", "cost"), "--set cost: write it as key.subkey=value"),
     (("run", "good.yaml", "--set", "name.x=1"), "--set name.x=1: name has no keys below it"),
+    (("run", "good.yaml", "--set", "failsafe.decel_mps2=0"), "good.yaml: failsafe.decel_mps2: Input should be greater than 0"),
     (("run", "good.yaml", "--planner", "alphazero"), "good.yaml: planner.name"),
     (("run", "good.yaml", "--prediction", "oracle"), "good.yaml: prediction.name"),
     (("run", "good.yaml", "--time-budget", "-1"), "good.yaml: planner.time_budget_ms: Input should be greater than 0"),

@@ -53,6 +53,15 @@ def advance(local: Local, p: EgoParams, state: State, accel: float, time: float)
 
 
 @kernel
+def obey(local: Local, p: EgoParams, state: State, wanted: float, time: float) -> tuple[State, int]:
+    """One step of the simulation at a commanded speed (m/s), whatever the road allows, within what world/command.py lets through."""
+    low = min(max(state.a - p.emergency_jerk * p.step, -p.max_decel), p.max_accel)
+    high = max(min(state.a + p.emergency_jerk * p.step, p.max_accel), low)
+    speed = max(0.0, min(max(wanted, state.v + low * p.step), state.v + high * p.step))
+    return _move(local, p, state, _moved(p, state.v, speed), speed, (speed - state.v) / p.step, time + p.step)
+
+
+@kernel
 def _next_speed(p: EgoParams, v: float, a: float, wanted: float) -> float:
     """Towards the wanted acceleration, as far as the bounds of acceleration and jerk allow within one step, m/s."""
     wanted = min(max(wanted, -p.max_decel), p.max_accel)

@@ -206,8 +206,9 @@ def action_words(cycle: CycleRecord) -> str:
         words.append("change to the " + ("left" if change > 0 else "right"))
     elif 0 < cycle.ego.changing < 1:
         words.append("changing lane")
-    if cycle.decision.reason not in ("", "search", words[0].split()[0]):
-        words.append(cycle.decision.reason)
+    reason = cycle.decision.reason.partition(":")[0]  # in the fail-safe's reason an explanation follows
+    if reason not in ("", "search", words[0].split()[0]):
+        words.append(reason)
     return ", ".join(words)
 
 

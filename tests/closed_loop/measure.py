@@ -170,7 +170,8 @@ def show(row: dict[str, Any]) -> str:
         return f"error: {str(row['error'])[:120]}"
     time = "   -" if row["travel_time_s"] is None else f"{row['travel_time_s']:6.1f} s"
     fault = {True: " at fault", False: " not at fault", None: ""}[row["at_fault"]]
-    return f"{row['outcome']}{fault} {time} imposed {row['imposed_max_decel_mps2']:.1f} red {row['red_lights_run']} p50 {row['plan_ms_p50'] or 0:.1f} ms"
+    others = f"imposed {row['imposed_max_decel_mps2']:.1f} red {row['red_lights_run']} fail-safe {row['failsafe_interventions']}"
+    return f"{row['outcome']}{fault} {time} {others} p50 {row['plan_ms_p50'] or 0:.1f} ms"
 
 
 def table_row(name: str, pairs: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> str:
