@@ -125,6 +125,13 @@ class SensorConfig(_Section):
 
     range_m: Positive = Field(120.0, description="sensor range")
     signals: Literal["timing", "current"] = Field("timing", description="coming signal phases are broadcast, or only the present state is seen")
+    position_error_m: NonNegative = Field(0.0, description="standard deviation of the error of an agent's position, along each axis")
+    speed_error_mps: NonNegative = Field(0.0, description="standard deviation of the error of an agent's speed")
+    error_time_s: Positive = Field(1.0, description="time after which the share 1/e of an error is left: a tracker's errors last")
+    drop_probability: Share = Field(0.0, description="probability that an agent is not seen in a cycle")
+    occlusion: bool = Field(False, description="whether vehicles hide whom they stand before")
+    visible_share: Share = Field(0.1, description="occlusion: share of an agent, as an angle seen from the ego's centre, that has to be in view")
+    memory_s: NonNegative = Field(5.0, description="how long an agent that was dropped or hidden is remembered")
 
 
 class PredictionConfig(_Section):

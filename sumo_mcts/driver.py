@@ -48,12 +48,13 @@ class Streams(NamedTuple):
 
     traffic: np.random.SeedSequence
     search: int
+    noise: np.random.SeedSequence
 
 
 def streams(seed: int | None) -> Streams:
     """The streams of a seed; without one those of seed 0."""
-    traffic, search, _noise = np.random.SeedSequence(seed or 0).spawn(3)
-    return Streams(traffic, int(search.generate_state(1)[0]))
+    traffic, search, noise = np.random.SeedSequence(seed or 0).spawn(3)
+    return Streams(traffic, int(search.generate_state(1)[0]), noise)
 
 
 class Thought(NamedTuple):

@@ -96,8 +96,8 @@ def default_variant(config: ScenarioConfig) -> str:
 class _Ego:
     """One ego of a scenario, from waiting for its departure to its outcome."""
 
-    def __init__(self, config: EgoConfig) -> None:
-        self.id, self.until = config.id, config.until
+    def __init__(self, config: EgoConfig, noise: np.random.SeedSequence) -> None:
+        self.id, self.until, self.noise = config.id, config.until, noise
         self.pilot: Pilot | None = None  # None: not departed, or over
         self.referee: Referee | None = None
         self.hindsight: Hindsight | None = None  # None: somebody reacts, so nobody knows what would have come
@@ -121,7 +121,7 @@ class Loop:
         """`seed` None: SUMO keeps its own. `sumo_options` as on SUMO's command line; `progress` is told what the loop waits for."""
         self.config, self.seed = config, seed
         self._gui, self._options, self._progress = gui, tuple(sumo_options), progress
-        self._egos = [_Ego(ego) for ego in config.egos]
+        self._egos = [_Ego(*each) for each in zip(config.egos, streams(seed).noise.spawn(len(config.egos)), strict=True)]
         self._folder = tempfile.TemporaryDirectory(prefix="sumo_mcts-")
         self._simulation: Simulation | None = None
         self._traffic = np.random.default_rng(streams(seed).traffic)
@@ -252,7 +252,7 @@ class Loop:
             self._progress(f"{simulation.time:.1f} s  waiting for {ego.id}")
 
     def _take_over(self, ego: _Ego) -> None:
-        pilot = Pilot(ego.id, self.config, self.world, judged=True)
+        pilot = Pilot(ego.id, self.config, self.world, ego.noise, judged=True)
         goal = _goal(self.config, self.world.road, pilot.frame.ego, ego.until)
         ego.hindsight = self._hindsight(goal, pilot.frame)
         if ego.hindsight is not None and self._varied and ego.hindsight.inevitable():
