@@ -194,7 +194,7 @@ def test_as_many_rays_see_it() -> None:
             if len(boxes) < 12 and math.hypot(box.x, box.y) > 8.0 and not any(box.polygon().intersects(b.polygon()) for b in boxes):
                 boxes.append(box)
         blocks = [bool(rng.random() < 0.8) for _ in boxes]
-        agents = agents_at(ROAD, *(Agent(f"{k}", "", x=b.x, y=b.y, heading=b.heading, length=2 * b.length, width=2 * b.width) for k, b in enumerate(boxes)))
+        agents = agents_at(ROAD, *(Agent(f"{k:02}", "", x=b.x, y=b.y, heading=b.heading, length=2 * b.length, width=2 * b.width) for k, b in enumerate(boxes)))
         found = share_in_view(0.0, 0.0, agents, np.array(blocks))
         twin = naive_share_in_view(0.0, 0.0, boxes, blocks, 1800)
         assert found == pytest.approx(twin, abs=0.1)  # a small box is hit by some ten rays
