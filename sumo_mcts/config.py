@@ -165,7 +165,7 @@ class EgoModelConfig(_Section):
 class PlannerConfig(_Section):
     """The search."""
 
-    name: Literal["mcts", "paper", "sumo", "constant"] = "mcts"
+    name: Literal["mcts", "paper", "idm", "random", "sumo", "constant"] = "mcts"
     iterations: int = Field(1000, ge=1, le=10_000_000, description="iteration budget of one decision")
     time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead (not reproducible)")
     period_s: Positive = Field(0.5, description="decision period")
@@ -208,6 +208,17 @@ class PaperConfig(_Section):
     emergency_cost: NonNegative = Field(5.0, description="C_o of a step of braking beyond comfort_decel_mps2")
 
 
+class IdmConfig(_Section):
+    """Planner `idm`: car following (IDM), and the gaps that it accepts at junctions and for lane changes."""
+
+    headway_s: Positive = Field(1.5, description="time headway")
+    min_gap_m: Positive = Field(2.0, description="gap at standstill")
+    accel_mps2: Positive = Field(2.0, description="acceleration; never beyond ego_model.max_accel_mps2")
+    decel_mps2: Positive = Field(2.0, description="comfortable deceleration")
+    critical_gap_s: NonNegative = Field(5.0, description="time from the ego at the stop line to whoever has the right of way, from which it goes")
+    cut_in_decel_mps2: Positive = Field(2.0, description="braking that a follower in the new lane is trusted to do")
+
+
 class CostConfig(_Section):
     """The terms of J for planner `mcts`. One unit is one second of standing still."""
 
@@ -246,6 +257,7 @@ class ScenarioConfig(_Section):
     ego_model: EgoModelConfig = EgoModelConfig()
     planner: PlannerConfig = PlannerConfig()
     paper: PaperConfig = PaperConfig()
+    idm: IdmConfig = IdmConfig()
     cost: CostConfig = CostConfig()
 
 

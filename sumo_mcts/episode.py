@@ -13,7 +13,7 @@ import numpy as np
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest
-from sumo_mcts.driver import SEARCHING, Driver, Oracles, as_seen, ego_params, streams, warm_up
+from sumo_mcts.driver import FORECASTING, SEARCHING, Driver, Oracles, as_seen, ego_params, streams, warm_up
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import COLLISION, Goal, Referee
@@ -81,14 +81,16 @@ def run_episode(
 
 def _searches(config: ScenarioConfig) -> bool:
     """Whether the planner does, or the reference of inevitable collisions may have to."""
-    return config.planner.name in SEARCHING or any(actor.driver == "script" for actor in config.traffic.actors)
+    return config.planner.name in FORECASTING or any(actor.driver == "script" for actor in config.traffic.actors)
 
 
 def default_variant(config: ScenarioConfig) -> str:
-    """planner-prediction-effort, e.g. mcts-idm-1000."""
+    """planner-prediction-effort, e.g. mcts-idm-1000, as far as there are such."""
     planner = config.planner
-    if planner.name not in SEARCHING:
+    if planner.name not in FORECASTING:
         return planner.name
+    if planner.name not in SEARCHING:
+        return f"{planner.name}-{config.prediction.name}"
     effort = str(planner.iterations) if planner.time_budget_ms is None else f"{planner.time_budget_ms:g}ms"
     return f"{planner.name}-{config.prediction.name}-{effort}"
 
@@ -418,7 +420,7 @@ def _complete(row: Row, config: ScenarioConfig, seed: int | None, variant: str, 
         "scenario": config.name,
         "variant": variant,
         "planner": config.planner.name,
-        "prediction": config.prediction.name if config.planner.name in SEARCHING else None,
+        "prediction": config.prediction.name if config.planner.name in FORECASTING else None,
         "seed": seed,
         "wall_s": wall,
         "realtime_factor": recorder.simulated(period) / wall if wall > 0 else None,
