@@ -216,7 +216,7 @@ class IdmConfig(_Section):
     accel_mps2: Positive = Field(2.0, description="acceleration; never beyond ego_model.max_accel_mps2")
     decel_mps2: Positive = Field(2.0, description="comfortable deceleration")
     critical_gap_s: NonNegative = Field(5.0, description="time from the ego at the stop line to whoever has the right of way, from which it goes")
-    cut_in_decel_mps2: Positive = Field(2.0, description="braking that a follower in the new lane is trusted to do")
+    cut_in_decel_mps2: Positive = Field(2.0, description="braking to which a lane change may bring whoever is behind, by the same car following")
 
 
 class CostConfig(_Section):

@@ -9,7 +9,7 @@ from sumo_mcts.model.cost import place_is_free
 from sumo_mcts.model.ego import EgoParams, advance, begin_change, can_change, follow_accel, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import COS, DRIVEN, ENTERS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, NODE_OF, SIN, WHO, Local, State, V, X, Y, build_local
+from sumo_mcts.model.local import COS, DRIVEN, ENTERS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, NODE_OF, SIN, WHO, Local, S, State, V, X, Y, build_local
 from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, Indices, lane_pose
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.mcts import STOP_DECEL, MctsParams, actions_of, follow_line
@@ -84,7 +84,6 @@ class IdmPlanner:
         p = self._params
         self._task = task
         self._follower = task.ego._replace(max_accel=min(p.accel, task.ego.max_accel), approach_decel=p.decel, headway=p.headway, gap=p.gap)
-        self._cost = task.cost._replace(cut_in_decel=p.cut_in_decel)
 
     def plan(self, situation: Situation) -> Decision:
         """Drive on for two periods; a new decision comes after one."""
@@ -106,7 +105,9 @@ class IdmPlanner:
         if side == 0 or not can_change(local, self._task.ego, state, side):
             return 0
         changed = begin_change(local, self._task.ego, state, side)
-        return side if place_is_free(local, self._task.ego, self._cost, changed, 0) else 0
+        if not place_is_free(local, self._task.ego, self._task.cost, changed, 0):
+            return 0
+        return side if accel_behind(local, self._follower, changed) >= -self._params.cut_in_decel else 0
 
 
 class RandomPlanner:
@@ -148,6 +149,21 @@ def _two_periods(period_s: float, task: Task) -> int:
 
 
 # --- car following and gap acceptance ---
+
+
+def accel_behind(local: Local, follower: EgoParams, changed: State) -> float:
+    """The car following, m/s2, of whoever is next behind in the lane of a change that has just begun; inf: nobody is.
+
+    The safety criterion of MOBIL (Kesting, Treiber, Helbing 2007); the other is taken to follow with the ego's own parameters.
+    """
+    now, target = local.agent[0], changed.other if changed.other >= 0 else changed.node
+    now = now[now[:, NODE] >= 0.0]
+    behind = local.ahead[now[:, NODE].astype(np.int64) - local.first, target - local.first] + changed.s - now[:, S]
+    behind[behind < 0.0] = math.inf
+    if behind.min(initial=math.inf) == math.inf:
+        return math.inf
+    nearest = int(np.argmin(behind))
+    return float(follow_accel(follower, float(now[nearest, V]), local.limit, float(behind[nearest]) - 2.0 * follower.half_length, changed.v))
 
 
 def with_yield_lines(local: Local, state: State, critical_gap: float) -> Local:

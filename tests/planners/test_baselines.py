@@ -3,6 +3,7 @@
 from collections import Counter
 from itertools import pairwise
 
+import naive
 import numpy as np
 import pytest
 from helpers import Agent, crossing, edges, ego_at, lane, lights, straight_road
@@ -14,9 +15,9 @@ from naive import Box
 from sumo_mcts import assets, config
 from sumo_mcts.driver import make_planner, mcts_params
 from sumo_mcts.episode import default_variant, run_episode
-from sumo_mcts.model.ego import FOLLOW
+from sumo_mcts.model.ego import FOLLOW, begin_change
 from sumo_mcts.planners.base import Planner, Task
-from sumo_mcts.planners.baselines import leader_on_the_way, with_yield_lines
+from sumo_mcts.planners.baselines import accel_behind, leader_on_the_way, with_yield_lines
 from sumo_mcts.planners.mcts import actions_of
 from sumo_mcts.scene import RED, Decision, EgoState, Follow, RoadMap, Signals
 
@@ -164,6 +165,19 @@ def test_it_changes_to_the_lane_of_its_route_where_the_gap_allows() -> None:
     assert side_taken(Agent("fast behind", "a_0", 70.0, 15.0)) == 0
     assert side_taken(Agent("far behind", "a_0", 30.0)) == -1
     assert side_taken(route=("a", "b", "c")) == 0
+
+
+@pytest.mark.parametrize(("away", "v", "ego_v"), [(12.0, 10.0, 5.0), (30.0, 14.0, 10.0), (60.0, 3.0, 8.0)])
+def test_the_next_behind_is_asked_how_it_would_brake(away: float, v: float, ego_v: float) -> None:
+    road = lanes_east(2)
+    ego = ego_at(road, "a_0", 200.0, ego_v)
+    task = task_of(road, ego)
+    others = [Agent("next", "a_1", 200.0 - away, v), Agent("after it", "a_1", 100.0, 30.0), Agent("ahead", "a_1", 230.0), Agent("own lane", "a_0", 195.0, 14.0)]
+    local, state = local_of(task, scene_of(ego, road, *others))
+    changed = begin_change(local, task.ego, state, 1)
+    assert accel_behind(local, task.ego, changed) == pytest.approx(naive.follow(task.ego, v, 15.0, away - 5.0, ego_v))
+    local, state = local_of(task, scene_of(ego, road, *others[2:]))
+    assert accel_behind(local, task.ego, changed) == np.inf
 
 
 # --- random ---
