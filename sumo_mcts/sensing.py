@@ -45,6 +45,14 @@ class Senses:
 
     def _seen(self, scene: Scene) -> Agents:
         q, agents = self._sensor, scene.agents
+        error, missed = self._drawn(scene)
+        if q.occlusion:
+            missed |= share_in_view(scene.ego.x, scene.ego.y, agents, ~agents.person) < q.visible_share
+        return chosen(with_errors(self._road, agents, error), ~missed)
+
+    def _drawn(self, scene: Scene) -> tuple[Floats, Bools]:
+        """[N, 4] the errors that with_errors adds, and [N] who is dropped."""
+        q, agents = self._sensor, scene.agents
         cycle, decay = round((scene.time - self._begin) / self._period), math.exp(-self._period / q.error_time_s)
         error, missed = np.zeros((len(agents.ids), 4)), np.zeros(len(agents.ids), np.bool_)
         for i, name in enumerate(agents.ids):
@@ -52,16 +60,14 @@ class Senses:
                 self._errors[name] = _Errors(self._seed, name)
             error[i], chance = self._errors[name].at(cycle, decay, self._period)
             missed[i] = chance < q.drop_probability
-        error *= (q.position_error_m, q.position_error_m, q.speed_error_mps, q.speed_error_mps)
-        hidden = share_in_view(scene.ego.x, scene.ego.y, agents, ~agents.person) < q.visible_share if q.occlusion else np.zeros_like(missed)
-        return chosen(with_errors(self._road, agents, error), ~missed & ~hidden)
+        return error * (q.position_error_m, q.position_error_m, q.speed_error_mps, q.speed_error_mps), missed
 
     def _with_remembered(self, last: Scene, scene: Scene, seen: Agents) -> Agents:
-        """Those seen, and those seen before who may still be there."""
+        """Those seen now, and those seen before who may still be there."""
         q, now = self._sensor, set(seen.ids)
         before = chosen(last.agents, np.array([name not in now for name in last.agents.ids], np.bool_))
         moved = moved_on(self._road, last._replace(agents=before), scene.time - last.time)
-        expected = in_plain_view(scene.ego, seen, moved) if q.occlusion else np.ones(len(moved.ids), np.bool_)
+        expected = share_past(scene.ego, seen, moved) >= max(PLAIN_VIEW, q.visible_share) if q.occlusion else np.ones(len(moved.ids), np.bool_)
         lost = {}
         for i, name in enumerate(moved.ids):
             known = self._lost.get(name, Lost(last.time, 0))
@@ -218,11 +224,11 @@ def moved_on(road: RoadMap, scene: Scene, seconds: float) -> Agents:
     return chosen(matched(road, moved), forecast.valid[0, 1])
 
 
-def in_plain_view(ego: EgoState, seen: Agents, remembered: Agents) -> Bools:
-    """[N] which of those remembered nobody who is seen would hide."""
+def share_past(ego: EgoState, seen: Agents, remembered: Agents) -> Floats:
+    """[N] the share of each of those remembered that would be in view past those who are seen."""
     everybody = joined(seen, remembered)
     blocks = ~everybody.person & (np.arange(len(everybody.ids)) < len(seen.ids))
-    return share_in_view(ego.x, ego.y, everybody, blocks)[len(seen.ids) :] >= PLAIN_VIEW
+    return share_in_view(ego.x, ego.y, everybody, blocks)[len(seen.ids) :]
 
 
 # --- agents as tables ---

@@ -250,6 +250,17 @@ def test_it_is_forgotten_where_it_would_be_in_plain_view() -> None:
     assert seen == [True] * 6 + [False] * 2
 
 
+def test_who_needs_to_be_seen_whole_is_not_missed_in_part() -> None:
+    """Two thirds of the car stay in view, which is not enough to see it: no reason to take it to be gone."""
+    sensor = senses(occlusion=True, visible_share=0.9, memory_s=10.0)
+    car = Agent("car", "a_1", 1040.0, 0.0)
+    alone = [sensor.perceive(at(time, car)).agents.ids for time in (0.0, 0.5)]
+    assert alone == [("car",)] * 2
+    post = Agent("post", "a_1", 1020.0, 0.0, d=0.3, length=0.5, width=0.3)
+    assert 0.5 < shares(at(1.0, car, post))["car"] < 0.9
+    assert [sensor.perceive(at(1.0 + 0.5 * k, car, post)).agents.ids for k in range(5)] == [("car", "post")] * 5
+
+
 @pytest.mark.parametrize(("probability", "cycles"), [(1e-4, 0), (0.03, 1), (0.15, 2), (0.3, 3)])
 def test_the_more_often_agents_are_dropped_the_longer_one_is_waited_for(probability: float, cycles: int) -> None:
     """It is gone once so many misses in a row are unlikely: less than 1 %."""
