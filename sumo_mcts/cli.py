@@ -29,7 +29,7 @@ def run(
     ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable); `any`: the first suitable one.")] = None,  # noqa: UP045
     ego_until: Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")] = None,  # noqa: UP045
     seed: Annotated[Optional[int], typer.Option(min=0, help="Default 0; a .sumocfg keeps its own.")] = None,  # noqa: UP045
-    planner: Annotated[Optional[str], typer.Option(help="mcts, paper, sumo or constant.")] = None,  # noqa: UP045
+    planner: Annotated[Optional[str], typer.Option(help="mcts, paper, idm, random, sumo or constant.")] = None,  # noqa: UP045
     prediction: Annotated[Optional[str], typer.Option(help="idm, constant_velocity, or an oracle: routes, script, clone.")] = None,  # noqa: UP045
     iterations: Annotated[Optional[int], typer.Option(min=1, help="Iteration budget of one decision.")] = None,  # noqa: UP045
     time_budget: Annotated[Optional[float], typer.Option(metavar="MS", help="Time budget of one decision instead; not reproducible.")] = None,  # noqa: UP045

@@ -125,6 +125,13 @@ class SensorConfig(_Section):
 
     range_m: Positive = Field(120.0, description="sensor range")
     signals: Literal["timing", "current"] = Field("timing", description="coming signal phases are broadcast, or only the present state is seen")
+    position_error_m: NonNegative = Field(0.0, description="standard deviation of the error of an agent's position, along each axis")
+    speed_error_mps: NonNegative = Field(0.0, description="standard deviation of the error of an agent's speed")
+    error_time_s: Positive = Field(1.0, description="time after which the share 1/e of an error is left: a tracker's errors last")
+    drop_probability: Share = Field(0.0, description="probability that an agent is not seen in a cycle")
+    occlusion: bool = Field(False, description="whether vehicles hide whom they stand before")
+    visible_share: Share = Field(0.1, description="occlusion: share of an agent, as an angle seen from the ego's centre, that has to be in view")
+    memory_s: NonNegative = Field(5.0, description="how long an agent that was dropped or hidden is remembered")
 
 
 class PredictionConfig(_Section):
@@ -160,7 +167,7 @@ class EgoModelConfig(_Section):
 class PlannerConfig(_Section):
     """The search."""
 
-    name: Literal["mcts", "paper", "sumo", "constant"] = "mcts"
+    name: Literal["mcts", "paper", "idm", "random", "sumo", "constant"] = "mcts"
     iterations: int = Field(1000, ge=1, le=10_000_000, description="iteration budget of one decision")
     time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead (not reproducible)")
     enforce_deadline: bool = Field(False, description="a decision later than the time budget, else the period, is not executed (not reproducible)")
@@ -203,6 +210,17 @@ class PaperConfig(_Section):
     stop_cost: NonNegative = Field(2.0, description="C_o of standing at the end of a step")
     turn_cost: NonNegative = Field(0.0, description="C_o of turning at a junction at the end of a step")
     emergency_cost: NonNegative = Field(5.0, description="C_o of a step of braking beyond comfort_decel_mps2")
+
+
+class IdmConfig(_Section):
+    """Planner `idm`: car following (IDM), and the gaps that it accepts at junctions and for lane changes."""
+
+    headway_s: Positive = Field(1.5, description="time headway")
+    min_gap_m: Positive = Field(2.0, description="gap at standstill")
+    accel_mps2: Positive = Field(2.0, description="acceleration; never beyond ego_model.max_accel_mps2")
+    decel_mps2: Positive = Field(2.0, description="comfortable deceleration")
+    critical_gap_s: NonNegative = Field(5.0, description="time from the ego at the stop line to whoever has the right of way, from which it goes")
+    cut_in_decel_mps2: Positive = Field(2.0, description="braking to which a lane change may bring whoever is behind, by the same car following")
 
 
 class CostConfig(_Section):
@@ -257,6 +275,7 @@ class ScenarioConfig(_Section):
     ego_model: EgoModelConfig = EgoModelConfig()
     planner: PlannerConfig = PlannerConfig()
     paper: PaperConfig = PaperConfig()
+    idm: IdmConfig = IdmConfig()
     cost: CostConfig = CostConfig()
     failsafe: FailSafeConfig = FailSafeConfig()
 

@@ -29,13 +29,14 @@ class Controller:
         """Join the simulation that runs in this process. Raises ConfigError where there is none, or where `config` is wrong.
 
         config: a scenario, of which everything but sumo, egos, traffic and episode counts; or its sections, as in
-        {"planner": {"iterations": 2000}}; by default as in a scenario that says nothing. `seed` is the search's.
+        {"planner": {"iterations": 2000}}; by default as in a scenario that says nothing. `seed` is that of the search and of the sensor's errors.
         """
         require_running()
         self._ego, self._config = ego, _scenario(ego, config)
         self._world = running_world(self._config.planner.period_s)
         oracles = Oracles(self._world.observer.way, _no_script, _no_copy)
         self._driver = Driver(self._config, self._world.road, self._world.physics, streams(seed).search, oracles)
+        self._noise = streams(seed).noise.spawn(1)[0]
         self._pilot: Pilot | None = None
         self._over = False
         self.thought: Thought | None = None  # the last decision, and what it rests on
@@ -67,7 +68,7 @@ class Controller:
         """Who can drive now: nobody before the departure, while SUMO teleports the vehicle, and after the arrival."""
         if self._pilot is None:
             if not self._over and self._world.observer.present(self._ego):
-                self._pilot = Pilot(self._ego, self._config, self._world, judged=False)
+                self._pilot = Pilot(self._ego, self._config, self._world, self._noise, judged=False)
             return self._pilot
         frame = self._pilot.look()
         pilot = self._pilot if frame.present else None

@@ -16,13 +16,14 @@ from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import LANES, Scripted, Told, TrafficParams, predict
 from sumo_mcts.planners.base import Planner, Situation, Task
-from sumo_mcts.planners.baselines import ConstantPlanner, SumoPlanner
+from sumo_mcts.planners.baselines import ConstantPlanner, IdmParams, IdmPlanner, RandomPlanner, SumoPlanner
 from sumo_mcts.planners.failsafe import Assumed, FailSafe, nonsense
 from sumo_mcts.planners.mcts import MctsParams, MctsPlanner
 from sumo_mcts.planners.paper import PaperParams, PaperPlanner
 from sumo_mcts.scene import GREEN, IGNORING, Agents, Decision, EgoState, Floats, Follow, Forecast, Ints, Plan, Release, RoadMap, Scene, Signals
 
 SEARCHING = ("mcts", "paper")  # planners that search a forecast
+FORECASTING = (*SEARCHING, "idm", "random")  # planners that read one
 NEAR_STOP = 3.0  # m before a stop sign within which standing counts
 NOMINAL_S = 2.0  # s of the last plan that the forecast takes for granted; afterwards the nominal ego follows its leader
 
@@ -51,12 +52,13 @@ class Streams(NamedTuple):
 
     traffic: np.random.SeedSequence
     search: int
+    noise: np.random.SeedSequence
 
 
 def streams(seed: int | None) -> Streams:
     """The streams of a seed; without one those of seed 0."""
-    traffic, search, _noise = np.random.SeedSequence(seed or 0).spawn(3)
-    return Streams(traffic, int(search.generate_state(1)[0]))
+    traffic, search, noise = np.random.SeedSequence(seed or 0).spawn(3)
+    return Streams(traffic, int(search.generate_state(1)[0]), noise)
 
 
 class PlannerError(Exception):
@@ -221,7 +223,7 @@ class Driver:
 
 def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
     """Load (the first time: compile) what decisions need, by one that nobody executes; without it the ego's first decision would be late."""
-    if config.planner.name not in SEARCHING and not config.failsafe.on:
+    if config.planner.name not in FORECASTING and not config.failsafe.on:
         return
     planner = config.planner.model_copy(update={"iterations": 1, "time_budget_ms": None, "enforce_deadline": False})
     checked = config.failsafe.on or config.planner.enforce_deadline
@@ -257,6 +259,10 @@ def make_planner(config: ScenarioConfig) -> Planner:
             return SumoPlanner()
         case "constant":
             return ConstantPlanner(p.period_s)
+        case "idm":
+            return IdmPlanner(_idm_params(config), p.period_s)
+        case "random":
+            return RandomPlanner(mcts_params(config))
         case "paper":
             return PaperPlanner(_paper_params(config))
         case "mcts":
@@ -311,6 +317,11 @@ def _paper_params(config: ScenarioConfig) -> PaperParams:
         p.contact_cost, p.jerk_factor, p.goal_distance_m, p.lane_distance_m, p.goal_factor, p.junction_penalty, p.lane_change_cost, p.stop_cost, p.turn_cost,
         p.emergency_cost,
     )  # fmt: skip
+
+
+def _idm_params(config: ScenarioConfig) -> IdmParams:
+    p = config.idm
+    return IdmParams(p.headway_s, p.min_gap_m, p.accel_mps2, p.decel_mps2, p.critical_gap_s, p.cut_in_decel_mps2)
 
 
 def _traffic_params(config: ScenarioConfig, step: float) -> TrafficParams:

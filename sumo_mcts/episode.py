@@ -13,7 +13,7 @@ import numpy as np
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest
-from sumo_mcts.driver import SEARCHING, Driver, Oracles, as_seen, ego_params, streams, warm_up
+from sumo_mcts.driver import FORECASTING, SEARCHING, Driver, Oracles, as_seen, ego_params, streams, warm_up
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import COLLISION, Goal, Referee
@@ -87,14 +87,16 @@ def run_episode(
 
 def _searches(config: ScenarioConfig) -> bool:
     """Whether the planner does, or the reference of inevitable collisions may have to."""
-    return config.planner.name in SEARCHING or any(actor.driver == "script" for actor in config.traffic.actors)
+    return config.planner.name in FORECASTING or any(actor.driver == "script" for actor in config.traffic.actors)
 
 
 def default_variant(config: ScenarioConfig) -> str:
-    """planner-prediction-effort, e.g. mcts-idm-1000."""
+    """planner-prediction-effort, e.g. mcts-idm-1000, as far as there are such."""
     planner = config.planner
-    if planner.name not in SEARCHING:
+    if planner.name not in FORECASTING:
         return planner.name
+    if planner.name not in SEARCHING:
+        return f"{planner.name}-{config.prediction.name}"
     effort = str(planner.iterations) if planner.time_budget_ms is None else f"{planner.time_budget_ms:g}ms"
     return f"{planner.name}-{config.prediction.name}-{effort}"
 
@@ -102,8 +104,8 @@ def default_variant(config: ScenarioConfig) -> str:
 class _Ego:
     """One ego of a scenario, from waiting for its departure to its outcome."""
 
-    def __init__(self, config: EgoConfig) -> None:
-        self.id, self.until = config.id, config.until
+    def __init__(self, config: EgoConfig, noise: np.random.SeedSequence) -> None:
+        self.id, self.until, self.noise = config.id, config.until, noise
         self.pilot: Pilot | None = None  # None: not departed, or over
         self.referee: Referee | None = None
         self.hindsight: Hindsight | None = None  # None: somebody reacts, so nobody knows what would have come
@@ -127,7 +129,7 @@ class Loop:
         """`seed` None: SUMO keeps its own. `sumo_options` as on SUMO's command line; `progress` is told what the loop waits for."""
         self.config, self.seed = config, seed
         self._gui, self._options, self._progress = gui, tuple(sumo_options), progress
-        self._egos = [_Ego(ego) for ego in config.egos]
+        self._egos = [_Ego(*each) for each in zip(config.egos, streams(seed).noise.spawn(len(config.egos)), strict=True)]
         self._folder = tempfile.TemporaryDirectory(prefix="sumo_mcts-")
         self._simulation: Simulation | None = None
         self._traffic = np.random.default_rng(streams(seed).traffic)
@@ -289,7 +291,7 @@ class Loop:
             self._progress(f"{simulation.time:.1f} s  waiting for {ego.id}")
 
     def _take_over(self, ego: _Ego) -> None:
-        pilot = Pilot(ego.id, self.config, self.world, judged=True)
+        pilot = Pilot(ego.id, self.config, self.world, ego.noise, judged=True)
         goal = _goal(self.config, self.world.road, pilot.frame.ego, ego.until)
         ego.hindsight = self._hindsight(goal, pilot.frame)
         if ego.hindsight is not None and self._varied and ego.hindsight.inevitable():
@@ -455,7 +457,7 @@ def _complete(row: Row, config: ScenarioConfig, seed: int | None, variant: str, 
         "scenario": config.name,
         "variant": variant,
         "planner": config.planner.name,
-        "prediction": config.prediction.name if config.planner.name in SEARCHING else None,
+        "prediction": config.prediction.name if config.planner.name in FORECASTING else None,
         "seed": seed,
         "wall_s": wall,
         "realtime_factor": recorder.simulated(period) / wall if wall > 0 else None,

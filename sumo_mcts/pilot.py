@@ -2,9 +2,12 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import Physics, ego_params
 from sumo_mcts.scene import Decision, Frame, RoadMap, Scene
+from sumo_mcts.sensing import Senses
 from sumo_mcts.world.command import Bounds, Commander
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap
@@ -33,9 +36,10 @@ def running_world(period_s: float) -> World:
 class Pilot:
     """Holds one ego that is on the road. Between two steps of SUMO: look(), then decide if due(), then before_step()."""
 
-    def __init__(self, vehicle: str, config: ScenarioConfig, world: World, judged: bool) -> None:
-        """Take over a vehicle that is on the road; `judged`: a referee reads its frames, and an SSM device watches it."""
+    def __init__(self, vehicle: str, config: ScenarioConfig, world: World, noise: np.random.SeedSequence, judged: bool) -> None:
+        """Take over a vehicle that is on the road; `noise` seeds its sensor's errors; `judged`: a referee reads its frames, and an SSM device watches it."""
         self._vehicle, self._world, self._sensor, self._judged = vehicle, world, config.sensor, judged
+        self._senses = Senses(config.sensor, world.road, world.period, noise)
         state = world.observer.ego(vehicle, Change())
         params = ego_params(config, state, world.physics)
         bounds = Bounds(world.physics.step, world.physics.change_duration, params.max_accel, params.max_decel, params.emergency_jerk)
@@ -54,7 +58,8 @@ class Pilot:
 
     def scene(self) -> Scene:
         """What may be known for the decision."""
-        return self._world.observer.scene(self._vehicle, self._commander.change, self._sensor.range_m, self._sensor.signals == "timing")
+        truth = self._world.observer.scene(self._vehicle, self._commander.change, self._sensor.range_m, self._sensor.signals == "timing")
+        return self._senses.perceive(truth)
 
     def accept(self, decision: Decision) -> None:
         """Do this until the next decision."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from shapely.geometry import LineString, Polygon
+from shapely.geometry import LineString, Point, Polygon
 
 from sumo_mcts.model.ego import EgoParams
 from sumo_mcts.model.route import END_GAP, SPACING, RouteMap
@@ -39,6 +39,20 @@ def distance(a: Box, b: Box) -> float:
 def overlap_area(a: Box, b: Box) -> float:
     """m2 that two boxes share."""
     return float(a.polygon().intersection(b.polygon()).area)
+
+
+def share_in_view(x: float, y: float, boxes: Sequence[Box], blocks: Sequence[bool], rays: int) -> list[float]:
+    """The share of the rays that hit each box of which it is the first that they hit, looking past those that do not block."""
+    hits, free = [0] * len(boxes), [0] * len(boxes)
+    outlines = [box.polygon() for box in boxes]
+    for k in range(rays):
+        angle = 2.0 * math.pi * (k + 0.5) / rays
+        ray = LineString([(x, y), (x + 1000.0 * math.cos(angle), y + 1000.0 * math.sin(angle))])
+        met = {i: ray.intersection(outline).distance(Point(x, y)) for i, outline in enumerate(outlines) if ray.intersects(outline)}
+        for i, way in met.items():
+            hits[i] += 1
+            free[i] += all(way <= met[j] for j in met if blocks[j])
+    return [a / b if b else math.nan for a, b in zip(free, hits, strict=True)]
 
 
 def point_at(points: Sequence[tuple[float, float]], along: float) -> tuple[float, float]:

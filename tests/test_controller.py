@@ -62,8 +62,9 @@ def drive(simulation: Simulation, controller: Controller) -> list[State]:
     raise AssertionError("the ego never left")
 
 
-def test_the_same_trajectory_as_run_to_the_bit(simulation: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
-    own = drive(simulation, Controller("ego", scenario(), seed=SEED))
+@pytest.mark.parametrize("sets", [(), ("sensor.position_error_m=0.3", "sensor.drop_probability=0.2", "sensor.occlusion=true")])
+def test_the_same_trajectory_as_run_to_the_bit(sets: tuple[str, ...], simulation: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = drive(simulation, Controller("ego", scenario(*sets), seed=SEED))
     libsumo.close()
 
     from sumo_mcts.episode import Loop
@@ -77,7 +78,7 @@ def test_the_same_trajectory_as_run_to_the_bit(simulation: Simulation, monkeypat
             seen.append(state_of("ego"))
 
     monkeypatch.setattr(Loop, "_step", watched)
-    result = run_episode(scenario(), SEED)
+    result = run_episode(scenario(*sets), SEED)
     assert result.rows[0]["outcome"] == "arrived"
     assert seen[: len(own)] == own[: len(seen)]
     assert len(seen) >= len(own) - 2

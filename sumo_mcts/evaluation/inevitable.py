@@ -174,7 +174,7 @@ def _touched(local: Local, p: EgoParams, state: State, row: int, share: float) -
         ox, oy = before[X] + share * (after[X] - before[X]), before[Y] + share * (after[Y] - before[Y])
         length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
         reach = own_length + own_width + length + width
-        if abs(ox - x) > reach or abs(oy - y) > reach or apart(local, state, 2.0 * p.half_length, row + 1, i):
+        if abs(ox - x) > reach or abs(oy - y) > reach or apart(local, state.node, state.s, 2.0 * p.half_length, row + 1, i):
             continue
         oc, on = before[COS] + share * (after[COS] - before[COS]), before[SIN] + share * (after[SIN] - before[SIN])
         norm = math.sqrt(oc * oc + on * on)

@@ -112,7 +112,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
                 else:
                     rate += c.claim
         close = p.half_length + length + p.half_width + width + c.margin_m + 0.5 * (state.v + v) * local.dt
-        if abs(bx - x) < close and abs(by - y) < close and not apart(local, state, 2.0 * p.half_length, at, i):
+        if abs(bx - x) < close and abs(by - y) < close and not apart(local, state.node, state.s, 2.0 * p.half_length, at, i):
             # Longer by what they drive until half-way to the next check: nobody slips through between two.
             swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * v * local.dt
             if boxes_touch(x, y, cs, sn, swept, half_width, bx, by, bc, bs, sweep, width):
@@ -228,7 +228,7 @@ def _claim(local: Local, p: EgoParams, c: CostParams, state: State, x: float, y:
         if at >= local.agent.shape[0] or local.agent[at, i, NODE] == GONE:
             return 0.0
         bx, by = local.agent[at, i, X], local.agent[at, i, Y]
-        if abs(bx - x) < reach and abs(by - y) < reach and not apart(local, state, 2.0 * p.half_length, at, i):
+        if abs(bx - x) < reach and abs(by - y) < reach and not apart(local, state.node, state.s, 2.0 * p.half_length, at, i):
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width):
                 return c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
     return 0.0

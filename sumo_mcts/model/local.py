@@ -149,17 +149,17 @@ def _levels(road: RoadMap, own: Indices, lane: Ints, s: Floats, length: Floats) 
 
 
 @kernel
-def apart(local: Local, state: State, length: float, at: int, i: int) -> bool:
-    """Whether the ego (its length in m) and agent i, where it is at forecast time `at`, are on different levels."""
-    w, place = state.node - local.first, int(local.agent[at, i, PLACE])
+def apart(local: Local, node: int, s: float, length: float, at: int, i: int) -> bool:
+    """Whether the ego (its front at s on `node`, its length in m) and agent i, where it is at forecast time `at`, are on different levels."""
+    w, place = node - local.first, int(local.agent[at, i, PLACE])
     if place < 0 or w < 0 or w >= local.level.shape[0]:
         return False
     level, theirs = local.level[w, place], int(local.agent[at, i, NEAR])
     if level & theirs & 7 != 0:
         return False
-    if (level >> 3) & theirs & 7 != 0 and local.node[state.node, LENGTH] - state.s < NEARBY + length:
+    if (level >> 3) & theirs & 7 != 0 and local.node[node, LENGTH] - s < NEARBY + length:
         return False
-    return (level >> 6) & theirs & 7 == 0 or state.s >= NEARBY + length
+    return (level >> 6) & theirs & 7 == 0 or s >= NEARBY + length
 
 
 def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> Floats:

@@ -1,9 +1,25 @@
-"""Drivers to compare with: SUMO's own, and a blind one that shows how hard a scene is."""
+"""Drivers to compare with: SUMO's own, car following with gap acceptance, and two that show how hard a scene is: a blind one and a random one."""
+
+import math
+from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.model.cost import place_is_free
+from sumo_mcts.model.ego import EgoParams, advance, begin_change, can_change, follow_accel, pose_of
+from sumo_mcts.model.geometry import boxes_touch
+from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.local import COS, DRIVEN, ENTERS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, NODE_OF, SIN, WHO, Local, S, State, V, X, Y, apart, build_local
+from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, Indices, lane_pose
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.scene import Decision, Follow, Release
+from sumo_mcts.planners.mcts import STOP_DECEL, MctsParams, actions_of, follow_line
+from sumo_mcts.planners.tree import entry_of, search_params
+from sumo_mcts.scene import Decision, Floats, Follow, Plan, Release
+
+LOOK = 1.0  # m between the places on the way ahead at which others are looked for
+VIEW_S = 6.0  # s of driving ahead for which they are
+VIEW_GAP = 20.0  # m beyond that
+PULLING_AWAY = 3.0  # m/s with which a stop line is reached at least, when its gap is judged
 
 
 class SumoPlanner:
@@ -42,3 +58,180 @@ class ConstantPlanner:
             side = 0
         steps = max(1, round(self._period / self._task.ego.step))
         return Decision(Follow(np.full(2 * steps, self._speed), side), None, (), -1, "constant", 0, 0)
+
+
+class IdmParams(NamedTuple):
+    """See config.IdmConfig; SI units."""
+
+    headway: float
+    gap: float
+    accel: float
+    decel: float
+    critical_gap: float
+    cut_in_decel: float
+
+
+class IdmPlanner:
+    """Follows its leader, stops for red, yields by a critical time gap, and changes to the lanes that its route needs where the gap allows."""
+
+    needs_forecast = True
+
+    def __init__(self, params: IdmParams, period_s: float) -> None:
+        self._params, self._period = params, period_s
+
+    def start(self, task: Task, seed: int) -> None:
+        """Take the ego over."""
+        p = self._params
+        self._task = task
+        self._follower = task.ego._replace(max_accel=min(p.accel, task.ego.max_accel), approach_decel=p.decel, headway=p.headway, gap=p.gap)
+
+    def plan(self, situation: Situation) -> Decision:
+        """Drive on for two periods; a new decision comes after one."""
+        task, state = self._task, situation.state
+        local = _local(task, situation)
+        side = self._side(local, state)
+        state = begin_change(local, task.ego, state, side) if side != 0 else state
+        gap, leader_v = leader_on_the_way(local, task.ego, state, VIEW_S * state.v + VIEW_GAP)
+        steps = _two_periods(self._period, task)
+        nodes, motion, pose = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4))
+        _follow(with_yield_lines(local, state, self._params.critical_gap), task.ego, self._follower, state, gap, leader_v, nodes, motion, pose)
+        times = (np.arange(steps, dtype=np.float64) + 1.0) * task.ego.step
+        plan = Plan(times, motion[:, 1].copy(), task.route.lane[nodes].astype(np.int32), motion[:, 0].copy(), pose)
+        return Decision(Follow(plan.v, side), plan, (), -1, "idm", 0, 0)
+
+    def _side(self, local: Local, state: State) -> int:
+        """The lane change to begin now: -1, 0, 1."""
+        side = int(np.sign(local.urgency[state.node - local.first]))
+        if side == 0 or not can_change(local, self._task.ego, state, side):
+            return 0
+        changed = begin_change(local, self._task.ego, state, side)
+        if not place_is_free(local, self._task.ego, self._task.cost, changed, 0):
+            return 0
+        return side if accel_behind(local, self._follower, changed) >= -self._params.cut_in_decel else 0
+
+
+NOBODY = np.zeros((0, 2))  # whom a search would move
+
+
+class RandomPlanner:
+    """Any action that the search could begin with, each with the same probability: what a choice is worth."""
+
+    needs_forecast = True
+
+    def __init__(self, params: MctsParams) -> None:
+        self._params = params
+        self._actions = actions_of(params)
+
+    def start(self, task: Task, seed: int) -> None:
+        """Take the ego over."""
+        self._task = task
+        self._rng = np.random.Generator(np.random.PCG64(seed))
+
+    def plan(self, situation: Situation) -> Decision:
+        """Draw until an action is possible; some way of keeping the lane always is."""
+        task, p = self._task, self._params
+        local = _local(task, situation)
+        q = search_params(task.ego.step, local.dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
+        steps = _two_periods(p.period_s, task)
+        for accel, side, _ in self._rng.permutation(self._actions):
+            line = np.full(steps, accel)
+            line[0] = entry_of(accel, side)
+            plan, _, _ = follow_line(local, task, q, situation.state, NOBODY, line)
+            if len(plan.v):
+                break
+        return Decision(Follow(plan.v, int(side)), plan, (), -1, "random", 0, 0)
+
+
+def _local(task: Task, situation: Situation) -> Local:
+    return build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
+
+
+def _two_periods(period_s: float, task: Task) -> int:
+    """Steps of the simulation; the second period is for a decision that comes late."""
+    return 2 * max(1, round(period_s / task.ego.step))
+
+
+# --- car following and gap acceptance ---
+
+
+def accel_behind(local: Local, follower: EgoParams, changed: State) -> float:
+    """The car following, m/s2, of whoever is next behind in the lane of a change that has just begun; inf: nobody is.
+
+    The safety criterion of MOBIL (Kesting, Treiber, Helbing 2007); the other is taken to follow with the ego's own parameters.
+    """
+    now, target = local.agent[0], changed.other if changed.other >= 0 else changed.node
+    now = now[now[:, NODE] >= 0.0]
+    behind = local.ahead[now[:, NODE].astype(np.int64) - local.first, target - local.first] + changed.s - now[:, S]
+    behind[behind < 0.0] = math.inf
+    if behind.min(initial=math.inf) == math.inf:
+        return math.inf
+    nearest = int(np.argmin(behind))
+    return float(follow_accel(follower, float(now[nearest, V]), local.limit, float(behind[nearest]) - 2.0 * follower.half_length, changed.v))
+
+
+def with_yield_lines(local: Local, state: State, critical_gap: float) -> Local:
+    """The local map with a closed stop line before each stretch of the ego's way on which somebody with the right of way is to come too soon.
+
+    Too soon: before the ego could be at the line and `critical_gap` (s) more have passed. Whoever cannot stop any more with STOP_DECEL goes on.
+    """
+    closed, table = local.closed.copy(), local.node.copy()
+    for duty in local.duty:
+        to_line = float(local.ahead[state.node - local.first, int(duty[NODE_OF]) - local.first]) - state.s
+        if not state.v**2 / (2.0 * STOP_DECEL) <= to_line < math.inf or int(duty[NODE_OF]) == state.node:
+            continue
+        arrives = float(np.argmax(local.agent[:, int(duty[WHO]), DRIVEN] >= duty[ENTERS])) * local.dt
+        if arrives < to_line / max(state.v, PULLING_AWAY) + critical_gap:
+            line = _before(table, state.node, int(duty[NODE_OF]))
+            table[line, STOP_LINE], closed[line - local.first] = 1.0, 1
+    return local._replace(node=table, closed=closed)
+
+
+def _before(table: Floats, node: int, target: int) -> int:
+    """The node on the way from `node` that leads into `target`."""
+    while int(table[node, NEXT]) != target:
+        node = int(table[node, NEXT])
+    return node
+
+
+@kernel
+def leader_on_the_way(local: Local, p: EgoParams, state: State, reach: float) -> tuple[float, float]:
+    """How far (m, up to `reach`) the ego can go until its box would meet somebody's, and how fast (m/s) that one drives along the same way.
+
+    Boxes count, not lanes: the tail of whoever turns off, or a vehicle that waits aslant, is in the way too. During a change both lanes are looked at.
+    """
+    gap, leader_v = math.inf, 0.0
+    for lane in range(2):
+        node, s, driven = (state.node if lane == 0 else state.other), state.s, 0.0
+        while node >= 0 and driven < min(reach, gap):
+            x, y, c, n = lane_pose(local.node, local.row, node, s)
+            for i in range(local.agent.shape[1]):
+                dx, dy = local.agent[0, i, X] - x, local.agent[0, i, Y] - y
+                length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
+                near = p.half_length + p.half_width + length + width
+                if (
+                    local.agent[0, i, NODE] == GONE
+                    or abs(dx) > near
+                    or abs(dy) > near
+                    or dx * c + dy * n < 0.0
+                    or apart(local, node, s, 2.0 * p.half_length, 0, i)
+                ):
+                    continue
+                bc, bs = local.agent[0, i, COS], local.agent[0, i, SIN]
+                if driven < gap and boxes_touch(x, y, c, n, p.half_length, p.half_width, x + dx, y + dy, bc, bs, length, width):
+                    gap, leader_v = driven, max(0.0, local.agent[0, i, V] * (c * bc + n * bs))
+            driven, s = driven + LOOK, s + LOOK
+            while node >= 0 and s > local.node[node, LENGTH]:
+                s -= local.node[node, LENGTH]
+                node = int(local.node[node, NEXT])
+    return gap, leader_v
+
+
+@kernel
+def _follow(local: Local, p: EgoParams, follower: EgoParams, state: State, gap: float, leader_v: float, nodes: Indices, motion: Floats, pose: Floats) -> None:
+    """Car following by the parameters of `follower` behind a leader that keeps its speed: nodes [M], s and v [M, 2] and poses [M, 4] step by step."""
+    for k in range(len(nodes)):
+        wanted = follow_accel(follower, state.v, local.node[state.node, LIMIT], gap, leader_v)
+        state, _ = advance(local, p, state, wanted, k * p.step)
+        gap += (leader_v - state.v) * p.step
+        nodes[k], motion[k, 0], motion[k, 1] = state.node, state.s, state.v
+        pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = pose_of(local, p, state, 0.0)

@@ -15,7 +15,7 @@ import numpy as np
 from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, obey, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, build_local, chain_gap
+from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, apart, build_local, chain_gap
 from sumo_mcts.model.route import INTERNAL, LEFT_NODE, LENGTH, NEXT, RIGHT_NODE, Indices
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.mcts import STOP_DECEL
@@ -252,7 +252,7 @@ def _in_the_way(local: Local, p: EgoParams, q: Assumed, top: Floats, start: Stat
         if _is_behind(local, start, i):
             continue  # it keeps its distance
         reacting = min(most, _driven_reacting(v, q, top[i], late)) if local.trait[i, REACTS] > 0.0 else most
-        if _meets(local, i, _driven_least(v, q.decel, early), most, reacting, x, y, cs, sn, length, width):
+        if _meets(local, state, i, _driven_least(v, q.decel, early), most, reacting, x, y, cs, sn, length, width):
             return i
     return NOBODY
 
@@ -289,7 +289,9 @@ def _driven_reacting(v: float, q: Assumed, top: float, time: float) -> float:
 
 
 @kernel
-def _meets(local: Local, i: int, least: float, most: float, reacting: float, x: float, y: float, cs: float, sn: float, length: float, width: float) -> bool:
+def _meets(
+    local: Local, state: State, i: int, least: float, most: float, reacting: float, x: float, y: float, cs: float, sn: float, length: float, width: float
+) -> bool:
     """Whether a box meets what agent i covers of its way from `least` to `most` (m from now); only to `reacting` where it would drive up to the box
     from behind, or set off towards it."""
     last = local.agent.shape[0] - 1
@@ -301,17 +303,19 @@ def _meets(local: Local, i: int, least: float, most: float, reacting: float, x: 
             return False
         if local.agent[then, i, DRIVEN] < least or (t > 0 and local.agent[then, i, DRIVEN] - local.agent[t, i, DRIVEN] < 1e-6):
             continue
-        if _covers(local, i, t, then, least, most, x, y, cs, sn, length, width):
+        if _covers(local, state, i, t, then, least, most, x, y, cs, sn, length, width):
             ahead = (x - local.agent[t, i, X]) * local.agent[t, i, COS] + (y - local.agent[t, i, Y]) * local.agent[t, i, SIN]
             along = ahead > 0.0 and cs * local.agent[t, i, COS] + sn * local.agent[t, i, SIN] > ALONG
             if not along and local.agent[0, i, V] > STANDING:
                 return True
-            return local.agent[t, i, DRIVEN] <= reacting and _covers(local, i, t, then, least, reacting, x, y, cs, sn, length, width)
+            return local.agent[t, i, DRIVEN] <= reacting and _covers(local, state, i, t, then, least, reacting, x, y, cs, sn, length, width)
     return False
 
 
 @kernel
-def _covers(local: Local, i: int, t: int, then: int, least: float, most: float, x: float, y: float, cs: float, sn: float, length: float, width: float) -> bool:
+def _covers(
+    local: Local, state: State, i: int, t: int, then: int, least: float, most: float, x: float, y: float, cs: float, sn: float, length: float, width: float
+) -> bool:
     """Whether a box meets agent i anywhere between forecast times t and `then`, as far as that lies between `least` and `most` on its way."""
     here, way = local.agent[t, i, DRIVEN], local.agent[then, i, DRIVEN] - local.agent[t, i, DRIVEN]
     first, final = (max((least - here) / way, 0.0), min((most - here) / way, 1.0)) if way > 1e-6 else (0.0, 0.0)
@@ -319,6 +323,6 @@ def _covers(local: Local, i: int, t: int, then: int, least: float, most: float, 
     middle, half = 0.5 * (first + final), local.trait[i, HALF_LENGTH] + 0.5 * (final - first) * math.sqrt(dx * dx + dy * dy)
     bx, by = local.agent[t, i, X] + middle * dx, local.agent[t, i, Y] + middle * dy
     close = length + width + half + local.trait[i, HALF_WIDTH]
-    if abs(bx - x) > close or abs(by - y) > close:
+    if abs(bx - x) > close or abs(by - y) > close or apart(local, state.node, state.s, 2.0 * length, t, i):
         return False
     return boxes_touch(x, y, cs, sn, length, width, bx, by, local.agent[t, i, COS], local.agent[t, i, SIN], half, local.trait[i, HALF_WIDTH])

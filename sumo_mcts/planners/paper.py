@@ -326,7 +326,7 @@ def _nearest(local: Local, p: EgoParams, state: State, time: float) -> float:
     now = min(index_at(local, time), local.agent.shape[0] - 1)
     nearest = math.inf
     for i in range(local.agent.shape[1]):
-        if local.agent[now, i, NODE] == GONE or (i < 63 and (local.followers >> i) & 1) or apart(local, state, 2.0 * p.half_length, now, i):
+        if local.agent[now, i, NODE] == GONE or (i < 63 and (local.followers >> i) & 1) or apart(local, state.node, state.s, 2.0 * p.half_length, now, i):
             continue
         bx, by, bc, bs = local.agent[now, i, X], local.agent[now, i, Y], local.agent[now, i, COS], local.agent[now, i, SIN]
         if abs(bx - x) < 40.0 and abs(by - y) < 40.0:

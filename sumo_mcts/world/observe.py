@@ -124,7 +124,11 @@ class Observer:
     def way(self, vehicle: str, lane: int) -> Ints:
         """The lanes it is really going to take, as no sensor knows, without changing lanes; in the wrong lane they end where that lane does."""
         lanes = [lane]
-        for link in self._libsumo.vehicle.getNextLinks(vehicle):
+        try:
+            links = self._libsumo.vehicle.getNextLinks(vehicle)
+        except self._libsumo.TraCIException:  # it is remembered, but has left
+            links = ()
+        for link in links:
             for following in (*self._chain(self.lanes.get(link[4], -1)), self.lanes.get(link[0], -1)):
                 first, last = self._road.successor_offset[lanes[-1]], self._road.successor_offset[lanes[-1] + 1]
                 if following not in self._road.successor[first:last]:

@@ -104,7 +104,7 @@ def test_what_lies_behind_a_short_edge_is_not_behind_a_bridge() -> None:
     task = task_of(road, ego)
     local, state = local_of(task, scene_of(ego, road, Agent("long", "b_0", 4.0, 0.0, length=30.0), Agent("over", "over_0", 80.0, 0.0)))
     inside = state._replace(node=state.node + 1, s=6.0)
-    assert not apart(local, inside, 5.0, 0, 0) and apart(local, inside, 5.0, 0, 1)
+    assert not apart(local, inside.node, inside.s, 5.0, 0, 0) and apart(local, inside.node, inside.s, 5.0, 0, 1)
 
 
 @pytest.mark.parametrize("name", ["unprotected-left-turn", "highway-exit", "straight-line"])
@@ -123,7 +123,7 @@ def test_whoever_the_referee_would_count_is_never_on_another_level(name: str) ->
         local = SimpleNamespace(first=node, level=level, agent=agent, node=route.table)
         if can_meet(road, (int(route.lane[node]), s, 5.0), (lane, other_s, 5.0)):
             met += 1
-            assert not apart.py_func(local, State(node, s, 0.0, 0.0, 0.0, -1, 0.0), 5.0, 0, 0), (
+            assert not apart.py_func(local, node, s, 5.0, 0, 0), (
                 road.lane_ids[lane],
                 other_s,
                 road.lane_ids[route.lane[node]],
