@@ -85,12 +85,14 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
     half_width = p.half_width + (local.aside if state.progress > 0.0 else 0.0)
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
     for i in range(local.agent.shape[1]):
-        if local.agent[now, i, NODE] == GONE:
+        node, moved = int(local.agent[now, i, NODE]), local.trait[i, SLOT] >= 0.0
+        if node == GONE or abs(local.agent[now, i, X] - x) > SIGHT or abs(local.agent[now, i, Y] - y) > SIGHT:
             continue
-        bx, by, bc, bs, v, s, at = seen(local, others, i, now)
-        if abs(bx - x) > SIGHT or abs(by - y) > SIGHT:
-            continue
-        node, moved = int(local.agent[at, i, NODE]), local.trait[i, SLOT] >= 0.0
+        bx, by, bc, bs = local.agent[now, i, X], local.agent[now, i, Y], local.agent[now, i, COS], local.agent[now, i, SIN]
+        v, s, at = local.agent[now, i, V], local.agent[now, i, S], now
+        if moved:
+            bx, by, bc, bs, v, s, at = seen(local, others, i, now)
+            node = int(local.agent[at, i, NODE])
         length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
         if node >= 0:
             to_agent = _gap_ahead(local, state, back, node, s)
@@ -112,13 +114,15 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
                 else:
                     rate += c.claim
         close = p.half_length + length + p.half_width + width + c.margin_m + 0.5 * (state.v + v) * local.dt
-        if abs(bx - x) < close and abs(by - y) < close and not apart(local, state.node, state.s, 2.0 * p.half_length, at, i):
+        if abs(bx - x) < close and abs(by - y) < close:
             # Longer by what they drive until half-way to the next check: nobody slips through between two.
             swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * v * local.dt
             if boxes_touch(x, y, cs, sn, swept, half_width, bx, by, bc, bs, sweep, width):
-                return Meeting(True, rate, once, gap, leader_v, followers)
-            if boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
-                rate += c.margin
+                if not apart(local, state.node, state.s, 2.0 * p.half_length, at, i):
+                    return Meeting(True, rate, once, gap, leader_v, followers)
+            elif boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
+                if not apart(local, state.node, state.s, 2.0 * p.half_length, at, i):
+                    rate += c.margin
         if local.trait[i, POLITE] == 0.0 and not moved:
             rate += _claim(local, p, c, state, x, y, cs, sn, now, i)
     if local.node[state.node, INTERNAL] > 0.0:
@@ -228,9 +232,9 @@ def _claim(local: Local, p: EgoParams, c: CostParams, state: State, x: float, y:
         if at >= local.agent.shape[0] or local.agent[at, i, NODE] == GONE:
             return 0.0
         bx, by = local.agent[at, i, X], local.agent[at, i, Y]
-        if abs(bx - x) < reach and abs(by - y) < reach and not apart(local, state.node, state.s, 2.0 * p.half_length, at, i):
+        if abs(bx - x) < reach and abs(by - y) < reach:
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width):
-                return c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
+                return 0.0 if apart(local, state.node, state.s, 2.0 * p.half_length, at, i) else c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
     return 0.0
 
 

@@ -29,9 +29,10 @@ class Local(NamedTuple):
     row: Floats  # RouteMap.rows
     closed: NDArray[np.uint8]  # [W, T] the stop line at the node's end may not be crossed
     level: Indices  # [W, K] how the ego's lanes meet those that agents drive (see _levels)
+    place: Indices  # [T, N] 8 times the agent's column of level, and which knots are near; negative off the road
     ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
-    agent: Floats  # [T, N, 10] X .. NEAR below
+    agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
     trait: Floats  # [N, 5] HALF_LENGTH .. SLOT below
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
@@ -42,9 +43,8 @@ class Local(NamedTuple):
     dt: float  # s between forecast times
 
 
-# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, -2: not there any more), lane position, m driven from now on,
-# column of Local.level (-1: off the road), and which junctions are near (see _near).
-X, Y, COS, SIN, V, NODE, S, DRIVEN, PLACE, NEAR = range(10)
+# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, -2: not there any more), lane position, m driven from now on.
+X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
 # Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass;
 # its row among those that the search moves (model/react.py), -1: the table has it.
 HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT = range(5)
@@ -118,12 +118,12 @@ def build_local(
     s, v = forecast.s[hypothesis], forecast.v[hypothesis]
     driven = np.zeros_like(v)
     driven[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * forecast.dt, axis=0)
-    level, place, near = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
+    level, place = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
     closed = _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel)
     followers = _followers(node[0], s[0], forecast.reacts, ahead, state, first)
     return Local(
-        route.table, route.rows, closed, level, ahead,
-        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven, place, near]),
+        route.table, route.rows, closed, level, place, ahead,
+        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven]),
         np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields, _slots(forecast, node, scene, reactive)]),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, followers), first, float(route.limit[state.node]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
@@ -131,35 +131,35 @@ def build_local(
     )  # fmt: skip
 
 
-def _levels(road: RoadMap, own: Indices, lane: Ints, s: Floats, length: Floats) -> tuple[Indices, Indices, Indices]:
+def _levels(road: RoadMap, own: Indices, lane: Ints, s: Floats, length: Floats) -> tuple[Indices, Indices]:
     """How the ego's lanes `own` [W] meet the lanes of the agents [T, N], which stand at s [T, N] and are so long [N], m.
 
     Boxes that overlap in the plane touch only on the same edge, or near a knot that both lanes have to do with: else one road is a bridge over the
-    other. Returns level [W, K], place [T, N] (its columns) and near [T, N]. Bit 3 i + j of level: the knot of kind i (0 the lane lies in it, 1 ends
-    there, 2 begins there) of the ego's lane is that of kind j of the other; bit j of near: the agent is near the knot of kind j.
+    other. Returns level [W, K] and place [T, N]. Bit 3 i + j of level: the knot of kind i (0 the lane lies in it, 1 ends
+    there, 2 begins there) of the ego's lane is that of kind j of the other; bit j of place: the agent is near the knot of kind j.
     """
-    those, place = np.unique(lane, return_inverse=True)
+    those, column = np.unique(lane, return_inverse=True)
     mine, theirs = (np.stack([road.knot[lanes], road.ends[lanes], road.begins[lanes]]) for lanes in (own, those))
     level = (road.edge[own][:, None] == road.edge[those]).astype(np.int64)
     for i in range(3):
         for j in range(3):
             level |= ((mine[i][:, None] == theirs[j]) & (theirs[j] >= 0)).astype(np.int64) << (3 * i + j)
     near = 1 + 2 * (road.length[lane] - s < NEARBY + length) + 4 * (s < NEARBY + length)
-    return level, np.where(lane >= 0, place.reshape(lane.shape), -1), near.astype(np.int64)
+    return level, np.where(lane >= 0, 8 * column.reshape(lane.shape) + near, -1)
 
 
 @kernel
 def apart(local: Local, node: int, s: float, length: float, at: int, i: int) -> bool:
     """Whether the ego (its front at s on `node`, its length in m) and agent i, where it is at forecast time `at`, are on different levels."""
-    w, place = node - local.first, int(local.agent[at, i, PLACE])
+    w, place = node - local.first, local.place[at, i]
     if place < 0 or w < 0 or w >= local.level.shape[0]:
         return False
-    level, theirs = local.level[w, place], int(local.agent[at, i, NEAR])
-    if level & theirs & 7 != 0:
+    level, theirs = local.level[w, place >> 3], place & 7
+    if level & theirs != 0:
         return False
-    if (level >> 3) & theirs & 7 != 0 and local.node[node, LENGTH] - s < NEARBY + length:
+    if (level >> 3) & theirs != 0 and local.node[node, LENGTH] - s < NEARBY + length:
         return False
-    return (level >> 6) & theirs & 7 == 0 or s >= NEARBY + length
+    return (level >> 6) & theirs == 0 or s >= NEARBY + length
 
 
 def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> Floats:

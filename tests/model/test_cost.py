@@ -14,7 +14,7 @@ from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.evaluation.referee import can_meet
 from sumo_mcts.model.cost import meet, terminal
-from sumo_mcts.model.local import NEAR, PLACE, Local, State, _levels, apart, chain_gap
+from sumo_mcts.model.local import Local, State, _levels, apart, chain_gap
 from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.base import Task
 from sumo_mcts.scene import RoadMap
@@ -117,10 +117,8 @@ def test_whoever_the_referee_would_count_is_never_on_another_level(name: str) ->
         node, lane = rng.integers(len(route.lane)), int(rng.integers(len(road.lane_ids)))
         s, other_s = (float(rng.uniform(0.0, road.length[k])) for k in (route.lane[node], lane))
         own = np.array([route.lane[node]], np.int64)
-        level, place, near = _levels(road, own, np.array([[lane]], np.int32), np.array([[other_s]]), np.array([5.0]))
-        agent = np.zeros((1, 1, NEAR + 1))
-        agent[0, 0, PLACE], agent[0, 0, NEAR] = place[0, 0], near[0, 0]
-        local = SimpleNamespace(first=node, level=level, agent=agent, node=route.table)
+        level, place = _levels(road, own, np.array([[lane]], np.int32), np.array([[other_s]]), np.array([5.0]))
+        local = SimpleNamespace(first=node, level=level, place=place, node=route.table)
         if can_meet(road, (int(route.lane[node]), s, 5.0), (lane, other_s, 5.0)):
             met += 1
             assert not apart.py_func(local, node, s, 5.0, 0, 0), (
