@@ -20,6 +20,10 @@ app = typer.Typer(
 OK, FAILED, INVALID, INTERRUPTED = 0, 1, 2, 130
 
 Scenario = Annotated[str, typer.Argument(help="A built-in name, a scenario .yaml, or any .sumocfg with --ego.")]
+Until = Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")]  # noqa: UP045
+PlannerName = Annotated[Optional[str], typer.Option(help="Who drives: mcts, paper, idm, random, sumo or constant.")]  # noqa: UP045
+Assignments = Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="Set any key of the scenario (repeatable).")]  # noqa: UP045
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": False})
@@ -27,18 +31,18 @@ def run(
     context: typer.Context,
     scenario: Scenario,
     ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable); `any`: the first suitable one.")] = None,  # noqa: UP045
-    ego_until: Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")] = None,  # noqa: UP045
+    ego_until: Until = None,
     seed: Annotated[Optional[int], typer.Option(min=0, help="Default 0; a .sumocfg keeps its own.")] = None,  # noqa: UP045
-    planner: Annotated[Optional[str], typer.Option(help="mcts, paper, idm, random, sumo or constant.")] = None,  # noqa: UP045
+    planner: PlannerName = None,
     prediction: Annotated[Optional[str], typer.Option(help="idm, constant_velocity, or an oracle: routes, script, clone.")] = None,  # noqa: UP045
     iterations: Annotated[Optional[int], typer.Option(min=1, help="Iteration budget of one decision.")] = None,  # noqa: UP045
     time_budget: Annotated[Optional[float], typer.Option(metavar="MS", help="Time budget of one decision instead; not reproducible.")] = None,  # noqa: UP045
     enforce_deadline: Annotated[bool, typer.Option("--enforce-deadline", help="Drop decisions that come too late; not reproducible.")] = False,
     time_limit: Annotated[Optional[float], typer.Option(metavar="S", help="Seconds after departure until the episode is a timeout.")] = None,  # noqa: UP045
-    assign: Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="Set any key of the scenario (repeatable).")] = None,  # noqa: UP045
+    assign: Assignments = None,
     out: Annotated[Optional[Path], typer.Option(help="Folder for rows, traces and pictures.")] = None,  # noqa: UP045
     gui: Annotated[bool, typer.Option("--gui", help="Watch in SUMO's window.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+    as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Drive one episode. Options after -- go to SUMO."""
@@ -79,11 +83,11 @@ def forecast(
     context: typer.Context,
     scenario: Scenario,
     ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable, one episode each); `any`: the first suitable one.")] = None,  # noqa: UP045
-    ego_until: Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")] = None,  # noqa: UP045
+    ego_until: Until = None,
     seeds: Annotated[Optional[int], typer.Option(min=1, help="Episodes with seeds 0 to N-1. Default: one, as `run` drives it.", metavar="N")] = None,  # noqa: UP045
-    planner: Annotated[Optional[str], typer.Option(help="Who drives: mcts, paper, sumo or constant.")] = None,  # noqa: UP045
-    assign: Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="Set any key of the scenario (repeatable).")] = None,  # noqa: UP045
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+    planner: PlannerName = None,
+    assign: Assignments = None,
+    as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of the progress.")] = False,
 ) -> None:
     """Measure every forecast, oracles too, against what then happened. Options after -- go to SUMO."""

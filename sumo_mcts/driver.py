@@ -96,8 +96,7 @@ class Driver:
         """Observe, predict, plan, check. Raises PlannerError where the planner failed too often in a row."""
         began = time.perf_counter()
         self._keep_route(scene.ego)
-        route = self._route
-        state = None if route is None or scene.ego.lane < 0 else ego_state(route, as_seen(self._road, scene.ego))
+        route, state = self._route, self._state(scene)
         if state is None or route is None:
             self._plan, self._command = None, Release()
             self._fail_safe.forget()
@@ -139,8 +138,7 @@ class Driver:
 
     def forecast(self, scene: Scene, name: str, seconds: float) -> Forecast | None:
         """What the predictor `name` says right after a decision, given the plan just made; None where the ego is not on its route."""
-        route = self._route
-        state = None if route is None or scene.ego.lane < 0 else ego_state(route, as_seen(self._road, scene.ego))
+        route, state = self._route, self._state(scene)
         if state is None or route is None:
             return None
         side = self._command.lane_change if isinstance(self._command, Follow) else 0
@@ -148,6 +146,10 @@ class Driver:
         if other >= 0:
             state = state._replace(progress=CENTRED, other=other)  # it is about to begin
         return self._forecast(scene, route, state, name, seconds)
+
+    def _state(self, scene: Scene) -> State | None:
+        """Where the ego is on its route, if it is."""
+        return None if self._route is None or scene.ego.lane < 0 else ego_state(self._route, as_seen(self._road, scene.ego))
 
     def _usual_forecast(self, scene: Scene, route: RouteMap, state: State) -> Forecast:
         """What the scenario's predictor says, as far as its planner looks."""

@@ -15,8 +15,8 @@ from sumo_mcts.driver import make_planner, mcts_params
 from sumo_mcts.model.local import Local, State
 from sumo_mcts.model.react import at_rest
 from sumo_mcts.planners.base import Task
-from sumo_mcts.planners.mcts import actions_of
-from sumo_mcts.planners.tree import SearchParams, Tree, new_tree, search, search_params
+from sumo_mcts.planners.mcts import actions_of, in_steps
+from sumo_mcts.planners.tree import SearchParams, Tree, new_tree, search
 from sumo_mcts.scene import RED, Decision, EgoState, Floats, RoadMap, Scene
 
 GOLDEN = Path(__file__).parent / "planners" / "golden_tree.json"
@@ -81,7 +81,7 @@ def grow(toy: Toy, iterations: int, seed: int = 1) -> Grown:
     local, root = local_of(task, toy.scene, reactive=config.planner.reactive)
     p = config.planner
     actions = actions_of(mcts_params(config))
-    q = search_params(task.ego.step, local.dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
+    q = in_steps(mcts_params(config), task.ego.step, local.dt)
     tree = new_tree(iterations + 2, len(actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
     done, known = search(tree, local, task.ego, task.cost, q, actions, root, iterations, np.random.Generator(np.random.PCG64(seed)))
     return Grown(tree, local, task, q, actions, root, int(done), int(known))

@@ -4,9 +4,11 @@ from typing import NamedTuple, Protocol
 
 from sumo_mcts.model.cost import CostParams
 from sumo_mcts.model.ego import EgoParams
-from sumo_mcts.model.local import State
+from sumo_mcts.model.local import Local, State, build_local
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.scene import Decision, Forecast, RoadMap, Scene
+
+STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow (measures: yellow_run)
 
 
 class Task(NamedTuple):
@@ -25,6 +27,13 @@ class Situation(NamedTuple):
     state: State
     forecast: Forecast
     cleared: frozenset[int]  # route nodes at whose stop sign the ego has stood
+
+
+def local_of(task: Task, situation: Situation, reactive: int = 0) -> Local:
+    """What one cycle's search reads; it may move at most `reactive` agents."""
+    return build_local(
+        task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL, reactive
+    )  # fmt: skip
 
 
 class Planner(Protocol):

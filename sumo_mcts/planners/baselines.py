@@ -9,11 +9,11 @@ from sumo_mcts.model.cost import place_is_free
 from sumo_mcts.model.ego import EgoParams, advance, begin_change, can_change, follow_accel, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import COS, DRIVEN, ENTERS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, NODE_OF, SIN, WHO, Local, S, State, V, X, Y, apart, build_local
+from sumo_mcts.model.local import COS, DRIVEN, ENTERS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, NODE_OF, SIN, WHO, Local, S, State, V, X, Y, apart
 from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, Indices, lane_pose
-from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.mcts import STOP_DECEL, MctsParams, actions_of, follow_line
-from sumo_mcts.planners.tree import entry_of, search_params
+from sumo_mcts.planners.base import STOP_DECEL, Situation, Task, local_of
+from sumo_mcts.planners.mcts import MctsParams, actions_of, follow_line, in_steps
+from sumo_mcts.planners.tree import entry_of
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, Release
 
 LOOK = 1.0  # m between the places on the way ahead at which others are looked for
@@ -88,7 +88,7 @@ class IdmPlanner:
     def plan(self, situation: Situation) -> Decision:
         """Drive on for two periods; a new decision comes after one."""
         task, state = self._task, situation.state
-        local = _local(task, situation)
+        local = local_of(task, situation)
         side = self._side(local, state)
         state = begin_change(local, task.ego, state, side) if side != 0 else state
         gap, leader_v = leader_on_the_way(local, task.ego, state, VIEW_S * state.v + VIEW_GAP)
@@ -130,8 +130,8 @@ class RandomPlanner:
     def plan(self, situation: Situation) -> Decision:
         """Draw until an action is possible; some way of keeping the lane always is."""
         task, p = self._task, self._params
-        local = _local(task, situation)
-        q = search_params(task.ego.step, local.dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
+        local = local_of(task, situation)
+        q = in_steps(p, task.ego.step, local.dt)
         steps = _two_periods(p.period_s, task)
         for accel, side, _ in self._rng.permutation(self._actions):
             line = np.full(steps, accel)
@@ -140,10 +140,6 @@ class RandomPlanner:
             if len(plan.v):
                 break
         return Decision(Follow(plan.v, int(side)), plan, (), -1, "random", 0, 0)
-
-
-def _local(task: Task, situation: Situation) -> Local:
-    return build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
 
 
 def _two_periods(period_s: float, task: Task) -> int:

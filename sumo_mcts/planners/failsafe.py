@@ -15,10 +15,9 @@ import numpy as np
 from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, obey, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, apart, build_local, chain_gap
+from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, apart, chain_gap
 from sumo_mcts.model.route import INTERNAL, LEFT_NODE, LENGTH, NEXT, RIGHT_NODE, Indices
-from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.mcts import STOP_DECEL
+from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, Release
 
 LONGEST_S = 30.0  # a manoeuvre that has not come to its end by then is none
@@ -88,7 +87,7 @@ class FailSafe:
             self._ready, _ = self._search(situation, nothing)
         manoeuvre = self._ready
         if manoeuvre is None:
-            plan, _ = self._drive(self._local(situation), situation, nothing, BRAKE, self._task.ego.max_decel)
+            plan, _ = self._drive(local_of(self._task, situation), situation, nothing, BRAKE, self._task.ego.max_decel)
             manoeuvre = Manoeuvre(now, plan, False)
         plan = _rest(manoeuvre, now)
         reason = f"{REASON}: {why}" if manoeuvre.verified else f"{REASON}, unverified: {why}"
@@ -98,7 +97,7 @@ class FailSafe:
 
     def _search(self, situation: Situation, command: Follow) -> tuple[Manoeuvre | None, Obstacle]:
         """The gentlest manoeuvre after a command that nobody can be in the way of; without one, what is in the way of the strongest braking."""
-        local, ego = self._local(situation), self._task.ego
+        local, ego = local_of(self._task, situation), self._task.ego
         blocked = Obstacle(NOBODY, 0.0)
         for decel in (ego.comfort_decel, ego.max_decel):
             for begin in (BRAKE, HOLD, ACCELERATE):
@@ -107,10 +106,6 @@ class FailSafe:
                     return Manoeuvre(situation.scene.time, plan, True), obstacle
                 blocked = obstacle if begin == BRAKE else blocked
         return None, blocked
-
-    def _local(self, situation: Situation) -> Local:
-        task = self._task
-        return build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
 
     def _drive(self, local: Local, situation: Situation, command: Follow, begin: int, decel: float) -> tuple[Plan, Obstacle]:
         """What a command and the manoeuvre after it come to; without speeds the manoeuvre begins at once."""

@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.model.ego import FOLLOW
-from sumo_mcts.model.local import Local, State, build_local
+from sumo_mcts.model.local import Local, State
 from sumo_mcts.model.react import at_rest
-from sumo_mcts.planners.base import Situation, Task
+from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, SearchParams, Tree, entry_of, new_tree, replay, search, search_params, side_of
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
 
-STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow (measures: yellow_run)
 SLICE = 20_000  # passes after which an interrupt from the keyboard is heard
 TIMED_SLICE = 100  # passes between looks at the clock
 
@@ -62,8 +61,8 @@ class MctsPlanner:
     def plan(self, situation: Situation) -> Decision:
         """Search from the present state; where the last plan, carried on, is no worse than what was found, it goes on."""
         p, task = self._params, self._task
-        local = build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL, p.reactive)
-        q = search_params(task.ego.step, local.dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
+        local = local_of(task, situation, p.reactive)
+        q = in_steps(p, task.ego.step, local.dt)
         tree = new_tree(p.iterations + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
         done, known = self._search(tree, local, q, situation.state)
         found = _children(tree, local, task, q, self._actions, situation.state, tree.others[0])
@@ -94,6 +93,11 @@ class MctsPlanner:
         begin = round((now - self._line_time) / self._task.ego.step)
         left = self._line[begin : begin + steps]
         return np.concatenate([left, np.full(steps - len(left), FOLLOW)]) if 0 < begin < len(self._line) else np.zeros(0)
+
+
+def in_steps(p: MctsParams, step: float, forecast_dt: float) -> SearchParams:
+    """The search's times in steps of the simulation (`step` and `forecast_dt` in s)."""
+    return search_params(step, forecast_dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
 
 
 def actions_of(p: MctsParams) -> Floats:

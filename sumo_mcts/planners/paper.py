@@ -10,13 +10,12 @@ from numpy.random import Generator
 from sumo_mcts.model.ego import FREE, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of, towards_other
 from sumo_mcts.model.geometry import box_distance
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, build_local, index_at
+from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, index_at
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
-from sumo_mcts.planners.base import Situation, Task
+from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.scene import LEFT, RIGHT, Bools, Decision, Floats, Follow, Plan, RootChild
 
-STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow
 EMERGENCY = -8.0  # m/s2, when every action was discarded
 SLICE = 100  # iterations between looks at the clock
 
@@ -118,7 +117,7 @@ class PaperPlanner:
     def plan(self, situation: Situation) -> Decision:
         """Search from the present state; emergency braking when every child was discarded."""
         task, p = self._task, self._params
-        local = build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
+        local = local_of(task, situation)
         weights = _weights(p, task.ego.step)
         guide = _guide(task, situation.state, p.goal_distance, p.lane_distance)
         tree = _new_tree(min(p.iterations, _full_size(len(self._actions), p.look_ahead_steps)) * len(self._actions) + 2, len(self._actions))

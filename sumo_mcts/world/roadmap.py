@@ -291,8 +291,8 @@ def knots(internal: Bools, length: Floats, begins: Ints, ends: Ints) -> dict[str
     """RoadMap.knot, begins and ends, from the junctions [L] where lanes begin and end (-1: nowhere; of internal lanes that which they lie in)."""
     inside = internal | (length < KNOT)
     name = np.arange(max(begins.max(initial=-1), ends.max(initial=-1)) + 2)  # the last one is that of nowhere
-    joins = [(int(a), int(b)) for a, b in zip(begins[inside], ends[inside], strict=True) if a >= 0 and b >= 0 and a != b]
-    for a, b in joins:
+    joins = np.unique(np.column_stack([begins, ends])[inside & (begins >= 0) & (ends >= 0) & (begins != ends)], axis=0)
+    for a, b in joins:  # once for an edge, not for each of its lanes
         name[name == name[b]] = name[a]
     name[-1] = -1
     return {key: values.astype(np.int32) for key, values in (("knot", np.where(inside, name[begins], -1)), ("begins", name[begins]), ("ends", name[ends]))}
