@@ -14,6 +14,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
+CrowdSize = Annotated[int, Field(ge=0, le=500)]
 
 
 class ConfigError(Exception):
@@ -103,10 +104,58 @@ class VehicleEvent(Event):
     vehicle: str
 
 
+class DriversConfig(_Section):
+    """Shares of the kinds of drivers, drawn for every vehicle of actors and crowd that SUMO drives. All 0: their vehicle types stand."""
+
+    ordinary: NonNegative = Field(0.0, description="keeps its distance and roughly to the limit")
+    aggressive: NonNegative = Field(0.0, description="drives close and fast, takes small gaps, lets nobody in")
+    inattentive: NonNegative = Field(0.0, description="dawdles, and now and then overlooks who has the right of way")
+
+
+class Stream(_Section):
+    """A way that vehicles of the crowd may take."""
+
+    route: tuple[str, ...] = Field(min_length=1, description="edges")
+    lanes: tuple[Annotated[int, Field(ge=0)], ...] = Field((0,), min_length=1, description="lanes of the first edge, 0 = rightmost")
+    pos_m: tuple[NonNegative, NonNegative] = Field((0.0, 0.0), description="from and to: where those are who are there from the start")
+    speed_mps: tuple[NonNegative, NonNegative] = Field(
+        (5.0, 10.0), description="from and to: their speed; SUMO refuses more than the limit times the driver's speed factor, 0.8 at least"
+    )
+
+    @model_validator(mode="after")
+    def _ascending(self) -> "Stream":
+        _in_order("pos_m", self.pos_m)
+        _in_order("speed_mps", self.speed_mps)
+        return self
+
+
+class CrowdConfig(_Section):
+    """Further vehicles, driven by SUMO and drawn by the seed: crowd_1, crowd_2, ..."""
+
+    count: tuple[CrowdSize, CrowdSize] = Field((0, 0), description="from and to: how many")
+    streams: tuple[Stream, ...] = ()
+    late: Share = Field(0.5, description="share of those that enter later, at the beginning of their way, as does whoever finds no room at the start")
+    within_s: Positive = Field(20.0, description="they enter within this time, or as soon as SUMO finds room after it")
+
+    @model_validator(mode="after")
+    def _drawable(self) -> "CrowdConfig":
+        _in_order("count", self.count)
+        if self.count[1] > 0 and not self.streams:
+            raise ValueError("count: give streams too")
+        return self
+
+
+def _in_order(key: str, pair: tuple[float, float]) -> None:
+    if pair[0] > pair[1]:
+        raise ValueError(f"{key}: give the smaller number first")
+
+
 class TrafficConfig(_Section):
     """Vehicles and events that the scenario adds to the route files."""
 
     actors: tuple[Actor, ...] = ()
+    crowd: CrowdConfig = CrowdConfig()
+    drivers: DriversConfig = DriversConfig()
     events: tuple[VehicleEvent, ...] = ()
     vary: Annotated[float, Field(ge=0, le=3)] = Field(1.0, description="scale of all `vary` entries; 0 = the fixed scene")
 

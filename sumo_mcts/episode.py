@@ -26,8 +26,9 @@ from sumo_mcts.records import Row, Trace
 from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Frame, Release, RoadMap, Scene
 from sumo_mcts.world import clone
 from sumo_mcts.world import gui as window
-from sumo_mcts.world.actors import Actors, check, draw
+from sumo_mcts.world.actors import Actors, check
 from sumo_mcts.world.arguments import REFEREE_OPTIONS, network_of, sumo_arguments
+from sumo_mcts.world.crowd import cast
 from sumo_mcts.world.roadmap import has_edge, known_roadmap
 from sumo_mcts.world.simulation import Simulation, SimulationError
 
@@ -140,10 +141,11 @@ class Loop:
         config = self.config
         if config.prediction.name == "clone":
             clone.require_possible(self._gui)
-        actors = draw(config.traffic, self._traffic)
-        self.arguments = sumo_arguments(config, self.seed, actors, Path(self._folder.name), self._options)
         road = known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net))  # SUMO itself does not survive every network
         _check_edges(config, road)
+        drawn = cast(config.traffic, [ego.id for ego in config.egos], road, self._traffic)
+        actors = drawn.actors
+        self.arguments = sumo_arguments(config, self.seed, drawn, Path(self._folder.name), self._options)
         for actor in actors:
             check(actor, road)
         self._simulation = Simulation(self.arguments, gui=self._gui)

@@ -13,8 +13,9 @@ from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.controller import Controller
 from sumo_mcts.driver import streams
 from sumo_mcts.episode import run_episode
-from sumo_mcts.world.actors import Actors, draw
+from sumo_mcts.world.actors import Actors
 from sumo_mcts.world.arguments import sumo_arguments
+from sumo_mcts.world.crowd import cast
 from sumo_mcts.world.roadmap import read_roadmap
 
 SEED = 4
@@ -34,10 +35,10 @@ class Simulation:
     """The built-in scene in a loop of its own."""
 
     def __init__(self, scene: ScenarioConfig, folder: Path) -> None:
-        actors = draw(scene.traffic, np.random.default_rng(streams(SEED).traffic))
-        libsumo.start(["sumo", *sumo_arguments(scene, SEED, actors, folder, ()), "--no-step-log", "--no-warnings"])
+        drawn = cast(scene.traffic, ["ego"], read_roadmap(str(scene.sumo.net)), np.random.default_rng(streams(SEED).traffic))
+        libsumo.start(["sumo", *sumo_arguments(scene, SEED, drawn, folder, ()), "--no-step-log", "--no-warnings"])
         road = read_roadmap(str(scene.sumo.net))
-        self._actors = Actors(actors, road, 0.1, egos=["ego"])
+        self._actors = Actors(drawn.actors, road, 0.1, egos=["ego"])
 
     def step(self) -> None:
         self._actors.before_step(libsumo.simulation.getTime())

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.geometry import chord, point_at
+from sumo_mcts.model.geometry import chord, point_at, swung
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import signal_states
 from sumo_mcts.scene import ALLWAY, GREEN, LEFT, RIGHT, STOP, STRAIGHT, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene
@@ -19,6 +19,8 @@ from sumo_mcts.scene import ALLWAY, GREEN, LEFT, RIGHT, STOP, STRAIGHT, Agents, 
 LANES = 14  # lanes of a path at most
 PATH = 200.0  # m of a path at most
 TOLD = 10.0  # worth of a way on which an oracle has seen an agent: more than any guess
+SIDEWAYS = 1.2  # m/s with which a vehicle moves to the centre line: a lane in 3 s
+UNTURNED = 0.05  # m off the centre line up to which a vehicle points along its lane
 ASIDE = 0.2  # m off the centre line from which a blinking vehicle is taken to be changing lanes
 CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes
 INSIDE = -1e9  # rank of whoever is inside a junction
@@ -524,7 +526,7 @@ def _place(
         row = i + 1
         cs, sn = math.cos(heading[i]), math.sin(heading[i])
         rear_x, rear_y = x0[i] - 0.5 * length[i] * cs, y0[i] - 0.5 * length[i] * sn
-        start = x[0, row]
+        start, aside, turn = x[0, row], d[i], 0.0
         k, kr = 0, 0
         for t in range(times):
             moved = x[t, row] - start
@@ -537,9 +539,6 @@ def _place(
                 valid[t, i] = False  # beyond the end of the road
             here = path[row, k]
             lane[t, i], s[t, i] = here, x[t, row] - offset[row, k]
-            if t == 0:
-                pose[t, i, 0], pose[t, i, 1], pose[t, i, 2], pose[t, i, 3] = x0[i], y0[i], cs, sn
-                continue
             fx, fy = point_at(points, arc, first[here], first[here + 1], s[t, i] * scale[here])
             back = x[t, row] - length[i]
             if back < 0.0:  # its rear is where it has already been: on the line from the rear to the front it has now
@@ -549,5 +548,15 @@ def _place(
                     kr += 1
                 rx, ry = point_at(points, arc, first[path[row, kr]], first[path[row, kr] + 1], (back - offset[row, kr]) * scale[path[row, kr]])
             px, py, pc, ps = chord(fx, fy, rx, ry, cs, sn)
-            aside = d[i] * math.exp(-t * step / 1.5)
-            pose[t, i, 0], pose[t, i, 1], pose[t, i, 2], pose[t, i, 3] = px - aside * ps, py + aside * pc, pc, ps
+            if t == 0:
+                turn = math.atan2(sn * pc - cs * ps, cs * pc + sn * ps) if abs(aside) > UNTURNED else 0.0
+                pose[t, i, 0], pose[t, i, 1], pose[t, i, 2], pose[t, i, 3] = x0[i], y0[i], cs, sn
+                continue
+            if turn != 0.0 or aside != 0.0:
+                left = -math.copysign(min(SIDEWAYS * step, abs(aside)), aside)
+                aside, turn = aside + left, swung(turn, x[t, row] - x[t - 1, row], left, length[i])
+            ct, st = math.cos(turn), math.sin(turn)
+            c, n = pc * ct - ps * st, ps * ct + pc * st
+            pose[t, i, 0] = px - aside * ps + 0.5 * length[i] * (pc - c)
+            pose[t, i, 1] = py + aside * pc + 0.5 * length[i] * (ps - n)
+            pose[t, i, 2], pose[t, i, 3] = c, n

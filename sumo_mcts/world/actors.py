@@ -1,4 +1,4 @@
-"""The vehicles that a scenario adds, drawn by the seed; the scripts that some of them hold; the events that vehicles are told.
+"""The actors of a scenario, drawn by the seed; the scripts that some of them hold; the events that vehicles are told.
 
 Row m of a script is the state m steps after the vehicle appeared. SUMO moves first and inserts afterwards: a vehicle due at time t is there,
 not yet moved, at the end of the first step that begins at t or later.
@@ -7,9 +7,7 @@ not yet moved, at the end of the first step that begins at t or later.
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -129,28 +127,14 @@ def draw(traffic: TrafficConfig, rng: np.random.Generator) -> tuple[Actor, ...]:
     return tuple(_drawn(actor, traffic.vary * rng.uniform(-1.0, 1.0, 3 + len(actor.events))) for actor in traffic.actors)
 
 
-def write_routes(actors: Sequence[Actor], folder: Path) -> Path:
-    """Write a SUMO route file with the actors, which appear exactly where they should, whoever stands there. Returns its path."""
-    root = ElementTree.Element("routes")
-    for actor in sorted(actors, key=lambda actor: actor.depart.time_s):
-        at = {"depart": repr(actor.depart.time_s), "departLane": str(actor.depart.lane), "departPos": repr(actor.depart.pos_m)}
-        speed = {"departSpeed": repr(actor.depart.speed_mps), "insertionChecks": "none"}
-        vehicle = ElementTree.SubElement(root, "vehicle", {"id": actor.id, "type": actor.vtype, **at, **speed})
-        ElementTree.SubElement(vehicle, "route", {"edges": " ".join(actor.route)})
-    ElementTree.indent(root)
-    path = folder / "actors.rou.xml"
-    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
-    return path
-
-
 def appears(due: float, step: float) -> float:
     """When a vehicle that is due at `due` is first on the road, in a simulation that begins at 0; s."""
     return (math.ceil(due / step - _EPS) + 1) * step
 
 
-def check(actor: Actor, road: RoadMap) -> None:
-    """Raise ConfigError where SUMO would refuse the actor or, worse, wait for ever in silence."""
-    where = f"traffic.actors: {actor.id}"
+def check(actor: Actor, road: RoadMap, key: str = "traffic.actors") -> None:
+    """Raise ConfigError where SUMO would refuse the actor or, worse, wait for ever in silence. `key`: where in the scenario file it stands."""
+    where = f"{key}: {actor.id}"
     for edge in actor.route:
         has_edge(road, edge, f"{where}: route")
     for edge, following in pairwise(actor.route):

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from sumo_mcts.config import Actor, ConfigError, ScenarioConfig, SumoConfig
-from sumo_mcts.world.actors import write_routes
+from sumo_mcts.config import ConfigError, ScenarioConfig, SumoConfig
+from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.simulation import full_name, option_names
 
 DEFAULT_STEP = 0.1  # s
@@ -18,7 +18,7 @@ _OURS = ("configuration-file", "net-file", "error-log")  # an option after -- ma
 Options = dict[str, str]
 
 
-def sumo_arguments(config: ScenarioConfig, seed: int | None, actors: Sequence[Actor], folder: Path, extra: Sequence[str]) -> list[str]:
+def sumo_arguments(config: ScenarioConfig, seed: int | None, cast: Cast, folder: Path, extra: Sequence[str]) -> list[str]:
     """The command line, without the program's name. Files that SUMO reads or writes for us lie in `folder`; `extra` is written by the user as it stands.
 
     Raises ConfigError where a file is missing or an option contradicts what the referee needs.
@@ -28,7 +28,7 @@ def sumo_arguments(config: ScenarioConfig, seed: int | None, actors: Sequence[Ac
     options: Options = {"configuration-file": sumo.sumocfg} if sumo.sumocfg is not None else {"net-file": str(sumo.net), "time-to-teleport": "-1"}
     if sumo.step_length_s is not None or sumo.sumocfg is None:
         options["step-length"] = str(sumo.step_length_s or DEFAULT_STEP)
-    options |= _file_lists(sumo, [str(write_routes(actors, folder))] if actors else [])
+    options |= _file_lists(sumo, [str(write_routes(cast, folder))] if cast.actors else [])
     options |= {full_name(key): _text(value) for key, value in sumo.options.items()}
     if seed is not None:
         options["seed"] = str(seed)

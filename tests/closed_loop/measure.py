@@ -29,6 +29,7 @@ from sumo_mcts import assets, config
 from sumo_mcts.episode import run_episode
 from sumo_mcts.world.arguments import sumo_arguments
 from sumo_mcts.world.candidates import candidates
+from sumo_mcts.world.crowd import Cast
 
 GAME = Path(sumo.__file__).parent / "tools" / "game"
 SCAN = 400  # vehicles among which egos are chosen
@@ -133,7 +134,7 @@ def suitable(source: dict[str, Any]) -> list[str]:
     """Vehicles that could be egos, in the order of departure."""
     scenario = config.build({"name": "scan", "sumo": source, "egos": [{"id": "nobody"}]}, "scan")
     with tempfile.TemporaryDirectory() as folder:
-        arguments = sumo_arguments(scenario, None, (), Path(folder), ())
+        arguments = sumo_arguments(scenario, None, Cast(), Path(folder), ())
         return [c.id for c in candidates(arguments, SCAN) if c.suitable]
 
 

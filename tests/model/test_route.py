@@ -26,7 +26,7 @@ from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.model.route import SPACING, RouteMap, lane_pose, route_map
 from sumo_mcts.scene import STOP, EgoState, RoadMap
-from sumo_mcts.world.actors import write_routes
+from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import lane_index, read_roadmap
 
@@ -61,7 +61,7 @@ def observed(name: str) -> tuple[RoadMap, tuple[Seen, ...]]:
 
 def _scene_arguments(name: str, folder: Path) -> list[str]:
     config = load(scenario_path(name))
-    return ["-n", str(config.sumo.net), "-r", ",".join([*config.sumo.routes, str(write_routes(config.traffic.actors, folder))]), "--step-length", "0.1"]
+    return ["-n", str(config.sumo.net), "-r", ",".join([*config.sumo.routes, str(write_routes(Cast(config.traffic.actors), folder))]), "--step-length", "0.1"]
 
 
 def _watch(road: RoadMap, steps: int, every: int) -> list[Seen]:

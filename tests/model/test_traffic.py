@@ -345,3 +345,25 @@ def test_the_script_forecast_is_what_sumo_then_does(name: str) -> None:
             centres.append((math.dist((x, y), (after.x[j], after.y[j])), abs(math.remainder(math.atan2(n, c) - after.heading[j], math.tau))))
     assert len(centres) > 20
     assert np.all(np.array(centres) < (0.02, math.radians(0.5)))
+
+
+# --- lane changes ---
+
+
+def test_who_changes_lanes_is_forecast_as_aslant_as_sumo_has_it() -> None:
+    """A second ahead: a slow car turns by many degrees, and its rear stands out into the lane that it leaves."""
+    config = load(scenario_path("highway-exit-scripted"), ("planner.name=mcts", "planner.iterations=20"))
+    errors, slants = [], []
+    traces = [run_episode(config, seed).traces[0] for seed in (2, 3)]
+    for cycles, before in ((trace.cycles, cycle) for trace in traces for cycle in trace.cycles):
+        after = next((cycle.agents for cycle in cycles if abs(cycle.time - before.time - 1.0) < 1e-6), None)
+        k = round(1.0 / before.forecast.dt)
+        for i, vehicle in enumerate(before.agents.ids if after is not None else ()):
+            j = after.ids.index(vehicle) if vehicle in after.ids else -1
+            if j < 0 or abs(before.agents.d[i]) < 0.3 or before.agents.lane[i] != after.lane[j]:
+                continue
+            _, _, c, n = before.forecast.pose[0, k, i]
+            errors.append(abs(math.remainder(math.atan2(n, c) - after.heading[j], math.tau)))
+            slants.append(abs(math.remainder(before.agents.heading[i] - after.heading[j], math.tau)))
+    assert len(errors) > 10 and max(slants) > math.radians(5.0)
+    assert max(errors) < math.radians(2.5) and np.median(errors) < math.radians(1.0)

@@ -13,7 +13,8 @@ import pytest
 from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import Actor, ConfigError, TrafficConfig, VehicleEvent, load
 from sumo_mcts.scene import RoadMap
-from sumo_mcts.world.actors import Actors, appears, compile_script, draw, write_routes
+from sumo_mcts.world.actors import Actors, appears, compile_script, draw
+from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.roadmap import read_roadmap
 
 SCENES = ["unprotected-left-turn", "highway-exit", "straight-line"]
@@ -69,7 +70,7 @@ def test_sumo_executes_the_scripts_of_the_built_in_scenes(name: str, seed: int, 
     config = load(scenario_path(name))
     road = read_roadmap(str(config.sumo.net))
     drawn = draw(config.traffic, np.random.default_rng(seed))
-    with simulation(str(config.sumo.net), [*config.sumo.routes, write_routes(drawn, tmp_path)], seed=seed):
+    with simulation(str(config.sumo.net), [*config.sumo.routes, write_routes(Cast(tuple(drawn)), tmp_path)], seed=seed):
         assert compare(Actors(drawn, road, 0.1), road, 0.1, 10.0) == 5 * 100
 
 
@@ -86,14 +87,14 @@ EVENTFUL = [
 def test_sumo_executes_a_script_with_every_kind_of_event(step: float, change_s: float, crossing: RoadMap, tmp_path: Path) -> None:
     eventful = actor(events=EVENTFUL, depart={"time_s": 0.25, "lane": 1, "pos_m": 20.123456789, "speed_mps": 9.876})
     net = str(NETWORKS / "crossing" / "crossing.net.xml")
-    with simulation(net, [write_routes([eventful], tmp_path)], step, change_s):
+    with simulation(net, [write_routes(Cast((eventful,)), tmp_path)], step, change_s):
         actors = Actors([eventful], crossing, step, change_s=change_s)
         assert compare(actors, crossing, step, 60.0) == len(actors.script_of("a").v)  # type: ignore[union-attr]  # it has one
 
 
 def test_a_script_leaves_the_map_where_sumo_takes_the_vehicle_out(crossing: RoadMap, tmp_path: Path) -> None:
     leaving = [actor(id=f"a{i}", depart={"lane": i, "pos_m": 80.0 + i / 7, "speed_mps": 11.0 + i / 3}) for i in range(3)]
-    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes(leaving, tmp_path)]):
+    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes(Cast(tuple(leaving)), tmp_path)]):
         actors = Actors(leaving, crossing, 0.1)
         rows = [len(actors.script_of(vehicle.id).v) for vehicle in leaving]  # type: ignore[union-attr]  # it has one
         assert compare(actors, crossing, 0.1, 40.0) == sum(rows)
@@ -103,7 +104,7 @@ def test_a_script_leaves_the_map_where_sumo_takes_the_vehicle_out(crossing: Road
 @pytest.mark.parametrize("begin", [70.0, 83.0, 90.0])
 def test_sumo_executes_a_lane_change_that_ends_in_the_junction(begin: float, crossing: RoadMap, tmp_path: Path) -> None:
     turning = actor(["from_west", "to_north"], events=[{"at_m": begin, "change_lane": "left"}], depart={"lane": 1, "pos_m": 40.0, "speed_mps": 7.0})
-    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes([turning], tmp_path)]):
+    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes(Cast((turning,)), tmp_path)]):
         assert compare(Actors([turning], crossing, 0.1), crossing, 0.1, 25.0) == 250
 
 
@@ -159,7 +160,7 @@ def test_when_a_vehicle_is_there(due: float, step: float, there: float, crossing
     assert appears(due, step) == pytest.approx(there)
     assert actors.departure("a") == pytest.approx(there)
     assert actors.departure("unknown") is None
-    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes([late], tmp_path)], step):
+    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes(Cast((late,)), tmp_path)], step):
         while not libsumo.vehicle.getIDList():
             actors.before_step(libsumo.simulation.getTime())
             libsumo.simulationStep()
@@ -171,21 +172,35 @@ def test_when_a_vehicle_is_there(due: float, step: float, there: float, crossing
 
 def test_the_route_file_is_in_the_order_of_departure_and_exact(tmp_path: Path) -> None:
     later = actor(id="b<", depart={"time_s": 3.0, "pos_m": 1 / 3})
-    vehicles = ET.parse(write_routes([later, actor()], tmp_path)).getroot().findall("vehicle")
+    vehicles = (
+        ET.parse(
+            write_routes(
+                Cast(
+                    (
+                        later,
+                        actor(),
+                    )
+                ),
+                tmp_path,
+            )
+        )
+        .getroot()
+        .findall("vehicle")
+    )
     assert [vehicle.get("id") for vehicle in vehicles] == ["a", "b<"]
     assert float(vehicles[1].get("departPos", "")) == 1 / 3
 
 
 def test_everybody_appears_whoever_stands_there(crossing: RoadMap, tmp_path: Path) -> None:
     crowd = [actor(id=f"a{i}", driver="sumo", depart={"lane": 1, "pos_m": 50.0 + i, "speed_mps": 5.0 * (i % 2)}) for i in range(6)]
-    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes(crowd, tmp_path)]):
+    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes(Cast(tuple(crowd)), tmp_path)]):
         libsumo.simulationStep()
         assert len(libsumo.vehicle.getIDList()) == 6
 
 
 def test_the_ego_is_left_alone(crossing: RoadMap, tmp_path: Path) -> None:
     ego = actor(id="ego", events=[{"at_s": 0.0, "slow_to_mps": 0.0}])
-    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes([ego], tmp_path)]):
+    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes(Cast((ego,)), tmp_path)]):
         actors = Actors([ego], crossing, 0.1)
         compare(actors, crossing, 0.1, 3.0)
         assert actors.script_of("ego") is None
@@ -252,7 +267,7 @@ def follow(actors: Actors, seconds: float, vehicle: str = "a") -> list[tuple[flo
 
 def test_a_driver_slows_and_keeps_that_speed(crossing: RoadMap, tmp_path: Path) -> None:
     told = actor(driver="sumo", events=[{"at_s": 2.0, "slow_to_mps": 4.0, "accel_mps2": 2.0}])
-    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes([told], tmp_path)]):
+    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes(Cast((told,)), tmp_path)]):
         states = follow(Actors([told], crossing, 0.1), 12.0)
     speeds = np.array([v for _, _, v in states])
     assert speeds[18] > 8.0
@@ -262,7 +277,7 @@ def test_a_driver_slows_and_keeps_that_speed(crossing: RoadMap, tmp_path: Path) 
 
 def test_a_driver_stops_and_then_decides_again(crossing: RoadMap, tmp_path: Path) -> None:
     told = actor(driver="sumo", events=[{"at_m": 10.0, "stop_for_s": 3.0}])
-    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes([told], tmp_path)]):
+    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes(Cast((told,)), tmp_path)]):
         speeds = np.array([v for _, _, v in follow(Actors([told], crossing, 0.1), 14.0)])
     assert np.sum(speeds == 0.0) == pytest.approx(30, abs=2)
     assert speeds[-1] > 8.0
@@ -271,7 +286,20 @@ def test_a_driver_stops_and_then_decides_again(crossing: RoadMap, tmp_path: Path
 def test_a_driver_still_keeps_its_distance(crossing: RoadMap, tmp_path: Path) -> None:
     blocked = actor(driver="sumo", events=[{"at_s": 0.5, "slow_to_mps": 12.0}])
     standing = actor(id="b", depart={"lane": 1, "pos_m": 110.0, "speed_mps": 0.0})
-    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes([blocked, standing], tmp_path)]):
+    with simulation(
+        str(NETWORKS / "crossing" / "crossing.net.xml"),
+        [
+            write_routes(
+                Cast(
+                    (
+                        blocked,
+                        standing,
+                    )
+                ),
+                tmp_path,
+            )
+        ],
+    ):
         states = follow(Actors([blocked, standing], crossing, 0.1), 20.0)
         assert not libsumo.simulation.getCollisions()
     if states[-1][1] == "from_west_1":
@@ -280,7 +308,7 @@ def test_a_driver_still_keeps_its_distance(crossing: RoadMap, tmp_path: Path) ->
 
 def test_a_driver_changes_lanes(crossing: RoadMap, tmp_path: Path) -> None:
     told = actor(driver="sumo", max_speed_mps=8.0, events=[{"at_s": 1.0, "change_lane": "left"}], depart={"lane": 0, "pos_m": 20.0, "speed_mps": 8.0})
-    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes([told], tmp_path)]):
+    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes(Cast((told,)), tmp_path)]):
         states = follow(Actors([told], crossing, 0.1), 5.0)
     assert states[5][1] == "from_west_0"
     assert states[-1][1] == "from_west_1"
@@ -289,7 +317,7 @@ def test_a_driver_changes_lanes(crossing: RoadMap, tmp_path: Path) -> None:
 
 def test_vehicles_of_the_route_files_have_events_too(crossing: RoadMap, tmp_path: Path) -> None:
     event = VehicleEvent(vehicle="a", at_s=2.0, slow_to_mps=3.0)
-    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes([actor(driver="sumo")], tmp_path)]):
+    with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [write_routes(Cast((actor(driver="sumo"),)), tmp_path)]):
         actors = Actors([], crossing, 0.1, events=[event])
         assert actors.departure("a") is None
         states = follow(actors, 8.0)

@@ -18,7 +18,8 @@ import pytest
 
 from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import ScenarioConfig, load
-from sumo_mcts.world.actors import Actors, draw, write_routes
+from sumo_mcts.world.actors import Actors, draw
+from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.roadmap import read_roadmap
 
 SEEDS = 30
@@ -82,7 +83,7 @@ def run(name: str, seed: int, way: str, vary: float = 1.0) -> Outcome:
     road = read_roadmap(str(config.sumo.net))
     actors = draw(config.traffic, np.random.default_rng(seed))
     with tempfile.TemporaryDirectory() as folder:
-        libsumo.start(arguments(config, write_routes(actors, Path(folder)), seed))
+        libsumo.start(arguments(config, write_routes(Cast(actors), Path(folder)), seed))
         try:
             return _drive(Actors(actors, road, STEP), config.episode.stop_time_s or LIMIT_S, config.episode.success_edge, way)
         finally:
