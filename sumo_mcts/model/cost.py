@@ -7,6 +7,7 @@ from sumo_mcts.model.ego import EgoParams, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import (
+    BESIDE,
     COS,
     DRIVEN,
     ENTERS,
@@ -21,6 +22,7 @@ from sumo_mcts.model.local import (
     SIN,
     SLOT,
     STRETCH_END,
+    UNTIL,
     WHO,
     Local,
     S,
@@ -36,6 +38,7 @@ from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, REACH
 from sumo_mcts.scene import Floats
 
 CLAIM_SAMPLES = 2
+LATE = 0.4  # s that an agent may come later than its forecast
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
 SIGHT = 80.0  # m beyond which an agent is not looked at
@@ -100,8 +103,9 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
             behind = i < 63 and (followers >> i) & 1
             if not moved and behind and (to_agent < math.inf or to_ego < math.inf):
                 continue  # the table has it where it would be without the ego
-            if 0.0 <= to_agent < math.inf and to_agent - 2.0 * length < gap:
-                gap, leader_v = to_agent - 2.0 * length, v
+            to_rear = min(to_agent - 2.0 * length if to_agent >= 0.0 else math.inf, _to_leaving(local, state, back, i, s, now))
+            if to_rear < gap:
+                gap, leader_v = to_rear, v
             if state.progress > 0.0 and _beside_in_lane(local, p, state, back, node, s, length):
                 return Meeting(True, rate, once, gap, leader_v, followers)
             if not behind and i < 63 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
@@ -123,8 +127,8 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
             elif boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
                 if not apart(local, state.node, state.s, 2.0 * p.half_length, at, i):
                     rate += c.margin
-        if local.trait[i, POLITE] == 0.0 and not moved:
-            rate += _claim(local, p, c, state, x, y, cs, sn, now, i)
+        if not moved:
+            rate += _late(local, p, c, state, x, y, cs, sn, now, i) + _claim(local, p, c, state, x, y, cs, sn, now, i)
     if local.node[state.node, INTERNAL] > 0.0:
         rate += _in_the_way(local, p, c, state, now)
     wish = c.headway_gap + c.headway_s * state.v
@@ -161,6 +165,15 @@ def _gap_ahead(local: Local, state: State, back: float, node: int, s: float) -> 
     if state.other >= 0:
         gap = min(gap, chain_gap(local, state.other, state.s - back, node, s))
     return gap
+
+
+@kernel
+def _to_leaving(local: Local, state: State, back: float, i: int, s: float, now: int) -> float:
+    """m from the ego's front to the rear of an agent that is ahead, in another lane already but not yet wholly out of the ego's; inf: it is not."""
+    if local.trait[i, BESIDE] < 0.0 or now > local.trait[i, UNTIL]:
+        return math.inf
+    gap = _gap_ahead(local, state, back, int(local.trait[i, BESIDE]), s) - 2.0 * local.trait[i, HALF_LENGTH]
+    return gap if gap > 0.0 else math.inf
 
 
 @kernel
@@ -225,6 +238,8 @@ def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: in
 @kernel
 def _claim(local: Local, p: EgoParams, c: CostParams, state: State, x: float, y: float, cs: float, sn: float, now: int, i: int) -> float:
     """Cost per second of standing where the agent will be within claim_s; the sooner, the dearer."""
+    if local.trait[i, POLITE] != 0.0:
+        return 0.0
     length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
     reach = p.half_length + length + p.half_width + width
     for k in range(1, CLAIM_SAMPLES + 1):
@@ -236,6 +251,22 @@ def _claim(local: Local, p: EgoParams, c: CostParams, state: State, x: float, y:
             if boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width):
                 return 0.0 if apart(local, state.node, state.s, 2.0 * p.half_length, at, i) else c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
     return 0.0
+
+
+@kernel
+def _late(local: Local, p: EgoParams, c: CostParams, state: State, x: float, y: float, cs: float, sn: float, now: int, i: int) -> float:
+    """Cost per second of being where the agent still is if it comes a little later than its forecast."""
+    at = now - int(LATE / local.dt + 0.5)
+    if at < 0 or local.agent[at, i, NODE] == GONE:
+        return 0.0
+    length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
+    reach = p.half_length + length + p.half_width + width
+    bx, by = local.agent[at, i, X], local.agent[at, i, Y]
+    if abs(bx - x) >= reach or abs(by - y) >= reach:
+        return 0.0
+    if not boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width):
+        return 0.0
+    return 0.0 if apart(local, state.node, state.s, 2.0 * p.half_length, at, i) else c.claim * 0.5
 
 
 @kernel

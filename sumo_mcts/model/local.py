@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.route import LENGTH, Indices, RouteMap, lane_pose
-from sumo_mcts.scene import GREEN, YELLOW, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
+from sumo_mcts.scene import GREEN, YELLOW, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
 BACK = 100.0  # m of the route behind the ego where followers are seen
 VIEW = 400.0  # m of the route ahead that a search may see
@@ -17,6 +17,7 @@ JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are
 NEARBY = 10.0  # m beside its length within which a vehicle is near a knot
 RED_DECEL = 6.0  # m/s2 beyond which nobody stops for red: whoever has to, since yellow was short or it departs before a red light
 ASIDE = 0.2  # m kept clear aside by a lane change yet to begin, half of it by one that is under way: else every inaccuracy would stop it half-way
+SIDEWAYS = 1.2  # m/s with which a vehicle moves to the centre line: a lane in 3 s
 TURNED = 0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
 FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
 CHAIN = 250.0  # m beyond its end over which one lane is followed into the next
@@ -33,7 +34,7 @@ class Local(NamedTuple):
     ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
-    trait: Floats  # [N, 5] HALF_LENGTH .. SLOT below
+    trait: Floats  # [N, 7] HALF_LENGTH .. UNTIL below
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
@@ -46,8 +47,9 @@ class Local(NamedTuple):
 # Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, -2: not there any more), lane position, m driven from now on.
 X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
 # Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass;
-# its row among those that the search moves (model/react.py), -1: the table has it.
-HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT = range(5)
+# its row among those that the search moves (model/react.py), -1: the table has it; the node of the lane beside into which its box reaches
+# while it changes lanes (-1: none), and the last forecast time at which it does.
+HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL = range(7)
 # Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, what the agent drives until it enters the stretch (m), and 1 where
 # both lead into the same lane.
 NODE_OF, STRETCH_END, WHO, ENTERS, MERGES = range(5)
@@ -124,7 +126,10 @@ def build_local(
     return Local(
         route.table, route.rows, closed, level, place, ahead,
         _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven]),
-        np.column_stack([forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields, _slots(forecast, node, scene, reactive)]),
+        np.column_stack([
+            forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields, _slots(forecast, node, scene, reactive),
+            *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt),
+        ]),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, followers), first, float(route.limit[state.node]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
         followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
@@ -170,6 +175,20 @@ def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> Fl
     nearest = meets[np.argsort(apart, kind="stable")[:reactive]]
     slots[nearest] = np.arange(len(nearest))
     return slots
+
+
+def _reaching_in(road: RoadMap, agents: Agents, lane: Ints, half_width: Floats, lane_node: Indices, dt: float) -> tuple[Indices, Ints]:
+    """BESIDE [N] and UNTIL [N] of agents on the lanes `lane` [T, N]. The lane that somebody leaves is not free until its whole box is out of it."""
+    first, times = lane[0], len(lane)
+    if not agents.ids:  # a forecast of whom nobody sees (evaluation/inevitable.py): its boxes are true
+        return np.full(len(half_width), -1), np.zeros(len(half_width), np.int32)
+    apart = 0.5 * (road.width[agents.lane] + road.width[first])
+    off = np.where(first == agents.lane, agents.d, np.where(first == road.left[agents.lane], agents.d - apart, agents.d + apart))
+    beside = np.where((first >= 0) & (off != 0.0), np.where(off > 0.0, road.left[first], road.right[first]), -1)
+    seconds = (np.abs(off) + half_width - 0.5 * road.width[first]) / SIDEWAYS
+    on_it = np.where((lane == first).all(axis=0), times, np.argmax(lane != first, axis=0))
+    until = np.minimum(np.floor(seconds / dt), on_it - 1).astype(np.int32)
+    return np.where((beside >= 0) & (seconds > 0.0), lane_node[beside], -1), until
 
 
 def _is_free(route: RouteMap, closed: NDArray[np.uint8], first: int, state: State, distance: float) -> bool:

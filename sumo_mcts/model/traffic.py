@@ -13,13 +13,12 @@ import numpy as np
 
 from sumo_mcts.model.geometry import chord, point_at, swung
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.local import signal_states
+from sumo_mcts.model.local import SIDEWAYS, signal_states
 from sumo_mcts.scene import ALLWAY, GREEN, LEFT, RIGHT, STOP, STRAIGHT, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene
 
 LANES = 14  # lanes of a path at most
 PATH = 200.0  # m of a path at most
 TOLD = 10.0  # worth of a way on which an oracle has seen an agent: more than any guess
-SIDEWAYS = 1.2  # m/s with which a vehicle moves to the centre line: a lane in 3 s
 UNTURNED = 0.05  # m off the centre line up to which a vehicle points along its lane
 ASIDE = 0.2  # m off the centre line from which a blinking vehicle is taken to be changing lanes
 CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.evaluation.referee import can_meet
-from sumo_mcts.model.cost import meet, terminal
+from sumo_mcts.model.cost import _late, meet, terminal
 from sumo_mcts.model.local import Local, State, _levels, apart, chain_gap
 from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.base import Task
@@ -141,3 +141,39 @@ def test_who_is_beside_the_ego_in_the_lane_that_it_leaves_is_met(progress: float
     first, second = (state.node, state.node + 1) if progress <= 0.5 else (state.node + 1, state.node)
     changing = state._replace(node=first, other=second, progress=progress)
     assert meet(local, task.ego, task.cost, changing, NOBODY, local.followers, 0.0, 0).contact == contact
+
+
+# --- those who leave a lane, those who come late ---
+
+
+@pytest.mark.parametrize(
+    ("lane", "d", "times"), [("a_0", 1.7, 5), ("a_0", 0.9, 1), ("a_0", 0.6, 0), ("a_0", 0.0, 0), ("a_0", -1.7, 0), ("a_2", -1.7, 5), ("a_1", 0.0, 99)]
+)
+def test_who_leaves_the_ego_s_lane_leads_until_its_whole_box_is_out_of_it(lane: str, d: float, times: int) -> None:
+    """3.2 m wide lanes, a car 1.8 m wide, 1.2 m/s sideways: it is out at 0.7 m off its own lane's centre line."""
+    task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", lane, 125.0, 8.0, d))
+    gaps = [meet(local, task.ego, task.cost, state, NOBODY, 0, 0.0, k).gap for k in range(20)]
+    leads = [k for k, gap in enumerate(gaps) if gap < math.inf]
+    assert leads == list(range(min(times, 20)))
+    if leads:
+        assert gaps[0] == pytest.approx(20.0) and meet(local, task.ego, task.cost, state, NOBODY, 0, 0.0, 0).leader_v == pytest.approx(8.0)
+
+
+def test_who_stands_beside_half_out_of_the_lane_leads_nobody() -> None:
+    task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", "a_0", 103.0, 8.0, 1.0))
+    assert meet(local, task.ego, task.cost, state, NOBODY, 0, 0.0, 0).gap == math.inf
+
+
+@pytest.mark.parametrize(("behind", "dear"), [(0.5, True), (3.5, True), (4.5, False), (9.0, False)])
+def test_right_behind_somebody_is_dear_since_it_may_be_late(behind: float, dear: bool) -> None:
+    """At 10 m/s it was 4 m further back 0.4 s before."""
+    task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", "a_2", 125.0, 10.0))
+    x, y = local.agent[8, 0, :2]
+    rate = _late(local, task.ego, task.cost, state, x - 5.0 - behind, y, 1.0, 0.0, 8, 0)
+    assert rate == (0.5 * task.cost.claim if dear else 0.0)
+
+
+def test_nobody_is_late_who_stands() -> None:
+    task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", "a_2", 125.0, 0.0))
+    x, y = local.agent[0, 0, :2]
+    assert _late(local, task.ego, task.cost, state, x - 5.1, y, 1.0, 0.0, 0, 0) == 0.0
