@@ -140,7 +140,7 @@ class Forecast(NamedTuple):
     half_length: Floats  # [N]
     half_width: Floats  # [N]
     reacts: Bools  # [N] brakes for an ego in front of it: contact from behind is imposed braking
-    yields: Bools  # [N] has to let the ego pass where their paths meet, and can do so comfortably
+    yields: Bools  # [H, N] has to let the ego pass where their paths meet, and can do so comfortably
 
 
 class Plan(NamedTuple):
