@@ -29,6 +29,7 @@ FORCING_GAIN = 2.0  # growth of the logarithm of these odds for each m/s2 of bra
 BRAKING = 0.01  # odds that one ahead brakes hard, as long as nothing tells
 BRAKING_GAIN = 2.0  # growth of the logarithm of these odds for each m/s2 of braking that nothing explains
 MOST_TOLD = 3.0  # m/s2 beyond which neither tells any more
+SLOW = 2.0  # m/s below which nobody is in danger of braking hard
 LEADERS = 2  # how many ahead of the ego may brake
 FOLLOWING = 4.0  # s within which somebody ahead is followed (and 10 m)
 
@@ -181,13 +182,14 @@ def forcing_odds(v: float, trend: float, room: float) -> float:
 
 
 def _braking(agents: Agents, paths: Paths, ego_s: float, ego_v: float, expected: Floats) -> Iterator[Alternative]:
-    """The nearest that move ahead of the ego on its way."""
+    """The nearest ahead of the ego on its way, if they move or have just come to a stand."""
     begins = {int(lane): float(begin) for lane, begin in zip(paths.lane[0, : paths.count[0]], paths.offset[0], strict=False)}
     gap = np.array([begins.get(int(lane), math.inf) for lane in agents.lane]) + agents.s - agents.length - ego_s
     near = np.flatnonzero((gap > 0.0) & (gap < 10.0 + FOLLOWING * ego_v))
     for i in near[np.argsort(gap[near], kind="stable")][:LEADERS]:
-        if agents.v[i] > 2.0:
-            yield Alternative(braking_odds(float(agents.trend[i]), float(expected[i])), Intent(int(i), BRAKES))
+        odds = braking_odds(float(agents.trend[i]), float(expected[i]))
+        if agents.v[i] > SLOW or odds > BRAKING:  # who has just come to a stand may stay
+            yield Alternative(odds, Intent(int(i), BRAKES))
 
 
 def braking_odds(trend: float, expected: float) -> float:
