@@ -162,7 +162,7 @@ def _meeting(road: RoadMap, paths: Paths, ego_s: float) -> Bools:
 
 def _forcing(road: RoadMap, agents: Agents, paths: Paths, ego_s: float, yields: Bools) -> Iterator[Alternative]:
     """Whoever is expected to let the ego pass."""
-    if not yields.any() or len(paths.offset[0]) == 0:
+    if not yields.any():
         return
     foe, kind, place = conflicts_of(road, paths)
     for i in np.flatnonzero(yields):

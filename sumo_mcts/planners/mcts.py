@@ -76,7 +76,8 @@ class MctsPlanner:
             done, known = done + more[0], known + more[1]
         chosen = min(range(len(found)), key=lambda i: (found[i].child.best, -i))
         if found[chosen].child.terms[4] > 0.0:  # nothing is free: what counts is how bad the contact is
-            chosen = min(range(len(found)), key=lambda i: float(found[i].child.terms[4]))
+            # whoever weighs hypotheses may find a contact in the likeliest worth it: of those without one the least risk
+            chosen = min(range(len(found)), key=lambda i: (float(found[i].child.terms[4]), found[i].child.best if len(share) > 1 else 0.0))
         child, plan, line = found[chosen]
         self._line, self._line_time = line if child.terms[4] == 0.0 else np.zeros(0), situation.scene.time
         reason = "brake" if child.terms[4] > 0.0 else "carried on" if carried is not None and chosen == len(found) - 1 else "search"
@@ -90,7 +91,7 @@ class MctsPlanner:
         done = known = 0
         for h in range(1, len(share)):
             local = local_of(task, situation, p.reactive, h)
-            tree = new_tree(round(p.iterations * share[h]) + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
+            tree = new_tree(int(p.iterations * share[h]) + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
             more = self._search(tree, local, q, state, share[h])
             done, known = done + more[0], known + more[1]
             for i, way in enumerate(found):
@@ -106,7 +107,7 @@ class MctsPlanner:
         p, task = self._params, self._task
         done = known = 0
         timed = p.time_budget_s < math.inf
-        passes, end = round(p.iterations * share), time.perf_counter() + p.time_budget_s * share
+        passes, end = int(p.iterations * share), time.perf_counter() + p.time_budget_s * share
         while done + known < passes and not tree.dead[0] and (not timed or time.perf_counter() < end):
             count = min(TIMED_SLICE if timed else SLICE, passes - done - known)
             more = search(tree, local, task.ego, task.cost, q, self._actions, state, count, self._rng)

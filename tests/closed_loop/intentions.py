@@ -45,13 +45,13 @@ def file_of(name: str, begin: str, end: str, pos_m: float, **keys: Any) -> list[
     return [actor(f"{name}{k}", begin, end, pos_m - 24.0 * k, 12.0, **keys) for k in range(3)]
 
 
-EGO = actor("ego", "w", "e", 150.0, 13.0)
+EGO = actor("ego", "w", "e", 150.0, 12.0)
 STOP = {"at_s": 4.0, "stop_for_s": 4.0, "accel_mps2": 7.0}
 SCENES: dict[str, list[dict[str, Any]]] = {
     "side-yields": file_of("side", "s", "n", 200.0),
     "side-forces": file_of("side", "s", "n", 200.0, vtype="forcing"),
-    "leader-drives": [actor("leader", "w", "e", 185.0, 13.0)],
-    "leader-brakes": [actor("leader", "w", "e", 185.0, 13.0, events=[STOP])],
+    "leader-drives": [actor("leader", "w", "e", 185.0, 12.0)],
+    "leader-brakes": [actor("leader", "w", "e", 185.0, 12.0, events=[STOP])],
     "oncoming-straight": file_of("oncoming", "e", "w", 210.0),
     "oncoming-turns": file_of("oncoming", "e", "s", 210.0),
     "oncoming-forces": file_of("oncoming", "e", "s", 210.0, vtype="forcing"),
