@@ -94,10 +94,7 @@ class MctsPlanner:
             tree = new_tree(int(p.iterations * share[h]) + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
             more = self._search(tree, local, q, state, share[h])
             done, known = done + more[0], known + more[1]
-            for i, way in enumerate(found):
-                _, terms, end = follow_line(local, task, q, state, tree.others[0], way.line)
-                whole = end in (LOST, ARRIVED) or (end == ALIVE and len(way.line) >= round(q.horizon / task.ego.step))
-                cost[i, h] = min(float(terms.sum()) if whole else math.inf, _best_from(tree, self._actions, way, q.ply, task.cost.contact))
+            cost[:, h] = [_cost_in(tree, local, task, q, self._actions, state, way) for way in found]
         weight = situation.forecast.weight[: len(share)]
         worth = risk(cost, weight / weight.sum(), p.worst_share)
         return [way._replace(child=way.child._replace(best=float(value))) for way, value in zip(found, worth, strict=True)], (done, known)
@@ -148,14 +145,17 @@ def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Fl
     return result
 
 
-def _best_from(tree: Tree, actions: Floats, way: Way, ply: int, contact: float) -> float:
-    """The best cost in another hypothesis' tree after what the ego does first on a way: of the child that comes nearest to it.
+def _cost_in(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Floats, state: State, way: Way) -> float:
+    """What a way costs in another hypothesis, of which the tree is: driven to its end, or else begun only and gone on with as is best there.
 
-    Strategies may differ after the first action, as if it were known by then what the others do (QMDP).
+    That is the best below the root's child that comes nearest to the way's first action, as if it were known by then what the others do (QMDP).
     """
-    v = float(way.plan.v[min(ply, len(way.plan.v)) - 1])
-    children = [i for i, action in zip(tree.child[0], actions, strict=True) if i >= 0 and int(action[1]) == way.child.lane_change]
-    return min(((abs(tree.motion[i, 1] - v), float(tree.best[i])) for i in children), default=(0.0, contact))[1]
+    v = float(way.plan.v[min(q.ply, len(way.plan.v)) - 1])
+    alike = [i for i, action in zip(tree.child[0], actions, strict=True) if i >= 0 and int(action[1]) == way.child.lane_change]
+    begun = min(((abs(tree.motion[i, 1] - v), float(tree.best[i])) for i in alike), default=(0.0, task.cost.contact))[1]
+    _, terms, end = follow_line(local, task, q, state, tree.others[0], way.line)
+    whole = end in (LOST, ARRIVED) or (end == ALIVE and len(way.line) >= round(q.horizon / task.ego.step))
+    return min(begun, float(terms.sum())) if whole else begun
 
 
 def _carried(local: Local, task: Task, q: SearchParams, state: State, others: Floats, line: Floats, period_s: float) -> Way | None:
