@@ -199,6 +199,13 @@ class PredictionConfig(_Section):
     yield_decel_mps2: Positive = Field(2.5, description="an agent is expected to yield only if this deceleration suffices")
     yield_gap_s: NonNegative = Field(2.0, description="time gap that a yielding agent accepts")
     stays_after_s: NonNegative = Field(2.0, description="a vehicle that stood this long without a cause is expected to stay")
+    hypotheses: int = Field(
+        1,
+        ge=1,
+        le=8,
+        description="how many joint hypotheses about the others planner mcts weighs at most: another turn, not yielding, braking; "
+        "only with idm, the other forecasts have one",
+    )
 
 
 class EgoModelConfig(_Section):
@@ -231,6 +238,8 @@ class PlannerConfig(_Section):
     later_lane_change_accelerations_mps2: tuple[Finite, ...] = Field((0.0,), description="likewise, of those combined with a change")
     reactive: int = Field(0, ge=0, le=20, description="how many of the agents nearest on the ego's way react to it inside the search; 0: the forecast stands")
     exploration: NonNegative = Field(0.3, description="const of the UCB equation, on costs normalised to 0..1")
+    risk: Literal["expected", "cvar"] = Field("expected", description="what counts of the costs in several hypotheses: their mean, or that of the worst")
+    cvar_alpha: Annotated[float, Field(gt=0, le=1)] = Field(0.2, description="cvar: share of the worst that may happen, by weight, whose mean cost counts")
 
 
 class PaperConfig(_Section):

@@ -11,6 +11,7 @@ import numpy as np
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.cost import CostParams
 from sumo_mcts.model.ego import HALF, EgoParams
+from sumo_mcts.model.intentions import foresee
 from sumo_mcts.model.local import State, ego_state
 from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.script import script_poses
@@ -186,8 +187,10 @@ class Driver:
     def _forecast(self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float) -> Forecast:
         params = self._traffic._replace(interacting=name != "constant_velocity")
         stood_s = scene.time - self._stood.get(state.node, math.inf)
-        told = self._told(scene, name, seconds)
-        return predict(self._road, scene, _ego_lanes(route, state), self._nominal(scene.time), params, seconds, told, stood_s)
+        nominal, lanes = self._nominal(scene.time), _ego_lanes(route, state)
+        if name == "idm":
+            return foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, self._config.prediction.hypotheses)
+        return predict(self._road, scene, lanes, nominal, params, seconds, self._told(scene, name, seconds), stood_s)
 
     def _told(self, scene: Scene, name: str, seconds: float) -> Told:
         """What the oracle `name` tells, if it is one."""
@@ -277,6 +280,7 @@ def mcts_params(config: ScenarioConfig) -> MctsParams:
     return MctsParams(
         p.iterations, np.inf if p.time_budget_ms is None else p.time_budget_ms / 1000.0, p.period_s, p.step_s, p.look_ahead_steps, p.rollout_steps, p.check_s,
         p.accelerations_mps2, p.lane_change_accelerations_mps2, p.later_accelerations_mps2, p.later_lane_change_accelerations_mps2, p.exploration, p.reactive,
+        p.cvar_alpha if p.risk == "cvar" else 1.0,
     )  # fmt: skip
 
 
@@ -350,7 +354,7 @@ def no_forecast(dt: float) -> Forecast:
     none = np.zeros((1, 1, 0))
     return Forecast(
         dt, np.ones(1), np.zeros((1, 1, 0, 4)), none, none.astype(np.int32), none, none.astype(np.bool_), np.zeros(0), np.zeros(0),
-        np.zeros(0, np.bool_), np.zeros(0, np.bool_),
+        np.zeros(0, np.bool_), np.zeros((1, 0), np.bool_),
     )  # fmt: skip
 
 

@@ -140,7 +140,7 @@ class Forecast(NamedTuple):
     half_length: Floats  # [N]
     half_width: Floats  # [N]
     reacts: Bools  # [N] brakes for an ego in front of it: contact from behind is imposed braking
-    yields: Bools  # [N] has to let the ego pass where their paths meet, and can do so comfortably
+    yields: Bools  # [H, N] has to let the ego pass where their paths meet, and can do so comfortably
 
 
 class Plan(NamedTuple):
@@ -171,8 +171,8 @@ class RootChild(NamedTuple):
     lane_change: int
     visits: int
     mean: float  # mean total cost J
-    best: float  # lowest total cost seen; inf: every continuation is lost
-    terms: Floats  # [5] of the best: safety, comfort, passability, other, loss
+    best: float  # lowest total cost seen, or the risk where several hypotheses are weighed; inf: every continuation is lost
+    terms: Floats  # [5] of the best in the likeliest hypothesis: safety, comfort, passability, other, loss
     poses: Floats  # [M, 4] of its best continuation
 
 

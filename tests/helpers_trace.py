@@ -62,7 +62,7 @@ def _busy_forecast(rng: np.random.Generator, others: int) -> Forecast:
     s = rng.uniform(0.0, 300.0, others) + np.cumsum(v, axis=0) * FORECAST_DT
     pose = np.stack([300.0 + s * np.cos(heading), 300.0 + s * np.sin(heading), np.cos(heading), np.sin(heading)], axis=-1)
     half, flags, valid = np.full(others, 1.0), np.zeros(others, dtype=np.bool_), np.ones((1, 50, others), dtype=np.bool_)
-    return Forecast(FORECAST_DT, np.ones(1), pose[None], v[None], valid.astype(np.int32), s[None], valid, half, half, flags, flags)
+    return Forecast(FORECAST_DT, np.ones(1), pose[None], v[None], valid.astype(np.int32), s[None], valid, half, half, flags, flags[None])
 
 
 def _cycle(i: int, cycles: int, path: Path, along: Floats, speeds: Floats, actors: list[tuple[Path, float, float, float, str]]) -> CycleRecord:
@@ -150,7 +150,7 @@ def _forecast(actors: list[tuple[Path, float, float, float, str]], agents: Agent
         half_length=agents.length / 2,
         half_width=agents.width / 2,
         reacts=np.zeros(len(present), dtype=np.bool_),
-        yields=np.zeros(len(present), dtype=np.bool_),
+        yields=np.zeros((1, len(present)), dtype=np.bool_),
     )
 
 

@@ -17,7 +17,7 @@ class Errors(NamedTuple):
 
 
 def errors(forecast: Forecast, after: float, centre: Floats, lane: Ints, there: Bools) -> Errors:
-    """A forecast (its first hypothesis) against where the agents really are `after` s: centre [N, 2], lane [N] of the front, and who is still there [N].
+    """A forecast (its likeliest hypothesis) against where the agents really are `after` s: centre [N, 2], lane [N] of the front, and who is still there [N].
 
     Between two forecast times positions lie on a straight line, and the lane is that of the nearer one.
     """

@@ -99,7 +99,7 @@ def _forecast(futures: Sequence[Future], dt: float, times: int) -> Forecast:
         pose[0, :, i], v[0, :, i], lane[0, :, i], s[0, :, i], valid[0, :, i] = states
     half = 0.5 * np.array([future[1:] for future in futures]).reshape(n, 2)
     never = np.zeros(n, np.bool_)
-    return Forecast(dt, np.ones(1), pose, v, lane, s, valid, half[:, 0], half[:, 1], never, never)
+    return Forecast(dt, np.ones(1), pose, v, lane, s, valid, half[:, 0], half[:, 1], never, never[None])
 
 
 # --- the search ---

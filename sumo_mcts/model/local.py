@@ -127,7 +127,7 @@ def build_local(
         route.table, route.rows, closed, level, place, ahead,
         _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven]),
         np.column_stack([
-            forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields, _slots(forecast, node, scene, reactive),
+            forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields[hypothesis], _slots(forecast, node, scene, reactive),
             *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt),
         ]),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, followers), first, float(route.limit[state.node]),
@@ -212,7 +212,7 @@ def _duties(
 
     Whoever follows the ego has none: it cannot come before the ego has gone on.
     """
-    lets_pass = forecast.yields | np.array([i < 63 and bool(followers >> i & 1) for i in range(len(forecast.yields))], np.bool_)
+    lets_pass = forecast.yields[hypothesis] | np.array([i < 63 and bool(followers >> i & 1) for i in range(len(forecast.reacts))], np.bool_)
     nodes = np.arange(first, last)
     near = route.internal[nodes] & (route.station[nodes] < here + JUNCTION_VIEW) & (route.station[nodes] > here - JUNCTION_VIEW)
     rows = np.zeros((256, 5))

@@ -14,6 +14,7 @@ import numpy as np
 from sumo_mcts.model.geometry import chord, point_at, swung
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import SIDEWAYS, signal_states
+from sumo_mcts.model.route import Indices
 from sumo_mcts.scene import ALLWAY, GREEN, LEFT, RIGHT, STOP, STRAIGHT, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene
 
 LANES = 14  # lanes of a path at most
@@ -25,6 +26,10 @@ CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken t
 INSIDE = -1e9  # rank of whoever is inside a junction
 AT_LINE = 4.0  # m before a stop sign within which standing counts
 FOES = 24  # conflicts looked at for each agent
+HARD = 4.5  # m/s2 with which an agent is taken to brake where it is taken to brake for no reason
+
+# What an agent may be taken to do (Intent.does).
+USUAL, TURNS, FORCES, BRAKES = range(4)
 
 
 class TrafficParams(NamedTuple):
@@ -49,23 +54,38 @@ class Paths(NamedTuple):
     count: Ints  # type: ignore[assignment]  # [N] (tuple.count is not missed)
 
 
+class Intent(NamedTuple):
+    """What one agent is taken to do, where it is not what is likeliest (see model/intentions.py)."""
+
+    agent: int
+    does: int  # TURNS: takes `way`; FORCES: does not let the ego pass; BRAKES: as hard as HARD, to a stand
+    way: tuple[int, ...] = ()  # lanes, the present one first
+
+
+NOBODY = Intent(-1, USUAL)
+
+
 def predict(
     road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams, seconds: float, told: "Told", ego_stood_s: float = -math.inf,
+    intent: Intent = NOBODY,
 ) -> Forecast:  # fmt: skip
     """Every agent of the scene for `seconds`; `ego_stood_s`: how long ago the ego came to a stand at the stop line before it.
 
     The ego drives along `ego_lanes` (the present one first) with the speeds `nominal` [K] at multiples of params.step, later by car following:
-    the table is conditional on that. `told` is what an oracle tells: Told() for what sensors see.
+    the table is conditional on that. `told` is what an oracle tells: Told() for what sensors see. One agent has the `intent`, the others react.
     """
     times = int(math.ceil(seconds / params.step)) + 1
-    agents, ego = _changing(road, scene.agents), scene.ego
-    paths = _paths(road, agents, ego, ego_lanes, told.ways)
+    agents, ego = changing(road, scene.agents), scene.ego
+    ways = {**told.ways, intent.agent: np.array(intent.way, np.int32)} if intent.does == TURNS else told.ways
+    paths = likely_paths(road, agents, ego, ego_lanes, ways)
+    does = np.full(len(agents.ids) + 1, USUAL)
+    does[intent.agent + 1] = intent.does
     grid = np.arange(times, dtype=np.float64) * params.step
     x, v, polite = _drive(
         road, params, params._replace(accel=min(params.accel, ego.max_accel)), paths, *_start(agents, ego), nominal,
         _red_lights(road, scene, paths, grid), _stays(agents, params), _cruises(agents),
         np.concatenate([[-ego_stood_s], np.where(agents.standing_s > 0.0, -agents.standing_s, np.inf)]), times,
-        _conflicts(road, paths) if params.interacting else None,
+        conflicts_of(road, paths) if params.interacting else None, does,
     )  # fmt: skip
     pose, lane, s, valid = _poses(road, agents, paths, x, v, times, params.step)
     for i, known in (*told.copies.items(), *told.scripts.items()):
@@ -76,8 +96,9 @@ def predict(
     for i in told.scripts:
         reacts[i], polite[i] = False, False
     return Forecast(
-        params.step, np.ones(1), pose[None], v[:, 1:][None].copy(), lane[None], s[None], valid[None], agents.length / 2, agents.width / 2, reacts, polite
-    )
+        params.step, np.ones(1), pose[None], v[:, 1:][None].copy(), lane[None], s[None], valid[None], agents.length / 2, agents.width / 2, reacts,
+        polite[None],
+    )  # fmt: skip
 
 
 class Scripted(NamedTuple):
@@ -108,7 +129,7 @@ def _stays(agents: Agents, params: TrafficParams) -> Bools:
     return np.concatenate([[False], (agents.standing_s >= params.stays_after) & params.interacting])
 
 
-def _changing(road: RoadMap, agents: Agents) -> Agents:
+def changing(road: RoadMap, agents: Agents) -> Agents:
     """The agents, those that move towards a neighbouring lane with the blinker on as if they were there already, at its edge."""
     side = np.where(agents.lane >= 0, agents.blinker, 0)
     beside = np.where(side > 0, road.left[agents.lane], np.where(side < 0, road.right[agents.lane], -1))
@@ -122,7 +143,8 @@ def _cruises(agents: Agents) -> Bools:
     return np.concatenate([[False], (np.abs(agents.trend) < CRUISING) & (agents.v > 3.0)])
 
 
-def _paths(road: RoadMap, agents: Agents, ego: EgoState, ego_lanes: Ints, ways: Mapping[int, Ints]) -> Paths:
+def likely_paths(road: RoadMap, agents: Agents, ego: EgoState, ego_lanes: Ints, ways: Mapping[int, Ints]) -> Paths:
+    """The ego's lanes (row 0) and the likely ones of the agents; `ways`: the coming lanes of those of whom they are known."""
     n = len(agents.ids) + 1
     lane = np.full((n, LANES), -1, np.int32)
     offset = np.zeros((n, LANES + 1))
@@ -206,7 +228,7 @@ def _red_lights(road: RoadMap, scene: Scene, paths: Paths, grid: Floats) -> Bool
     return red
 
 
-def _conflicts(road: RoadMap, paths: Paths) -> tuple[Ints, Ints, Floats]:
+def conflicts_of(road: RoadMap, paths: Paths) -> tuple[Ints, Ints, Floats]:
     """For each vehicle the others whose paths meet its own where it must yield or where lanes merge.
 
     Returns foe [N+1, FOES] (-1 beyond the end), kind [N+1, FOES] (1: has to yield, 2: merge with equal right, 3: mutual, 4: all-way stop) and
@@ -271,6 +293,7 @@ def _signs(road: RoadMap, paths: Paths) -> Bools:
 def _drive(
     road: RoadMap, q: TrafficParams, own: TrafficParams, paths: Paths, x: Floats, v: Floats, length: Floats, nominal: Floats,
     red: Bools, stays: Bools, cruises: Bools, stood: Floats, times: int, conflicts: tuple[Ints, Ints, Floats] | None,
+    does: Indices,
 ) -> tuple[Floats, Floats, Bools]:  # fmt: skip
     """Positions along the paths [T, N+1], speeds [T, N+1], and which agents let the ego pass [N]. `own`: the parameters of the ego, row 0."""
     xs, vs = np.zeros((times, len(x))), np.zeros((times, len(x)))
@@ -283,7 +306,7 @@ def _drive(
     foe, kind, place = conflicts
     _step_all(
         xs, vs, polite, q, own, paths.lane, paths.offset, paths.count, length, nominal, red, stays, cruises,
-        np.full(len(road.lane_ids), -1, np.int32), road.speed, foe, kind, place, road.internal, _signs(road, paths), stood,
+        np.full(len(road.lane_ids), -1, np.int32), road.speed, foe, kind, place, road.internal, _signs(road, paths), stood, does,
     )  # fmt: skip
     return xs, vs, polite[1:]
 
@@ -292,7 +315,7 @@ def _drive(
 def _step_all(
     xs: Floats, vs: Floats, polite: Bools, q: TrafficParams, own: TrafficParams, path: Ints, offset: Floats, count: Ints, length: Floats,
     nominal: Floats, red: Bools, stays: Bools, cruises: Bools, mark: Ints, speed: Floats, foe: Ints, kind: Ints, place: Floats, internal: Bools,
-    sign: Bools, stood: Floats,
+    sign: Bools, stood: Floats, does: Indices,
 ) -> None:  # fmt: skip
     times, n = xs.shape
     rank = np.full(n, np.inf)  # when it came to a stand at the stop sign ahead; those inside a junction come before all others
@@ -325,7 +348,9 @@ def _step_all(
             a = min(a, _red_accel(q, red, path, offset, count, current[i], i, t, x[i], v[i]))
             if math.isinf(rank[i]):
                 a = min(a, _halt(q, v[i], _to_sign(sign, offset, count, i, current[i], x[i])))
-            a = min(a, _yield_accel(q, foe, kind, place, offset, count, current, length, x, v, i, polite, path, internal, red, t, rank))
+            a = min(a, _yield_accel(q, foe, kind, place, offset, count, current, length, x, v, i, polite, path, internal, red, t, rank, does[i] == FORCES))
+            if does[i] == BRAKES:
+                a = min(a, -HARD)
             speed_next = max(0.0, v[i] + max(a, -8.0) * q.step)
             vs[t + 1, i] = speed_next
             xs[t + 1, i] = x[i] + 0.5 * (v[i] + speed_next) * q.step
@@ -451,9 +476,9 @@ def _rank(rank: float, sign: Bools, path: Ints, offset: Floats, count: Ints, int
 @kernel
 def _yield_accel(
     q: TrafficParams, foe: Ints, kind: Ints, place: Floats, offset: Floats, count: Ints, current: Ints, length: Floats, x: Floats, v: Floats, i: int,
-    polite: Bools, path: Ints, internal: Bools, red: Bools, t: int, rank: Floats,
+    polite: Bools, path: Ints, internal: Bools, red: Bools, t: int, rank: Floats, forces: bool,
 ) -> float:  # fmt: skip
-    """Stop before a stretch that somebody with the right of way will use, or fall in behind whoever merges first."""
+    """Stop before a stretch that somebody with the right of way will use, or fall in behind whoever merges first; not for the ego where i `forces`."""
     a = math.inf
     for u in range(foe.shape[1]):
         j = foe[i, u]
@@ -467,6 +492,8 @@ def _yield_accel(
         if kind[i, u] == 2:  # merge: the one that is nearer goes first, the other sees it as its leader
             if to_end > foe_end and foe_begin < 30.0:
                 a = min(a, _follow(q, v[i], max(to_end - foe_end - length[j], 0.5), v[j], q.accel))
+            continue
+        if j == 0 and forces:
             continue
         if kind[i, u] == 3 and (mine < theirs or (mine == theirs and i < j)):
             continue

@@ -29,10 +29,10 @@ class Situation(NamedTuple):
     cleared: frozenset[int]  # route nodes at whose stop sign the ego has stood
 
 
-def local_of(task: Task, situation: Situation, reactive: int = 0) -> Local:
-    """What one cycle's search reads; it may move at most `reactive` agents."""
+def local_of(task: Task, situation: Situation, reactive: int = 0, hypothesis: int = 0) -> Local:
+    """What one cycle's search reads, in one hypothesis (0 the likeliest) of the forecast; it may move at most `reactive` agents."""
     return build_local(
-        task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL, reactive
+        task.road, task.route, situation.state, situation.scene, situation.forecast, hypothesis, situation.cleared, STOP_DECEL, reactive
     )  # fmt: skip
 
 

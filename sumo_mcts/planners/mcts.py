@@ -10,7 +10,8 @@ from sumo_mcts.model.ego import FOLLOW
 from sumo_mcts.model.local import Local, State
 from sumo_mcts.model.react import at_rest
 from sumo_mcts.planners.base import Situation, Task, local_of
-from sumo_mcts.planners.tree import ALIVE, ARRIVED, SearchParams, Tree, entry_of, new_tree, replay, search, search_params, side_of
+from sumo_mcts.planners.risk import effort, risk
+from sumo_mcts.planners.tree import ALIVE, ARRIVED, LOST, SearchParams, Tree, entry_of, new_tree, replay, search, search_params, side_of
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
 
 SLICE = 20_000  # passes after which an interrupt from the keyboard is heard
@@ -33,6 +34,7 @@ class MctsParams(NamedTuple):
     later_lane_change_accelerations: tuple[float, ...]
     exploration: float
     reactive: int
+    worst_share: float  # of what may happen, whose mean cost counts; 1: the expected cost
 
 
 class Way(NamedTuple):
@@ -64,26 +66,46 @@ class MctsPlanner:
         local = local_of(task, situation, p.reactive)
         q = in_steps(p, task.ego.step, local.dt)
         tree = new_tree(p.iterations + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
-        done, known = self._search(tree, local, q, situation.state)
+        share = effort(situation.forecast.weight, p.iterations, len(self._actions))
+        done, known = self._search(tree, local, q, situation.state, share[0])
         found = _children(tree, local, task, q, self._actions, situation.state, tree.others[0])
         carried = _carried(local, task, q, situation.state, tree.others[0], self._remaining(situation.scene.time, round(q.horizon / task.ego.step)), p.period_s)
         found += [carried] if carried is not None else []
+        if len(share) > 1:
+            found, more = self._weighed(situation, q, found, share)
+            done, known = done + more[0], known + more[1]
         chosen = min(range(len(found)), key=lambda i: (found[i].child.best, -i))
         if found[chosen].child.terms[4] > 0.0:  # nothing is free: what counts is how bad the contact is
-            chosen = min(range(len(found)), key=lambda i: float(found[i].child.terms[4]))
+            chosen = min(range(len(found)), key=lambda i: (float(found[i].child.terms[4]), found[i].child.best))
         child, plan, line = found[chosen]
         self._line, self._line_time = line if child.terms[4] == 0.0 else np.zeros(0), situation.scene.time
         reason = "brake" if child.terms[4] > 0.0 else "carried on" if carried is not None and chosen == len(found) - 1 else "search"
         return Decision(Follow(plan.v, child.lane_change), plan, tuple(way.child for way in found), chosen, reason, done, known)
 
-    def _search(self, tree: Tree, local: Local, q: SearchParams, state: State) -> tuple[int, int]:
-        """Passes until the budget is spent: to the horizon, and to a known terminal node."""
+    def _weighed(self, situation: Situation, q: SearchParams, found: list[Way], share: Floats) -> tuple[list[Way], tuple[int, int]]:
+        """The ways with the risk over all hypotheses as their cost; the others are searched here. And the passes that took."""
+        p, task, state = self._params, self._task, situation.state
+        cost = np.empty((len(found), len(share)))
+        cost[:, 0] = [way.child.best for way in found]
+        done = known = 0
+        for h in range(1, len(share)):
+            local = local_of(task, situation, p.reactive, h)
+            tree = new_tree(int(p.iterations * share[h]) + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
+            more = self._search(tree, local, q, state, share[h])
+            done, known = done + more[0], known + more[1]
+            cost[:, h] = [_cost_in(tree, local, task, q, self._actions, state, way) for way in found]
+        weight = situation.forecast.weight[: len(share)]
+        worth = risk(cost, weight / weight.sum(), p.worst_share)
+        return [way._replace(child=way.child._replace(best=float(value))) for way, value in zip(found, worth, strict=True)], (done, known)
+
+    def _search(self, tree: Tree, local: Local, q: SearchParams, state: State, share: float) -> tuple[int, int]:
+        """Passes until a share of the budget is spent: to the horizon, and to a known terminal node."""
         p, task = self._params, self._task
         done = known = 0
         timed = p.time_budget_s < math.inf
-        end = time.perf_counter() + p.time_budget_s
-        while done + known < p.iterations and not tree.dead[0] and (not timed or time.perf_counter() < end):
-            count = min(TIMED_SLICE if timed else SLICE, p.iterations - done - known)
+        passes, end = int(p.iterations * share), time.perf_counter() + p.time_budget_s * share
+        while done + known < passes and not tree.dead[0] and (not timed or time.perf_counter() < end):
+            count = min(TIMED_SLICE if timed else SLICE, passes - done - known)
             more = search(tree, local, task.ego, task.cost, q, self._actions, state, count, self._rng)
             done, known = done + more[0], known + more[1]
         return done, known
@@ -120,6 +142,19 @@ def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Fl
         child = RootChild(accel, int(actions[k, 1]), int(tree.visits[i]), float(tree.total[i] / max(tree.visits[i], 1)), float(tree.best[i]), terms, plan.pose)
         result.append(Way(child, plan, line))
     return result
+
+
+def _cost_in(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Floats, state: State, way: Way) -> float:
+    """What a way costs in another hypothesis, of which the tree is: driven to its end, or else begun only and gone on with as is best there.
+
+    That is the best below the root's child that comes nearest to the way's first action, as if it were known by then what the others do (QMDP).
+    """
+    v = float(way.plan.v[min(q.ply, len(way.plan.v)) - 1])
+    alike = [i for i, action in zip(tree.child[0], actions, strict=True) if i >= 0 and int(action[1]) == way.child.lane_change]
+    begun = min(((abs(tree.motion[i, 1] - v), float(tree.best[i])) for i in alike), default=(0.0, task.cost.contact))[1]
+    _, terms, end = follow_line(local, task, q, state, tree.others[0], way.line)
+    whole = end in (LOST, ARRIVED) or (end == ALIVE and len(way.line) >= round(q.horizon / task.ego.step))
+    return min(begun, float(terms.sum())) if whole else begun
 
 
 def _carried(local: Local, task: Task, q: SearchParams, state: State, others: Floats, line: Floats, period_s: float) -> Way | None:

@@ -205,10 +205,10 @@ def test_whoever_yields_to_the_ego_is_polite() -> None:
     road = crossing(bridge=False)
     ego = ego_at(road, "wi_0", 55.0, 10.0, route=(0, 2))
     scene = scene_of(ego, road, Agent("n", "si_0", 45.0, 10.0))
-    assert forecast_of(task_of(road, ego), scene).yields.tolist() == [True]
-    assert forecast_of(task_of(road, ego), scene, params=traffic_params(interacting=False)).yields.tolist() == [False]
+    assert forecast_of(task_of(road, ego), scene).yields[0].tolist() == [True]
+    assert forecast_of(task_of(road, ego), scene, params=traffic_params(interacting=False)).yields[0].tolist() == [False]
     too_fast = scene_of(ego, road, Agent("n", "si_0", 84.0, 14.0))
-    assert forecast_of(task_of(road, ego), too_fast).yields.tolist() == [False]
+    assert forecast_of(task_of(road, ego), too_fast).yields[0].tolist() == [False]
 
 
 def all_way_stop() -> RoadMap:
@@ -245,7 +245,7 @@ def test_an_ego_that_stands_has_its_turn_before_those_who_come_later() -> None:
         scene = scene_of(ego, road, coming)
         if not lets_pass:
             scene = scene._replace(agents=scene.agents._replace(standing_s=np.array([1.0])))
-        assert forecast_of(task_of(road, ego), scene).yields.tolist() == [lets_pass]
+        assert forecast_of(task_of(road, ego), scene).yields[0].tolist() == [lets_pass]
 
 
 phases = st.integers(1, 6).flatmap(

@@ -1,0 +1,198 @@
+"""What others may do instead of what is likeliest: weighted hypotheses, from what a sensor sees.
+
+Three things an agent may do: take another of the ways that its lane allows, not let the ego pass though it has to, brake hard for no reason. Each
+is an alternative with odds against the usual forecast, by Bayes' rule from turn signal, speed, acceleration and the distance left. The joint
+hypotheses are the usual forecast and those that differ from it in one agent; agents are taken to be independent of each other, so the
+odds are also those of the joint hypotheses. Two unlikely things at once are left out.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_mcts.model.traffic import BRAKES, FORCES, TURNS, Intent, Paths, Told, TrafficParams, changing, conflicts_of, likely_paths, predict
+from sumo_mcts.scene import LEFT, RIGHT, STRAIGHT, VEHICLE_CLASSES, Agents, Bools, Floats, Forecast, Ints, RoadMap, Scene
+
+LEAST = 0.005  # odds below which an alternative is not worth a search of its own
+EGO_VIEW = 100.0  # m of the ego's way on which it matters who else may come
+TURN_VIEW = 50.0  # m before a branch within which a driver who is going to turn shows it
+SPREAD = 1.0  # m/s2, standard deviation of an acceleration about what the way asks for
+SHOWN = 0.9  # probability that who turns has the turn signal on ...
+WRONG = 0.015  # ... and that it is on, left or right, where it means nothing
+TURNS_BACK = 0.02  # how often anybody turns round, against any other way
+
+FORCING = 0.02  # odds that one who has to let the ego pass does not, as long as it need not brake yet
+NO_HURRY = 1.0  # m/s2: whoever could still stop with this need not brake yet
+FORCING_GAIN = 2.0  # growth of the logarithm of these odds for each m/s2 of braking that is due and not seen
+BRAKING = 0.01  # odds that one ahead brakes hard, as long as nothing tells
+BRAKING_GAIN = 2.0  # growth of the logarithm of these odds for each m/s2 of braking that nothing explains
+MOST_TOLD = 3.0  # m/s2 beyond which neither tells any more
+SLOW = 2.0  # m/s below which nobody is in danger of braking hard
+LEADERS = 2  # how many ahead of the ego may brake
+FOLLOWING = 4.0  # s within which somebody ahead is followed (and 10 m)
+
+PASSENGER = np.uint64(1 << VEHICLE_CLASSES.index("passenger"))
+
+
+class Alternative(NamedTuple):
+    """Something that an agent may do, and how likely it is against what it usually does."""
+
+    odds: float
+    intent: Intent
+
+
+def foresee(
+    road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams, seconds: float, ego_stood_s: float, most: int
+) -> Forecast:  # fmt: skip
+    """A forecast of up to `most` joint hypotheses, the likeliest first, with what sensors see (see traffic.predict for the arguments)."""
+    usual = predict(road, scene, ego_lanes, nominal, params, seconds, Told(), ego_stood_s)
+    if most == 1 or not params.interacting:
+        return usual
+    others = alternatives(road, scene, ego_lanes, usual, params)[: most - 1]
+    found = [usual, *(predict(road, scene, ego_lanes, nominal, params, seconds, Told(), ego_stood_s, other.intent) for other in others)]
+    return together(found, [1.0, *(other.odds for other in others)])
+
+
+def together(found: Sequence[Forecast], odds: Sequence[float]) -> Forecast:
+    """Forecasts of one hypothesis each as one forecast, the likeliest first."""
+    order = np.argsort(-np.array(odds), kind="stable")
+    weight = np.array(odds)[order] / np.sum(odds)
+    pose, v, lane, s, valid, yields = (
+        np.concatenate([getattr(found[h], name) for h in order]) for name in ("pose", "v", "lane", "s", "valid", "yields")
+    )  # fmt: skip
+    return found[0]._replace(weight=weight, pose=pose, v=v, lane=lane, s=s, valid=valid, yields=yields)
+
+
+def alternatives(road: RoadMap, scene: Scene, ego_lanes: Ints, usual: Forecast, params: TrafficParams) -> list[Alternative]:
+    """What agents may do that matters to the ego, the likeliest first."""
+    agents = changing(road, scene.agents)
+    paths = likely_paths(road, agents, scene.ego, ego_lanes, {})
+    expected = (usual.v[0, 1] - usual.v[0, 0]) / usual.dt
+    found = [
+        *_other_ways(road, agents, paths, scene.ego.s, usual, expected, params),
+        *_forcing(road, agents, paths, scene.ego.s, usual.yields[0]),
+        *_braking(agents, paths, scene.ego.s, scene.ego.v, expected),
+    ]
+    return sorted((each for each in found if each.odds >= LEAST), key=lambda each: -each.odds)
+
+
+# --- another way ---
+
+
+def _other_ways(
+    road: RoadMap, agents: Agents, paths: Paths, ego_s: float, usual: Forecast, expected: Floats, params: TrafficParams
+) -> Iterator[Alternative]:  # fmt: skip
+    """Whoever is about to come to where its lane branches, with each other way that meets the ego's."""
+    theirs = _meeting(road, paths, ego_s)
+    driven = usual.v[0].sum(axis=0) * usual.dt
+    ego_lane = {int(lane): k for k, lane in enumerate(paths.lane[0, : paths.count[0]])}
+    for i in np.flatnonzero((agents.lane >= 0) & (driven > 1.0)):
+        if ego_lane.get(int(agents.lane[i])) == 0 and agents.s[i] < ego_s:
+            continue  # behind the ego: it cannot come before the ego has gone on
+        k = _branch(road, paths, int(i) + 1)
+        room = paths.offset[i + 1, k + 1] - agents.s[i]
+        if k < 0 or not 0.0 < room < min(TURN_VIEW, driven[i]):
+            continue
+        likely, lane = int(paths.lane[i + 1, k + 1]), int(paths.lane[i + 1, k])
+        against = way_worth(road, agents, int(i), likely, room, expected[i], params.decel)
+        for way in _successors(road, lane):
+            if way != likely and road.classes[way] & PASSENGER and any(theirs[inside] for inside in _through(road, way)):
+                worth = way_worth(road, agents, int(i), way, room, expected[i], params.decel)
+                yield Alternative(worth / against, Intent(int(i), TURNS, (*(int(x) for x in paths.lane[i + 1, : k + 1]), *_through(road, way))))
+
+
+def way_worth(road: RoadMap, agents: Agents, i: int, way: int, room: float, expected: float, decel: float) -> float:
+    """Probability of what is seen of agent i if it takes the lane `way`, `room` m ahead, times how often anybody does; up to a common factor.
+
+    `expected`: its acceleration in the usual forecast, m/s2; `decel`: with which it brakes for a turn in comfort, m/s2.
+    """
+    turn, v, limit = int(road.direction[way]), float(agents.v[i]), float(road.speed[way])
+    too_fast = max(0.0, (v * v - limit * limit) / (2.0 * max(room, 1.0)) - decel)
+    explained = decel if limit < v - 1.0 else max(0.0, -expected)
+    slows = max(0.0, -float(agents.trend[i]) - explained)
+    often = 1.0 if turn in (STRAIGHT, LEFT, RIGHT) else TURNS_BACK
+    return often * signal_worth(turn, int(agents.blinker[i])) * max(math.exp(-0.5 * (too_fast**2 + slows**2) / SPREAD**2), 1e-3)
+
+
+def signal_worth(turn: int, blinker: int) -> float:
+    """Probability of a turn signal (-1 right, 0 none, 1 left) where somebody is going to make a turn."""
+    if turn == STRAIGHT:
+        return WRONG if blinker else 1.0 - 2.0 * WRONG
+    if blinker == 0:
+        return 1.0 - SHOWN
+    meant = 1 if turn == LEFT else -1 if turn == RIGHT else blinker
+    return SHOWN - WRONG if blinker == meant else WRONG
+
+
+def _branch(road: RoadMap, paths: Paths, row: int) -> int:
+    """The first lane of a path from which it could go on otherwise; -1 where there is none."""
+    for k in range(paths.count[row] - 1):
+        if len(_successors(road, int(paths.lane[row, k]))) > 1:
+            return k
+    return -1
+
+
+def _successors(road: RoadMap, lane: int) -> list[int]:
+    following: list[int] = road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]].tolist()
+    return following
+
+
+def _through(road: RoadMap, way: int) -> list[int]:
+    """A lane with those that follow it inside the junction, and the one behind it."""
+    lanes = [way]
+    while road.internal[lanes[-1]] and _successors(road, lanes[-1]):
+        lanes.append(_successors(road, lanes[-1])[0])
+    return lanes
+
+
+def _meeting(road: RoadMap, paths: Paths, ego_s: float) -> Bools:
+    """[L] lanes that share a stretch with the next EGO_VIEW metres of the ego's way."""
+    result = np.zeros(len(road.lane_ids), np.bool_)
+    for lane, begin in zip(paths.lane[0, : paths.count[0]], paths.offset[0], strict=False):
+        if begin - ego_s < EGO_VIEW:
+            result[lane] = True
+            result[road.conflict_lane[road.conflict_offset[lane] : road.conflict_offset[lane + 1]]] = True
+    return result
+
+
+# --- not letting the ego pass ---
+
+
+def _forcing(road: RoadMap, agents: Agents, paths: Paths, ego_s: float, yields: Bools) -> Iterator[Alternative]:
+    """Whoever is expected to let the ego pass."""
+    if not yields.any():
+        return
+    foe, kind, place = conflicts_of(road, paths)
+    for i in np.flatnonzero(yields):
+        meets = (foe[i + 1] == 0) & (kind[i + 1] != 2) & (place[i + 1, :, 0] > agents.s[i]) & (place[i + 1, :, 2] < ego_s + EGO_VIEW)
+        if meets.any():
+            room = float(place[i + 1, meets, 0].min() - agents.s[i])
+            yield Alternative(forcing_odds(float(agents.v[i]), float(agents.trend[i]), room), Intent(int(i), FORCES))
+
+
+def forcing_odds(v: float, trend: float, room: float) -> float:
+    """Odds that an agent `room` m before the stretch where it has to wait does not; its speed, and its acceleration of late."""
+    due = v * v / (2.0 * max(room - 2.0, 1.0)) - NO_HURRY
+    return FORCING * math.exp(FORCING_GAIN * min(max(due - max(0.0, -trend), 0.0), MOST_TOLD))
+
+
+# --- braking for no reason ---
+
+
+def _braking(agents: Agents, paths: Paths, ego_s: float, ego_v: float, expected: Floats) -> Iterator[Alternative]:
+    """The nearest ahead of the ego on its way, if they move or have just come to a stand."""
+    begins = {int(lane): float(begin) for lane, begin in zip(paths.lane[0, : paths.count[0]], paths.offset[0], strict=False)}
+    gap = np.array([begins.get(int(lane), math.inf) for lane in agents.lane]) + agents.s - agents.length - ego_s
+    near = np.flatnonzero((gap > 0.0) & (gap < 10.0 + FOLLOWING * ego_v))
+    for i in near[np.argsort(gap[near], kind="stable")][:LEADERS]:
+        odds = braking_odds(float(agents.trend[i]), float(expected[i]))
+        if agents.v[i] > SLOW or odds > BRAKING:  # who has just come to a stand may stay
+            yield Alternative(odds, Intent(int(i), BRAKES))
+
+
+def braking_odds(trend: float, expected: float) -> float:
+    """Odds that an agent brakes hard to a stand: its acceleration of late, and the one that is expected of it, m/s2."""
+    unexplained = max(0.0, -trend) - max(0.0, -expected)
+    return BRAKING * math.exp(BRAKING_GAIN * min(max(unexplained, 0.0), MOST_TOLD))

@@ -1,0 +1,225 @@
+"""Hypotheses about what others will do: what they are, what they follow from, and that they are forecasts like any other."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from helpers import Agent, agents_at, crossing, ego_at, lane
+from helpers_model import scene_of, traffic_params
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sumo_mcts.model.intentions import LEAST, alternatives, braking_odds, forcing_odds, foresee, signal_worth, way_worth
+from sumo_mcts.model.traffic import BRAKES, FORCES, HARD, TURNS, Intent, Told, predict
+from sumo_mcts.scene import LEFT, RIGHT, STRAIGHT, VEHICLE_CLASSES, EgoState, Forecast, RoadMap, Scene
+
+
+def _crossing() -> RoadMap:
+    """Of the ways from the west one goes straight on and one to the left."""
+    road = crossing(bridge=False)
+    direction = road.direction.copy()
+    direction[lane(road, ":wn_0")] = LEFT
+    return road._replace(direction=direction)
+
+
+ROAD = _crossing()
+NORTHBOUND = (1, 3)  # edges si, no: has to let the others pass
+EASTBOUND = (0, 2)  # edges wi, eo: has the right of way
+FIELDS = ("pose", "v", "lane", "s", "valid", "yields")
+
+
+def ego_lanes(road: RoadMap, ego: EgoState) -> np.ndarray:
+    """The ego's lanes through the crossing."""
+    return np.array([lane(road, name) for name in (("wi_0", ":we_0", "eo_0") if ego.route == EASTBOUND else ("si_0", ":sn_0", "no_0"))], np.int32)
+
+
+def foreseen(scene: Scene, most: int, road: RoadMap = ROAD) -> Forecast:
+    return foresee(road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params(), 10.0, -np.inf, most)
+
+
+def usual(scene: Scene, intent: Intent | None = None, road: RoadMap = ROAD) -> Forecast:
+    more = {} if intent is None else {"intent": intent}
+    return predict(road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params(), 10.0, Told(), **more)
+
+
+def others(scene: Scene, road: RoadMap = ROAD) -> dict[tuple[int, int], float]:
+    """Odds of every alternative, by agent and what it does."""
+    found = alternatives(road, scene, ego_lanes(road, scene.ego), usual(scene, road=road), traffic_params())
+    return {(each.intent.agent, each.intent.does): each.odds for each in found}
+
+
+def seen(scene: Scene, **columns: list[float]) -> Scene:
+    """The scene with other columns of its agents."""
+    return scene._replace(agents=scene.agents._replace(**{k: np.array(c, dtype=getattr(scene.agents, k).dtype) for k, c in columns.items()}))
+
+
+def may_turn(road: RoadMap = ROAD) -> Scene:
+    """A car from the west that goes straight on or turns left, 30 m before the junction; the ego comes from the south."""
+    return scene_of(ego_at(road, "si_0", 50.0, 8.0, route=NORTHBOUND), road, Agent("w", "wi_0", 60.0, 9.0))
+
+
+def may_force(v: float = 10.0, s: float = 55.0) -> Scene:
+    """A car from the south that has to let the ego pass."""
+    return scene_of(ego_at(ROAD, "wi_0", 55.0, 10.0, route=EASTBOUND), ROAD, Agent("n", "si_0", s, v))
+
+
+def behind(*ahead: Agent) -> Scene:
+    """The ego at 10 m/s behind others on its lane."""
+    return scene_of(ego_at(ROAD, "wi_0", 20.0, 10.0, route=EASTBOUND), ROAD, *ahead)
+
+
+# --- forecasts ---
+
+
+def test_one_hypothesis_is_the_plain_forecast() -> None:
+    for scene in (may_turn(), may_force(), behind(Agent("a", "wi_0", 45.0, 10.0))):
+        plain, single, several = usual(scene), foreseen(scene, 1), foreseen(scene, 8)
+        assert len(several.weight) > 1 and single.weight.tolist() == [1.0]
+        for name in FIELDS:  # and it is one of several
+            assert np.array_equal(getattr(plain, name), getattr(single, name))
+            assert any(np.array_equal(getattr(plain, name)[0], getattr(several, name)[h]) for h in range(len(several.weight)))
+
+
+agents = st.lists(
+    st.tuples(st.sampled_from(["wi_0", "si_0", "eo_0", ":we_0", ":sn_0", ":wn_0"]), st.floats(0.0, 1.0), st.floats(0.0, 15.0), st.floats(-5.0, 2.0)), max_size=5
+)  # fmt: skip
+
+
+@given(agents, st.integers(1, 8), st.sampled_from([("wi_0", EASTBOUND), ("si_0", NORTHBOUND)]), st.integers(0, 2))
+@settings(max_examples=40, deadline=None)
+def test_of_any_scene(those: list[tuple[str, float, float, float]], most: int, ego: tuple[str, tuple[int, ...]], blinker: int) -> None:
+    cars = [Agent(f"a{k}", on, share * float(ROAD.length[lane(ROAD, on)]), v) for k, (on, share, v, _) in enumerate(those)]
+    scene = scene_of(ego_at(ROAD, ego[0], 40.0, 9.0, route=ego[1]), ROAD, *cars)
+    scene = seen(scene, trend=[trend for *_, trend in those], blinker=[blinker - 1] * len(those))
+    forecast = foreseen(scene, most)
+    count = len(forecast.weight)
+    assert 1 <= count <= most and forecast.weight.sum() == pytest.approx(1.0)
+    assert np.all(np.diff(forecast.weight) <= 0.0) and np.all(forecast.weight > 0.0)
+    assert all(len(getattr(forecast, name)) == count for name in FIELDS)
+    successors = [set(ROAD.successor[a:b].tolist()) for a, b in zip(ROAD.successor_offset[:-1], ROAD.successor_offset[1:], strict=True)]
+    for h in range(count):
+        assert np.array_equal(forecast.pose[h, 0], forecast.pose[0, 0])  # everybody begins where he is
+        for i in range(len(those)):
+            way = list(dict.fromkeys(forecast.lane[h, :, i].tolist()))
+            assert all(b in successors[a] for a, b in pairwise(way)), "only where lanes lead"
+
+
+def test_no_more_than_asked_for_and_the_likeliest_of_them() -> None:
+    scene = behind(Agent("a", "wi_0", 45.0, 10.0), Agent("b", "wi_0", 60.0, 10.0), Agent("n", "si_0", 55.0, 10.0))
+    weights = [foreseen(scene, most).weight for most in (1, 2, 3, 8)]
+    assert [len(weight) for weight in weights] == [1, 2, 3, 1 + len(others(scene))]
+    odds = sorted(others(scene).values(), reverse=True)
+    for weight in weights:
+        assert weight[1:] / weight[0] == pytest.approx(odds[: len(weight) - 1])
+
+
+def test_constant_velocity_has_no_alternatives() -> None:
+    scene = may_turn()
+    forecast = foresee(ROAD, scene, ego_lanes(ROAD, scene.ego), np.zeros(0), traffic_params(interacting=False), 5.0, -np.inf, 4)
+    assert forecast.weight.tolist() == [1.0]
+
+
+# --- another way ---
+
+
+def test_the_turn_signal_tells_the_way() -> None:
+    plain = others(may_turn())[0, TURNS]
+    assert 0.03 < plain < 0.3
+    left = seen(may_turn(), blinker=[1])
+    forecast = foreseen(left, 4)
+    assert lane(ROAD, ":wn_0") in forecast.lane[0, :, 0] and forecast.weight[0] > 0.95  # nearly certain
+    assert others(seen(may_turn(), blinker=[-1]))[0, TURNS] > plain  # something is going to happen, and there is no way to the right
+    for turn in (STRAIGHT, LEFT, RIGHT):
+        assert sum(signal_worth(turn, side) for side in (-1, 0, 1)) == pytest.approx(1.0)
+
+
+def test_both_ways_are_equally_likely_where_nothing_tells() -> None:
+    road = ROAD._replace(direction=np.full_like(ROAD.direction, LEFT), speed=np.full_like(ROAD.speed, 15.0))
+    assert others(may_turn(road), road)[0, TURNS] == pytest.approx(1.0)
+
+
+def test_slowing_down_makes_a_turn_likelier() -> None:
+    fast = [Agent("w", "wi_0", 60.0, 11.0)]
+    scene = may_turn()._replace(agents=agents_at(ROAD, *fast))
+    odds = [others(seen(scene, trend=[trend]))[0, TURNS] for trend in (0.0, -1.0, -2.0)]
+    assert odds == sorted(odds) and odds[2] > 3.0 * odds[0]
+
+
+def test_too_fast_for_a_turn() -> None:
+    assert (0, TURNS) in others(may_turn()._replace(agents=agents_at(ROAD, Agent("w", "wi_0", 86.0, 8.0))))
+    assert (0, TURNS) not in others(may_turn()._replace(agents=agents_at(ROAD, Agent("w", "wi_0", 86.0, 15.0))))
+
+
+def test_only_ways_that_cars_may_take() -> None:
+    classes = ROAD.classes.copy()
+    classes[lane(ROAD, ":wn_0")] = 1 << VEHICLE_CLASSES.index("bus")
+    assert (0, TURNS) in others(may_turn())
+    assert (0, TURNS) not in others(may_turn(), ROAD._replace(classes=classes))
+
+
+def test_only_ways_that_meet_the_egos() -> None:
+    scene = may_turn()
+    found = alternatives(ROAD, scene, np.array([lane(ROAD, "eo_0")], np.int32), usual(scene), traffic_params())  # an ego past the junction, eastbound
+    assert all(each.intent.does != TURNS for each in found)
+
+
+def test_who_turns_is_led_along_the_turn() -> None:
+    way = tuple(lane(ROAD, name) for name in ("wi_0", ":wn_0", "no_0"))
+    turned = usual(may_turn(), Intent(0, TURNS, way))
+    assert [*dict.fromkeys(turned.lane[0, :, 0].tolist())] == list(way)
+    assert lane(ROAD, ":we_0") in usual(may_turn()).lane[0, :, 0]
+
+
+# --- not letting the ego pass ---
+
+
+def test_who_forces_drives_through() -> None:
+    waits, drives = usual(may_force()), usual(may_force(), Intent(0, FORCES))
+    assert waits.yields.tolist() == [[True]] and drives.yields.tolist() == [[False]]
+    assert waits.v[0, :, 0].min() < 5.0 and drives.v[0, :, 0].min() > 9.0
+    assert (0, FORCES) in others(may_force())
+
+
+def test_who_need_not_let_the_ego_pass_is_no_question() -> None:
+    scene = scene_of(ego_at(ROAD, "si_0", 55.0, 10.0, route=NORTHBOUND), ROAD, Agent("w", "wi_0", 55.0, 10.0))
+    assert all(does != FORCES for _, does in others(scene))
+
+
+def test_who_ought_to_brake_and_does_not_forces_more_likely() -> None:
+    odds = [forcing_odds(10.0, 0.0, room) for room in (80.0, 40.0, 22.0, 18.0)]
+    assert odds == sorted(odds) and odds[0] < 0.05 and odds[-1] > 5.0 * odds[0]
+    assert forcing_odds(10.0, -2.5, 20.0) == odds[0]  # it brakes
+
+
+# --- braking for no reason ---
+
+
+def test_who_brakes_comes_to_a_stand_and_the_next_one_reacts() -> None:
+    scene = behind(Agent("a", "wi_0", 45.0, 10.0), Agent("b", "wi_0", 65.0, 10.0))
+    forecast = usual(scene, Intent(1, BRAKES))
+    times = np.arange(forecast.v.shape[1]) * forecast.dt
+    assert forecast.v[0, :, 1] == pytest.approx(np.maximum(10.0 - HARD * times, 0.0))
+    assert usual(scene).v[0, :, 0].min() > 8.0
+    assert forecast.v[0, -1, 0] < 0.5
+    assert np.all(forecast.s[0, :, 1] - forecast.s[0, :, 0] > 5.0)
+
+
+def test_only_the_nearest_ahead_brake() -> None:
+    scene = behind(*(Agent(name, "wi_0", s, 10.0) for name, s in zip("abcd", (8.0, 40.0, 55.0, 70.0), strict=True)))
+    assert {i for i, does in others(scene) if does == BRAKES} == {1, 2}  # a is behind, d is the third
+    assert not others(behind(Agent("a", "wi_0", 45.0, 0.0)))  # who stands does not brake
+    assert others(seen(behind(Agent("a", "wi_0", 45.0, 0.0)), trend=[-3.0]))  # but may stay, if it has just come to a stand
+
+
+def test_who_brakes_for_no_reason_goes_on_braking() -> None:
+    odds = [braking_odds(trend, 0.5) for trend in (1.0, 0.0, -1.0, -2.0, -3.0)]
+    assert odds == sorted(odds) and odds[0] == odds[1] > LEAST and odds[-1] > 1.0
+    assert braking_odds(-2.0, -2.5) == odds[0]  # it has a reason
+    forecast = foreseen(seen(behind(Agent("a", "wi_0", 45.0, 10.0)), trend=[-4.0]), 2)
+    assert forecast.weight[0] > 0.5 and forecast.v[0, -1, 0] == 0.0  # the likeliest comes first
+
+
+def test_worth_of_a_way_is_that_of_its_evidence() -> None:
+    scene, straight, left = may_turn(), lane(ROAD, ":we_0"), lane(ROAD, ":wn_0")
+    against = way_worth(ROAD, scene.agents, 0, straight, 30.0, 0.0, 2.5)
+    assert others(scene)[0, TURNS] == pytest.approx(way_worth(ROAD, scene.agents, 0, left, 30.0, 0.0, 2.5) / against)
