@@ -169,7 +169,10 @@ class PlannerConfig(_Section):
 
     name: Literal["mcts", "paper", "idm", "random", "sumo", "constant"] = "mcts"
     iterations: int = Field(1000, ge=1, le=10_000_000, description="iteration budget of one decision")
-    time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead (not reproducible)")
+    adaptive: bool = Field(True, description="leave out what cannot become the best, and stop when nothing else is left")
+    most_iterations: int | None = Field(None, ge=1, le=10_000_000, description="go on so far while the choice is close; default: no further than `iterations`")
+    close_cost: NonNegative = Field(0.2, description="difference of J up to which another command than the best is close")
+    time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead, from the scene to the decision (not reproducible)")
     enforce_deadline: bool = Field(False, description="a decision later than the time budget, else the period, is not executed (not reproducible)")
     period_s: Positive = Field(0.5, description="decision period")
     step_s: Positive = Field(1.0, description="duration of one action in the tree of planner mcts")

@@ -10,18 +10,15 @@ from sumo_mcts.model.ego import FOLLOW
 from sumo_mcts.model.local import Local, State
 from sumo_mcts.model.react import at_rest
 from sumo_mcts.planners.base import Situation, Task, local_of
+from sumo_mcts.planners.effort import Effort, budget, next_passes, next_passes_in_time
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, SearchParams, Tree, entry_of, new_tree, replay, search, search_params, side_of
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
-
-SLICE = 20_000  # passes after which an interrupt from the keyboard is heard
-TIMED_SLICE = 100  # passes between looks at the clock
 
 
 class MctsParams(NamedTuple):
     """See config.PlannerConfig."""
 
-    iterations: int
-    time_budget_s: float  # inf: none
+    effort: Effort
     period_s: float
     step_s: float
     look_ahead_steps: int
@@ -33,6 +30,7 @@ class MctsParams(NamedTuple):
     later_lane_change_accelerations: tuple[float, ...]
     exploration: float
     reactive: int
+    adaptive: bool
 
 
 class Way(NamedTuple):
@@ -63,10 +61,11 @@ class MctsPlanner:
         p, task = self._params, self._task
         local = local_of(task, situation, p.reactive)
         q = in_steps(p, task.ego.step, local.dt)
-        tree = new_tree(p.iterations + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
-        done, known = self._search(tree, local, q, situation.state)
-        found = _children(tree, local, task, q, self._actions, situation.state, tree.others[0])
-        carried = _carried(local, task, q, situation.state, tree.others[0], self._remaining(situation.scene.time, round(q.horizon / task.ego.step)), p.period_s)
+        others = at_rest(local, p.reactive)
+        carried = _carried(local, task, q, situation.state, others, self._remaining(situation.scene.time, round(q.horizon / task.ego.step)), p.period_s)
+        tree = new_tree(2 + budget(p.effort.most, situation.until - time.perf_counter()), len(self._actions), p.look_ahead_steps + p.rollout_steps, others)
+        done, known = self._search(tree, local, q, situation, math.inf if carried is None else carried.child.best)
+        found = _children(tree, local, task, q, self._actions, situation.state, others)
         found += [carried] if carried is not None else []
         chosen = min(range(len(found)), key=lambda i: (found[i].child.best, -i))
         if found[chosen].child.terms[4] > 0.0:  # nothing is free: what counts is how bad the contact is
@@ -76,17 +75,22 @@ class MctsPlanner:
         reason = "brake" if child.terms[4] > 0.0 else "carried on" if carried is not None and chosen == len(found) - 1 else "search"
         return Decision(Follow(plan.v, child.lane_change), plan, tuple(way.child for way in found), chosen, reason, done, known)
 
-    def _search(self, tree: Tree, local: Local, q: SearchParams, state: State) -> tuple[int, int]:
-        """Passes until the budget is spent: to the horizon, and to a known terminal node."""
-        p, task = self._params, self._task
-        done = known = 0
-        timed = p.time_budget_s < math.inf
-        end = time.perf_counter() + p.time_budget_s
-        while done + known < p.iterations and not tree.dead[0] and (not timed or time.perf_counter() < end):
-            count = min(TIMED_SLICE if timed else SLICE, p.iterations - done - known)
-            more = search(tree, local, task.ego, task.cost, q, self._actions, state, count, self._rng)
+    def _search(self, tree: Tree, local: Local, q: SearchParams, situation: Situation, beat: float) -> tuple[int, int]:
+        """Passes to the horizon, and to a known terminal node; `beat`: the J of the last plan, carried on."""
+        task, began, done, known = self._task, time.perf_counter(), 0, 0
+        while count := self._count(tree, done + known, began, situation.until):
+            more = search(tree, local, task.ego, task.cost, q, self._actions, situation.state, count, beat, self._rng)
+            if more == (0, 0):  # nothing is left to try, or no room for it
+                break
             done, known = done + more[0], known + more[1]
         return done, known
+
+    def _count(self, tree: Tree, made: int, began: float, until: float) -> int:
+        """How many passes come next; no clock is asked unless there is a time budget."""
+        if math.isinf(until):
+            return next_passes(self._params.effort, tree, made)
+        now = time.perf_counter()
+        return next_passes_in_time(tree, made, now - began, until - now)
 
     def _remaining(self, now: float, steps: int) -> Floats:
         """What is left of the last line, with car following up to `steps`; empty where there is none."""
@@ -97,7 +101,7 @@ class MctsPlanner:
 
 def in_steps(p: MctsParams, step: float, forecast_dt: float) -> SearchParams:
     """The search's times in steps of the simulation (`step` and `forecast_dt` in s)."""
-    return search_params(step, forecast_dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
+    return search_params(step, forecast_dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration, p.adaptive)
 
 
 def actions_of(p: MctsParams) -> Floats:
