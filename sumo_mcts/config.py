@@ -186,6 +186,12 @@ class PlannerConfig(_Section):
     reactive: int = Field(0, ge=0, le=20, description="how many of the agents nearest on the ego's way react to it inside the search; 0: the forecast stands")
     exploration: NonNegative = Field(0.3, description="const of the UCB equation, on costs normalised to 0..1")
 
+    @model_validator(mode="after")
+    def _most_is_more(self) -> "PlannerConfig":
+        if self.most_iterations is not None and self.most_iterations < self.iterations:
+            raise ValueError(f"most_iterations: at least iterations ({self.iterations}), got {self.most_iterations}")
+        return self
+
 
 class PaperConfig(_Section):
     """Planner `paper`: what the text leaves open. The readings are listed in docs/planner.md."""

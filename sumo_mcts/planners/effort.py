@@ -13,7 +13,8 @@ STAGES = 4  # looks at how close the choice is, for as many passes as the budget
 FASTEST = 500_000.0  # passes/s that no search exceeds
 DIFFERENT = 0.5  # m/s after the first action from which two actions are not the same command
 MEMORY = 20  # decisions from which is learned how long it takes from the end of a search to the decision
-AT_FIRST, AT_MOST = 0.25, 0.5  # share of a time budget that is kept for that: before anything was learned, and at all
+SPARE = 1.25  # times the longest of them is kept free
+AT_FIRST, AT_MOST = 0.25, 0.5  # share of a time budget that is kept free: before anything was learned, and at all
 
 
 class Effort(NamedTuple):
@@ -67,7 +68,7 @@ class Timekeeper:
 
     def until(self, began: float) -> float:
         """When to stop searching for a decision that began then (s, on one clock)."""
-        share = min(max(self._after) / self._seconds, AT_MOST) if self._after else AT_FIRST
+        share = min(SPARE * max(self._after) / self._seconds, AT_MOST) if self._after else AT_FIRST
         return began + (1.0 - share) * self._seconds
 
     def note(self, until: float, ended: float) -> None:
