@@ -231,7 +231,7 @@ def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
     """Load (the first time: compile) what decisions need, by one that nobody executes; without it the ego's first decision would be late."""
     if config.planner.name not in FORECASTING and not config.failsafe.on:
         return
-    planner = config.planner.model_copy(update={"iterations": 1, "time_budget_ms": None, "enforce_deadline": False})
+    planner = config.planner.model_copy(update={"iterations": 1, "most_iterations": None, "time_budget_ms": None, "enforce_deadline": False})
     checked = config.failsafe.on or config.planner.enforce_deadline
     tried = config.model_copy(update={"planner": planner, "failsafe": config.failsafe.model_copy(update={"on": checked})})
     scene = _still_life(road, physics.step)

@@ -11,6 +11,7 @@ from sumo_mcts.planners.tree import Tree
 SLICE = 20_000  # passes after which an interrupt from the keyboard is heard
 STAGES = 4  # looks at how close the choice is, for as many passes as the budget has
 FASTEST = 500_000.0  # passes/s that no search exceeds
+LARGEST = 1_000_000  # passes for which there is room at most; some 300 MB
 DIFFERENT = 0.5  # m/s after the first action from which two actions are not the same command
 MEMORY = 20  # decisions from which is learned how long it takes from the end of a search to the decision
 SPARE = 1.25  # times the longest of them is kept free
@@ -27,7 +28,7 @@ class Effort(NamedTuple):
 
 def budget(iterations: int, seconds: float) -> int:
     """The number of passes; with a time budget (s, else inf) more than can be made in it."""
-    return iterations if math.isinf(seconds) else 100 + int(FASTEST * max(seconds, 0.0))
+    return iterations if math.isinf(seconds) else min(100 + int(FASTEST * max(seconds, 0.0)), LARGEST)
 
 
 def next_passes(effort: Effort, tree: Tree, made: int) -> int:
