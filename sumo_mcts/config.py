@@ -225,7 +225,10 @@ class PlannerConfig(_Section):
 
     name: Literal["mcts", "paper", "idm", "random", "sumo", "constant"] = "mcts"
     iterations: int = Field(1000, ge=1, le=10_000_000, description="iteration budget of one decision")
-    time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead (not reproducible)")
+    adaptive: bool = Field(True, description="leave out what cannot become the best, and stop when nothing else is left")
+    most_iterations: int | None = Field(None, ge=1, le=10_000_000, description="go on so far while the choice is close; default: no further than `iterations`")
+    close_cost: NonNegative = Field(0.2, description="difference of J up to which another command than the best is close")
+    time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead, from the scene to the decision (not reproducible)")
     enforce_deadline: bool = Field(False, description="a decision later than the time budget, else the period, is not executed (not reproducible)")
     period_s: Positive = Field(0.5, description="decision period")
     step_s: Positive = Field(1.0, description="duration of one action in the tree of planner mcts")
@@ -240,6 +243,12 @@ class PlannerConfig(_Section):
     exploration: NonNegative = Field(0.3, description="const of the UCB equation, on costs normalised to 0..1")
     risk: Literal["expected", "cvar"] = Field("expected", description="what counts of the costs in several hypotheses: their mean, or that of the worst")
     cvar_alpha: Annotated[float, Field(gt=0, le=1)] = Field(0.2, description="cvar: share of the worst that may happen, by weight, whose mean cost counts")
+
+    @model_validator(mode="after")
+    def _most_is_more(self) -> "PlannerConfig":
+        if self.most_iterations is not None and self.most_iterations < self.iterations:
+            raise ValueError(f"most_iterations: at least iterations ({self.iterations}), got {self.most_iterations}")
+        return self
 
 
 class PaperConfig(_Section):

@@ -18,6 +18,7 @@ from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import LANES, Scripted, Told, TrafficParams, predict
 from sumo_mcts.planners.base import Planner, Situation, Task
 from sumo_mcts.planners.baselines import ConstantPlanner, IdmParams, IdmPlanner, RandomPlanner, SumoPlanner
+from sumo_mcts.planners.effort import Effort, Timekeeper
 from sumo_mcts.planners.failsafe import Assumed, FailSafe, nonsense
 from sumo_mcts.planners.mcts import MctsParams, MctsPlanner
 from sumo_mcts.planners.paper import PaperParams, PaperPlanner
@@ -84,6 +85,7 @@ class Driver:
         self._planner = make_planner(config)
         self._period = max(1, round(config.planner.period_s / physics.step)) * physics.step
         self._fail_safe = FailSafe(assumed(config), self._period)
+        self._timekeeper = Timekeeper(time_budget_s(config))
         self._failures = 0  # of the planner, in a row
         self._traffic = _traffic_params(config, physics.step)
         self._route: RouteMap | None = None
@@ -96,6 +98,7 @@ class Driver:
     def decide(self, scene: Scene) -> Thought:
         """Observe, predict, plan, check. Raises PlannerError where the planner failed too often in a row."""
         began = time.perf_counter()
+        until = self._timekeeper.until(began)
         self._keep_route(scene.ego)
         route, state = self._route, self._state(scene)
         if state is None or route is None:
@@ -104,7 +107,7 @@ class Driver:
             return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
         self._note_stop(route, state, scene.time)
         forecast = self._usual_forecast(scene, route, state) if self._planner.needs_forecast or self._config.failsafe.on else None
-        situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), frozenset(self._stood))
+        situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), frozenset(self._stood), until)
         decision, why = self._planned(situation)
         why = why or self._objection(situation, decision, _ms(began))
         if why:
@@ -113,6 +116,7 @@ class Driver:
             decision = self._fail_safe.fall_back(situation, why, decision)
         assert decision is not None, "whatever fails has a reason"
         self._plan, self._command, self._plan_time = decision.plan, decision.command, scene.time
+        self._timekeeper.note(until, time.perf_counter())
         return Thought(decision, forecast, _ms(began), why != "")
 
     def _planned(self, situation: Situation) -> tuple[Decision | None, str]:
@@ -230,7 +234,7 @@ def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
     """Load (the first time: compile) what decisions need, by one that nobody executes; without it the ego's first decision would be late."""
     if config.planner.name not in FORECASTING and not config.failsafe.on:
         return
-    planner = config.planner.model_copy(update={"iterations": 1, "time_budget_ms": None, "enforce_deadline": False})
+    planner = config.planner.model_copy(update={"iterations": 1, "most_iterations": None, "time_budget_ms": None, "enforce_deadline": False})
     checked = config.failsafe.on or config.planner.enforce_deadline
     tried = config.model_copy(update={"planner": planner, "failsafe": config.failsafe.model_copy(update={"on": checked})})
     scene = _still_life(road, physics.step)
@@ -278,9 +282,9 @@ def mcts_params(config: ScenarioConfig) -> MctsParams:
     """The search of planner `mcts`."""
     p = config.planner
     return MctsParams(
-        p.iterations, np.inf if p.time_budget_ms is None else p.time_budget_ms / 1000.0, p.period_s, p.step_s, p.look_ahead_steps, p.rollout_steps, p.check_s,
+        Effort(p.iterations, max(p.iterations, p.most_iterations or 0), p.close_cost), p.period_s, p.step_s, p.look_ahead_steps, p.rollout_steps, p.check_s,
         p.accelerations_mps2, p.lane_change_accelerations_mps2, p.later_accelerations_mps2, p.later_lane_change_accelerations_mps2, p.exploration, p.reactive,
-        p.cvar_alpha if p.risk == "cvar" else 1.0,
+        p.cvar_alpha if p.risk == "cvar" else 1.0, p.adaptive,
     )  # fmt: skip
 
 
@@ -311,13 +315,18 @@ def assumed(config: ScenarioConfig) -> Assumed:
 
 def deadline_s(config: ScenarioConfig, period: float) -> float:
     """When a decision is late, s: the time budget if there is one, else the decision period (s)."""
-    return period if config.planner.time_budget_ms is None else config.planner.time_budget_ms / 1000.0
+    return period if config.planner.time_budget_ms is None else time_budget_s(config)
+
+
+def time_budget_s(config: ScenarioConfig) -> float:
+    """The time budget of a decision, s; inf: none."""
+    return math.inf if config.planner.time_budget_ms is None else config.planner.time_budget_ms / 1000.0
 
 
 def _paper_params(config: ScenarioConfig) -> PaperParams:
     p = config.paper
     return PaperParams(
-        config.planner.iterations, np.inf if config.planner.time_budget_ms is None else config.planner.time_budget_ms / 1000.0, p.step_s,
+        config.planner.iterations, p.step_s,
         p.look_ahead_steps, p.rollout_steps, config.planner.check_s, p.accelerations_mps2, p.lane_change_accelerations_mps2, p.exploration,
         p.brake_probability, p.accelerate_probability, p.weight_safety, p.weight_comfort, p.weight_passability, p.weight_other, p.safety_threshold_m,
         p.contact_cost, p.jerk_factor, p.goal_distance_m, p.lane_distance_m, p.goal_factor, p.junction_penalty, p.lane_change_cost, p.stop_cost, p.turn_cost,

@@ -37,7 +37,7 @@ class Recorder:
         return {
             "decision_flips": _flips([decision.plan for decision in decisions]),
             "failsafe_interventions": sum(thought.intervened for thought in self._thoughts),
-            "iterations_per_decision": config.planner.iterations if searched else None,
+            "iterations_per_decision": config.planner.iterations if searched and config.planner.time_budget_ms is None else None,
             "iterations": sum(decision.iterations for decision in decisions),
             "cycles": len(decisions),
             "deadline_s": deadline,

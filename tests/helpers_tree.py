@@ -63,6 +63,11 @@ def before_a_light(shows: int, distance: float = 60.0, v: float = 12.0) -> Toy:
     return Toy(road, scene_of(ego_at(road, "a_0", 200.0 - distance, v, route=edges(road, "a", "b")), road, signals=lights(shows)))
 
 
+def steady(toy: Toy) -> Toy:
+    """The same with a search that tries everything until its passes are made, and draws its rollouts."""
+    return toy._replace(sets=(*toy.sets, "planner.adaptive=false"))
+
+
 TOYS = {
     "free": on_three_lanes(),
     "traffic": on_three_lanes(None, Agent("ahead", "a_1", 130.0, 6.0), Agent("beside", "a_2", 98.0, 11.0), Agent("behind", "a_0", 80.0, 13.0)),
@@ -83,7 +88,7 @@ def grow(toy: Toy, iterations: int, seed: int = 1) -> Grown:
     actions = actions_of(mcts_params(config))
     q = in_steps(mcts_params(config), task.ego.step, local.dt)
     tree = new_tree(iterations + 2, len(actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
-    done, known = search(tree, local, task.ego, task.cost, q, actions, root, iterations, np.random.Generator(np.random.PCG64(seed)))
+    done, known = search(tree, local, task.ego, task.cost, q, actions, root, iterations, math.inf, np.random.Generator(np.random.PCG64(seed)))
     return Grown(tree, local, task, q, actions, root, int(done), int(known))
 
 
@@ -114,8 +119,8 @@ def rough(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def small_trees(iterations: int = 150) -> dict[str, Any]:
-    """The toys' trees after a few passes."""
-    return {name: plain(grow(toy, iterations)) for name, toy in TOYS.items()}
+    """The toys' trees after a few passes, and without adapting."""
+    return {name: plain(grow(toy, iterations)) for name, toy in (*TOYS.items(), *((f"{name}-steady", steady(toy)) for name, toy in TOYS.items()))}
 
 
 if __name__ == "__main__":

@@ -141,6 +141,7 @@ OPTIONS = [
     (("run", "good.yaml", "--planner", "alphazero"), "good.yaml: planner.name"),
     (("run", "good.yaml", "--prediction", "oracle"), "good.yaml: prediction.name"),
     (("run", "good.yaml", "--time-budget", "-1"), "good.yaml: planner.time_budget_ms: Input should be greater than 0"),
+    (("run", "good.yaml", "--set", "planner.most_iterations=10"), "good.yaml: planner: most_iterations: at least iterations (1000), got 10"),
     (("run", "good.yaml", "--time-limit", "nan"), "Input should be a finite number, got 'nan'"),
     (("run", "good.yaml", "--ego-until", "to_nowhere"), "good.yaml: egos: ego: until: the network has no edge to_nowhere"),
     (("run", "good.yaml", "--gui"), "--gui: no display"),

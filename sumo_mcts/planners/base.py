@@ -1,5 +1,6 @@
 """What every planner is given, and what it has to return."""
 
+import math
 from typing import NamedTuple, Protocol
 
 from sumo_mcts.model.cost import CostParams
@@ -27,6 +28,7 @@ class Situation(NamedTuple):
     state: State
     forecast: Forecast
     cleared: frozenset[int]  # route nodes at whose stop sign the ego has stood
+    until: float = math.inf  # time.perf_counter() at which a search has to end; inf: iterations count
 
 
 def local_of(task: Task, situation: Situation, reactive: int = 0, hypothesis: int = 0) -> Local:

@@ -10,19 +10,16 @@ from sumo_mcts.model.ego import FOLLOW
 from sumo_mcts.model.local import Local, State
 from sumo_mcts.model.react import at_rest
 from sumo_mcts.planners.base import Situation, Task, local_of
-from sumo_mcts.planners.risk import effort, risk
+from sumo_mcts.planners.effort import Effort, budget, next_passes, next_passes_in_time, part
+from sumo_mcts.planners.risk import risk, shares
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, LOST, SearchParams, Tree, entry_of, new_tree, replay, search, search_params, side_of
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
-
-SLICE = 20_000  # passes after which an interrupt from the keyboard is heard
-TIMED_SLICE = 100  # passes between looks at the clock
 
 
 class MctsParams(NamedTuple):
     """See config.PlannerConfig."""
 
-    iterations: int
-    time_budget_s: float  # inf: none
+    effort: Effort
     period_s: float
     step_s: float
     look_ahead_steps: int
@@ -35,6 +32,7 @@ class MctsParams(NamedTuple):
     exploration: float
     reactive: int
     worst_share: float  # of what may happen, whose mean cost counts; 1: the expected cost
+    adaptive: bool
 
 
 class Way(NamedTuple):
@@ -64,15 +62,17 @@ class MctsPlanner:
         """Search from the present state; where the last plan, carried on, is no worse than what was found, it goes on."""
         p, task = self._params, self._task
         local = local_of(task, situation, p.reactive)
+        share = shares(situation.forecast.weight, p.effort.iterations, len(self._actions))
         q = in_steps(p, task.ego.step, local.dt)
-        tree = new_tree(p.iterations + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
-        share = effort(situation.forecast.weight, p.iterations, len(self._actions))
-        done, known = self._search(tree, local, q, situation.state, share[0])
-        found = _children(tree, local, task, q, self._actions, situation.state, tree.others[0])
-        carried = _carried(local, task, q, situation.state, tree.others[0], self._remaining(situation.scene.time, round(q.horizon / task.ego.step)), p.period_s)
+        if len(share) > 1:
+            q = q._replace(adaptive=False)  # it needs the best of every action, not the best of all
+        others = at_rest(local, p.reactive)
+        carried = _carried(local, task, q, situation.state, others, self._remaining(situation.scene.time, round(q.horizon / task.ego.step)), p.period_s)
+        tree, done, known = self._search(local, q, situation, share, math.inf if carried is None else carried.child.best)
+        found = _children(tree, local, task, q, self._actions, situation.state, others)
         found += [carried] if carried is not None else []
         if len(share) > 1:
-            found, more = self._weighed(situation, q, found, share)
+            found, *more = self._weighed(situation, q, found, share)
             done, known = done + more[0], known + more[1]
         chosen = min(range(len(found)), key=lambda i: (found[i].child.best, -i))
         if found[chosen].child.terms[4] > 0.0:  # nothing is free: what counts is how bad the contact is
@@ -82,7 +82,7 @@ class MctsPlanner:
         reason = "brake" if child.terms[4] > 0.0 else "carried on" if carried is not None and chosen == len(found) - 1 else "search"
         return Decision(Follow(plan.v, child.lane_change), plan, tuple(way.child for way in found), chosen, reason, done, known)
 
-    def _weighed(self, situation: Situation, q: SearchParams, found: list[Way], share: Floats) -> tuple[list[Way], tuple[int, int]]:
+    def _weighed(self, situation: Situation, q: SearchParams, found: list[Way], share: Floats) -> tuple[list[Way], int, int]:
         """The ways with the risk over all hypotheses as their cost; the others are searched here. And the passes that took."""
         p, task, state = self._params, self._task, situation.state
         cost = np.empty((len(found), len(share)))
@@ -90,25 +90,29 @@ class MctsPlanner:
         done = known = 0
         for h in range(1, len(share)):
             local = local_of(task, situation, p.reactive, h)
-            tree = new_tree(int(p.iterations * share[h]) + 2, len(self._actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
-            more = self._search(tree, local, q, state, share[h])
+            tree, *more = self._search(local, q, situation, share[h:], math.inf)
             done, known = done + more[0], known + more[1]
             cost[:, h] = [_cost_in(tree, local, task, q, self._actions, state, way) for way in found]
         weight = situation.forecast.weight[: len(share)]
         worth = risk(cost, weight / weight.sum(), p.worst_share)
-        return [way._replace(child=way.child._replace(best=float(value))) for way, value in zip(found, worth, strict=True)], (done, known)
+        return [way._replace(child=way.child._replace(best=float(value))) for way, value in zip(found, worth, strict=True)], done, known
 
-    def _search(self, tree: Tree, local: Local, q: SearchParams, state: State, share: float) -> tuple[int, int]:
-        """Passes until a share of the budget is spent: to the horizon, and to a known terminal node."""
-        p, task = self._params, self._task
+    def _search(self, local: Local, q: SearchParams, situation: Situation, share: Floats, beat: float) -> tuple[Tree, int, int]:
+        """A tree with the first `share` of the effort, of those that are left; its passes to the horizon, and to a known terminal node.
+
+        `beat`: the J of the last plan, carried on.
+        """
+        p, task, began = self._params, self._task, time.perf_counter()
+        effort, until = part(p.effort, share[0]), began + (situation.until - began) * share[0] / share.sum()
+        size = 2 + budget(effort.most, until - began)
+        tree = new_tree(size, len(self._actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
         done = known = 0
-        timed = p.time_budget_s < math.inf
-        passes, end = int(p.iterations * share), time.perf_counter() + p.time_budget_s * share
-        while done + known < passes and not tree.dead[0] and (not timed or time.perf_counter() < end):
-            count = min(TIMED_SLICE if timed else SLICE, passes - done - known)
-            more = search(tree, local, task.ego, task.cost, q, self._actions, state, count, self._rng)
+        while count := _count(effort, tree, done + known, began, until):
+            more = search(tree, local, task.ego, task.cost, q, self._actions, situation.state, count, beat, self._rng)
+            if more == (0, 0):  # nothing is left to try, or no room for it
+                break
             done, known = done + more[0], known + more[1]
-        return done, known
+        return tree, done, known
 
     def _remaining(self, now: float, steps: int) -> Floats:
         """What is left of the last line, with car following up to `steps`; empty where there is none."""
@@ -117,9 +121,17 @@ class MctsPlanner:
         return np.concatenate([left, np.full(steps - len(left), FOLLOW)]) if 0 < begin < len(self._line) else np.zeros(0)
 
 
+def _count(effort: Effort, tree: Tree, made: int, began: float, until: float) -> int:
+    """How many passes come next; no clock is asked unless there is a time budget."""
+    if math.isinf(until):
+        return next_passes(effort, tree, made)
+    now = time.perf_counter()
+    return next_passes_in_time(tree, made, now - began, until - now)
+
+
 def in_steps(p: MctsParams, step: float, forecast_dt: float) -> SearchParams:
     """The search's times in steps of the simulation (`step` and `forecast_dt` in s)."""
-    return search_params(step, forecast_dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration)
+    return search_params(step, forecast_dt, p.step_s, p.check_s, p.look_ahead_steps, p.rollout_steps, p.exploration, p.adaptive)
 
 
 def actions_of(p: MctsParams) -> Floats:

@@ -13,18 +13,18 @@ from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, index_at
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
 from sumo_mcts.planners.base import Situation, Task, local_of
+from sumo_mcts.planners.effort import SLICE, budget
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.scene import LEFT, RIGHT, Bools, Decision, Floats, Follow, Plan, RootChild
 
 EMERGENCY = -8.0  # m/s2, when every action was discarded
-SLICE = 100  # iterations between looks at the clock
+TIMED_SLICE = 20  # iterations between looks at the clock
 
 
 class PaperParams(NamedTuple):
     """See config.PaperConfig."""
 
     iterations: int
-    time_budget_s: float
     step_s: float
     look_ahead_steps: int
     rollout_steps: int
@@ -120,11 +120,11 @@ class PaperPlanner:
         local = local_of(task, situation)
         weights = _weights(p, task.ego.step)
         guide = _guide(task, situation.state, p.goal_distance, p.lane_distance)
-        tree = _new_tree(min(p.iterations, _full_size(len(self._actions), p.look_ahead_steps)) * len(self._actions) + 2, len(self._actions))
-        end = time.perf_counter() + p.time_budget_s
+        most = budget(p.iterations, situation.until - time.perf_counter())
+        tree = _new_tree(min(most, _full_size(len(self._actions), p.look_ahead_steps)) * len(self._actions) + 2, len(self._actions))
         done = 0
-        while done < p.iterations and (done == 0 or time.perf_counter() < end):
-            count = p.iterations if math.isinf(p.time_budget_s) else min(SLICE, p.iterations - done)
+        while done < most and (done == 0 or time.perf_counter() < situation.until):
+            count = min(SLICE if math.isinf(situation.until) else TIMED_SLICE, most - done)
             _search(tree, local, task.ego, weights, self._actions, situation.state, guide, count, self._rng)
             done += count
         return self._decision(tree, local, weights, situation, done)

@@ -17,7 +17,7 @@ def risk(cost: Floats, weight: Floats, share: float) -> Floats:
     return np.asarray((np.take_along_axis(cost, order, axis=1) * taken).sum(axis=1) / taken.sum(axis=1))
 
 
-def effort(weight: Floats, iterations: int, actions: int) -> Floats:
+def shares(weight: Floats, iterations: int, actions: int) -> Floats:
     """[H'] share of the iterations for each hypothesis: half by weight, half equally, since an unlikely one decides too if it is bad enough.
 
     Unlikely hypotheses for which the iterations would not suffice to try every action are left out.

@@ -15,7 +15,7 @@ from sumo_mcts.model.route import LIMIT, Indices
 from sumo_mcts.scene import Bools, Floats
 
 NONE = -1  # no child, no parent
-IMPOSSIBLE = -2  # an action that cannot be taken there, or leads to the same state as another
+IMPOSSIBLE = -2  # an action that cannot be taken there, leads to the same state as another, or (adaptive) is too dear already
 ALIVE, LOST, ARRIVED = range(3)
 
 
@@ -29,6 +29,7 @@ class SearchParams(NamedTuple):
     rollout: int  # further actions
     exploration: float
     horizon: float  # s
+    adaptive: bool  # leave out what cannot be better than the best known
 
 
 class Tree(NamedTuple):
@@ -40,7 +41,7 @@ class Tree(NamedTuple):
     visits: Indices  # [M]
     total: Floats  # [M] sum of the costs J backed up
     best: Floats  # [M] lowest J found below
-    dead: Bools  # [M] nothing below is left to try: lost, arrived, or all children dead
+    dead: Bools  # [M] nothing below is left to try: lost, arrived, all children dead, or (adaptive) nothing better can be there
     end: Indices  # [M] ALIVE, LOST or ARRIVED
     where: Indices  # [M, 2] State.node and State.other
     motion: Floats  # [M, 5] State.s, v, a, progress, turn
@@ -68,11 +69,13 @@ class Ply(NamedTuple):
     loss: float  # where LOST
 
 
-def search_params(step: float, forecast_dt: float, ply_s: float, check_s: float, look_ahead: int, rollout: int, exploration: float) -> SearchParams:
+def search_params(
+    step: float, forecast_dt: float, ply_s: float, check_s: float, look_ahead: int, rollout: int, exploration: float, adaptive: bool
+) -> SearchParams:
     """Times in seconds to steps of the simulation; a step longer than the forecast's gets several checks."""
     ply = max(1, round(ply_s / step))
     check, checks = (0, max(1, round(step / forecast_dt))) if step > forecast_dt + 1e-9 else (max(1, round(check_s / step)), 1)
-    return SearchParams(ply, check, checks, look_ahead, rollout, exploration, (look_ahead + rollout) * ply * step)
+    return SearchParams(ply, check, checks, look_ahead, rollout, exploration, (look_ahead + rollout) * ply * step, adaptive)
 
 
 def new_tree(size: int, actions: int, plies: int, others: Floats) -> Tree:
@@ -137,10 +140,10 @@ def simulate(
 
 @kernel
 def search(
-    tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats, root: State, iterations: int, rng: Generator
+    tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats, root: State, iterations: int, beat: float, rng: Generator
 ) -> tuple[int, int]:
     """Grow the tree from the state `root` by up to `iterations` passes. `actions` [A, 3]: acceleration, lane change, 1 where it
-    is tried below the root too.
+    is tried below the root too. `beat`: the J of a sequence that is known without the tree; inf: none.
 
     Returns (passes that simulated to the horizon, passes that ended in a known terminal node). The lower its J, the better a node;
     node values are the best J below (the model is deterministic, and a mean would punish nodes with many bad children: a standing ego).
@@ -150,15 +153,17 @@ def search(
     line = tree.line
     done, known = 0, 0
     while done + known < iterations and not tree.dead[0]:
-        node = _select(tree, q)
+        node = _select(tree, c, q, beat)
         if tree.level[node] == q.look_ahead:
             j = _rollout(tree, local, p, c, q, node, line, rng)
             done += 1
             _back_up(tree, actions, node, j, line)
+            if q.adaptive and tree.visits[node] >= 3 + 4 * q.rollout:  # every continuation was driven, see _continuation
+                _bury(tree, node)
             continue
         if tree.used[0] >= len(tree.parent):
             break
-        child = _expand(tree, local, p, c, q, actions, node)
+        child = _expand(tree, local, p, c, q, actions, node, beat)
         if child < 0:
             if _exhausted(tree, node):
                 _bury(tree, node)
@@ -208,7 +213,14 @@ def state_of(tree: Tree, i: int) -> State:
 
 
 @kernel
-def _select(tree: Tree, q: SearchParams) -> int:
+def _hopeless(tree: Tree, c: CostParams, q: SearchParams, cost: float, beat: float) -> bool:
+    """Whether a sequence that has cost this much already cannot become the best: costs only add up. Where even the best may be lost all count."""
+    known = min(tree.best[0], beat)
+    return q.adaptive and known < 0.5 * c.contact and cost >= known
+
+
+@kernel
+def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
     """Down from the root by UCB1 on best values, to a node with an untried action or on the last level."""
     low = tree.best[0]
     high = low + 1.0
@@ -225,6 +237,9 @@ def _select(tree: Tree, q: SearchParams) -> int:
                 return node
             if i < 0 or tree.dead[i]:
                 continue
+            if _hopeless(tree, c, q, tree.cost[i].sum(), beat):
+                tree.dead[i] = True
+                continue
             worth = -min((tree.best[i] - low) / (high - low), 1.0)
             score = worth + q.exploration * math.sqrt(2.0 * math.log(tree.visits[node] + 1.0) / tree.visits[i])
             if score > top:
@@ -236,7 +251,7 @@ def _select(tree: Tree, q: SearchParams) -> int:
 
 
 @kernel
-def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats, node: int) -> int:
+def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats, node: int, beat: float) -> int:
     """Try the next action of a node. Returns the new child, or IMPOSSIBLE."""
     k = 0
     while k < tree.child.shape[1] and tree.child[node, k] != NONE:
@@ -258,7 +273,10 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     ply = simulate(
         local, p, c, q, state, tree.moving, tree.followers[node], tree.leader[node, 0], tree.leader[node, 1], actions[k, 0], tree.level[node] * q.ply
     )
-    if side == 0 and _known(tree, node, k, ply.state):
+    dear = (
+        tree.level[node] > 0 and ply.end == ALIVE and _hopeless(tree, c, q, tree.cost[node].sum() + ply.safety + ply.comfort + ply.passability + changed, beat)
+    )
+    if dear or (side == 0 and _known(tree, node, k, ply.state)):
         tree.child[node, k] = IMPOSSIBLE
         return IMPOSSIBLE
     i = tree.used[0]
@@ -289,14 +307,11 @@ def _known(tree: Tree, node: int, action: int, state: State) -> bool:
 
 @kernel
 def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, node: int, line: Floats, rng: Generator) -> float:
-    """J of a continuation to the horizon; `line` receives its accelerations. The first from a node follows, the second brakes, later ones do
-    something of both, push, or change lanes."""
+    """J of a continuation to the horizon; `line` receives its accelerations."""
     state, followers = state_of(tree, node), tree.followers[node]
     gap, leader_v = tree.leader[node, 0], tree.leader[node, 1]
     level, last = tree.level[node], q.look_ahead + q.rollout
-    policy = tree.visits[node] if tree.visits[node] < 2 else 1 + int(rng.random() * 5.0)
-    turn = level + int(rng.random() * (last - level)) if policy >= 3 else last
-    way = (1 if rng.random() < 0.5 else -1) if policy == 5 else 0
+    policy, turn, way = _continuation(tree, q, node, rng)
     line[:] = np.nan
     others = tree.moving
     _copy(tree.others[node], others)
@@ -323,6 +338,24 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
             return j
         state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
     return j + terminal(local, c, state, gap, leader_v)
+
+
+@kernel
+def _continuation(tree: Tree, q: SearchParams, node: int, rng: Generator) -> tuple[int, int, int]:
+    """What the next rollout from a node does: policy, the level at which it turns to something else, and the side of a lane change there.
+
+    The first follows (0), the second brakes (1). Later ones are drawn, or taken one after the other where the search is adaptive: slow down first (2),
+    follow and then brake (3), push and then follow (4), change lanes (5). Only nodes on the last level have later ones.
+    """
+    level, last, visits = tree.level[node], q.look_ahead + q.rollout, tree.visits[node]
+    if visits < 2:
+        return visits, last, 0
+    if q.adaptive:
+        turn, which = level + (visits - 3) // 4, (visits - 3) % 4
+        return (2, last, 0) if visits == 2 else (5, turn, 2 * which - 5) if which >= 2 else (4 - which, turn, 0)
+    policy = 1 + int(rng.random() * 5.0)
+    turn = level + int(rng.random() * (last - level)) if policy >= 3 else last
+    return policy, turn, (1 if rng.random() < 0.5 else -1) if policy == 5 else 0
 
 
 @kernel
@@ -405,7 +438,7 @@ def replay(
     """
     meeting = meet(local, p, c, root, others, local.followers, 0.0, 0)
     state, followers, gap, leader_v = root, meeting.followers, meeting.gap, meeting.leader_v
-    one = SearchParams(1, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon)
+    one = SearchParams(1, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon, False)
     terms[:] = 0.0
     for at in range(len(line)):
         side = side_of(line[at])

@@ -1,16 +1,18 @@
 """The paper's planner: what holds in every tree, and its UCB equation against a computation by hand."""
 
 import math
+import time
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers import Agent, Lane, build, edges, ego_at
-from helpers_model import lanes_east, local_of, scenario, scene_of, situation_of, task_of
+from helpers_model import lanes_east, scenario, scene_of, situation_of, task_of
 from helpers_tree import TOYS, Toy, mirrored, on_three_lanes
 
 from sumo_mcts.driver import make_planner
 from sumo_mcts.planners import paper
+from sumo_mcts.planners.paper import TIMED_SLICE
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.scene import Decision, Follow, RoadMap
 
@@ -180,9 +182,10 @@ def test_it_changes_lanes_before_a_standing_obstacle_and_brakes_before_a_wall() 
 
 
 def test_time_and_iterations_bound_the_search() -> None:
-    task = task_of(TOYS["free"].road, TOYS["free"].scene.ego)
-    local_of(task, TOYS["free"].scene)
-    _, decision = plan(TOYS["free"], "planner.time_budget_ms=0.001", "planner.iterations=1000000")
-    assert 0 < decision.iterations <= 100
-    _, decision = plan(TOYS["free"], "planner.iterations=7")
-    assert decision.iterations == 7
+    toy = TOYS["free"]
+    task, planner = task_of(toy.road, toy.scene.ego), make_planner(scenario("planner.name=paper", "planner.iterations=7"))
+    planner.start(task, 1)
+    situation = situation_of(task, toy.scene)
+    assert planner.plan(situation).iterations == 7
+    assert planner.plan(situation._replace(until=time.perf_counter() + 0.05)).iterations > 100  # iterations do not count then
+    assert planner.plan(situation._replace(until=time.perf_counter() - 1.0)).iterations == TIMED_SLICE  # an answer in any case

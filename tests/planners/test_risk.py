@@ -18,7 +18,7 @@ from sumo_mcts.episode import run_episode
 from sumo_mcts.model.intentions import together
 from sumo_mcts.model.traffic import FORCES, Intent, Told, predict
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.risk import effort, risk
+from sumo_mcts.planners.risk import risk, shares
 from sumo_mcts.records import load_trace, save_trace
 from sumo_mcts.reporting.birdseye import storyboard
 from sumo_mcts.scene import Decision, Floats, Follow
@@ -57,7 +57,7 @@ def test_certainty_is_the_single_hypothesis(cost: Floats, share: float) -> None:
 @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=8), st.integers(1, 3000), st.integers(1, 20))
 def test_effort(weights: list[float], iterations: int, actions: int) -> None:
     weight = np.array(sorted(weights, reverse=True)) / sum(weights)
-    share = effort(weight, iterations, actions)
+    share = shares(weight, iterations, actions)
     assert share.sum() == pytest.approx(1.0) and np.all(np.diff(share) <= 1e-12)
     assert 1 <= len(share) <= len(weight)
     assert len(share) == 1 or share.min() * iterations >= actions - 1e-6
