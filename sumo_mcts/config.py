@@ -167,7 +167,7 @@ class EgoModelConfig(_Section):
 class PlannerConfig(_Section):
     """The search."""
 
-    name: Literal["mcts", "paper", "idm", "random", "sumo", "constant"] = "mcts"
+    name: Literal["mcts", "paper", "idm", "random", "sumo", "constant", "exhaustive"] = "mcts"
     iterations: int = Field(1000, ge=1, le=10_000_000, description="iteration budget of one decision")
     time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead (not reproducible)")
     enforce_deadline: bool = Field(False, description="a decision later than the time budget, else the period, is not executed (not reproducible)")

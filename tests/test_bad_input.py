@@ -72,7 +72,7 @@ SCENARIOS = {
     "weight-text": "cost.headway: Input should be a valid number, unable to parse string as a number, got 'heavy'",
     "weight-nan": "cost.headway: Input should be a finite number, got nan",
     "weight-negative": "cost.jerk: Input should be greater than or equal to 0, got -1",
-    "planner-unknown": "planner.name: Input should be 'mcts', 'paper', 'idm', 'random', 'sumo' or 'constant', got 'alphazero'",
+    "planner-unknown": "planner.name: Input should be 'mcts', 'paper', 'idm', 'random', 'sumo', 'constant' or 'exhaustive', got 'alphazero'",
     "sensor-negative": "sensor.position_error_m: Input should be greater than or equal to 0, got -0.3",
     "sensor-nan": "sensor.speed_error_mps: Input should be a finite number, got nan",
     "sensor-share": "sensor.drop_probability: Input should be less than or equal to 1, got 3",

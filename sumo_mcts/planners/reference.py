@@ -1,0 +1,464 @@
+"""The reference problem that near-optimality is measured against (docs/measures.md), and its solution: ply by ply, whatever the ego can do.
+
+The numbers in this file are frozen: they say what is compared, not what is best, and follow no configuration. Whoever changes one of them makes
+regrets of before and after incomparable; `digest` tells.
+"""
+
+import hashlib
+import json
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_mcts.model.cost import PICK_UP, CostParams, meet, place_is_free, step_comfort, terminal
+from sumo_mcts.model.ego import COMMANDED, FOLLOW, EgoParams, begin_change, can_change
+from sumo_mcts.model.kernel import kernel, making_arrays
+from sumo_mcts.model.local import Local, State, index_at
+from sumo_mcts.model.react import at_rest
+from sumo_mcts.model.route import LIMIT, Indices
+from sumo_mcts.planners.base import Situation, Task, local_of
+from sumo_mcts.planners.tree import ALIVE, LOST, SearchParams, entry_of, search_params, side_of, simulate
+from sumo_mcts.scene import Bools, Floats, Follow
+
+COST = CostParams(
+    contact=60.0, speed_at_contact=1.0, headway_s=1.2, headway_gap=2.0, headway=1.5, claim_s=1.6, claim=16.0, margin_m=0.4, margin=1.0, acceleration=0.02,
+    jerk=0.005, braking=0.5, progress=1.0, tail_s=8.0, blocking=0.3, route=0.5, lane_change=0.6, red=100.0, cut_in_decel=3.0, imposed=2.0,
+)  # fmt: skip
+KEEPING = (FOLLOW, -8.0, -4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.6)  # accelerations in the lane, m/s2
+CHANGING = (-1.5, 0.0, 1.5)  # accelerations that begin a lane change to the left or right, m/s2
+ENDS_S = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)  # when one action ends and the next begins, s
+CHECK_S = 0.2  # s between collision checks
+REACTIVE = 8  # agents that react inside the search
+SCALE_DECEL = 4.0  # m/s2: a second of it is the scale of regret
+
+LABELS = 200  # that are kept for each beginning and ply
+CELL = (0.25, 0.25, 0.5, 0.05, 0.5, 0.5)  # m, m/s, m/s2, progress; of agents that react: forecast times, m/s. Labels in a cell count as one
+KIND = (5.0, 1.0)  # m, m/s
+PRIMES = (2147483647, 2147483629)
+
+
+class Labels(NamedTuple):
+    """M states at the end of a ply, each with the cheapest way found to it. R agents that react, P plies."""
+
+    where: Indices  # [M, 2] State.node and State.other
+    motion: Floats  # [M, 5] State.s, v, a, progress, turn
+    followers: Indices  # [M]
+    leader: Floats  # [M, 2] gap (m) and speed of the leader
+    others: Floats  # [M, R, 2] see model/react.py
+    cost: Floats  # [M] so far
+    bound: Floats  # [M] no continuation costs less in the end
+    key: Indices  # [M] the cell
+    kind: Indices
+    rank: Indices  # [M] how many cheaper ones there are of the kind
+    line: Floats  # [M, P] entries (see tree.entry_of) that led here
+
+
+class Rest(NamedTuple):
+    """What the bound needs to know: no way can be faster than this."""
+
+    limit: float  # the lowest speed limit ahead, m/s; inf: the route may end before the horizon, and the costs with it
+    accel: float  # m/s2
+
+
+class Problem(NamedTuple):
+    """The reference problem in one state. A actions that can begin there, P plies."""
+
+    task: Task  # with the frozen cost
+    local: Local
+    state: State
+    others: Floats  # [R, 2] the agents that react, as they are now
+    q: SearchParams
+    ends: Indices  # [P] steps of the simulation at which plies end
+    actions: Floats  # [A, 2] acceleration, lane change
+
+
+class Solution(NamedTuple):
+    """C beginnings, each with its best continuation."""
+
+    value: Floats  # [C] cost of the whole way; of ways without a loss as far as there are any
+    collides: Bools  # [C] no way without a loss was found
+    way: Floats  # [C, P] its entries; the first is the beginning itself: nan
+    driven: int  # actions that were simulated
+
+
+def digest() -> str:
+    """SHA-256 of all numbers above: what regrets depend on beside the model."""
+    numbers = (COST._asdict(), KEEPING, CHANGING, ENDS_S, CHECK_S, REACTIVE, SCALE_DECEL, LABELS, CELL, KIND)
+    return hashlib.sha256(json.dumps(numbers).encode()).hexdigest()
+
+
+def horizon_s(forecast_dt: float) -> float:
+    """How far the reference looks into a forecast with states `forecast_dt` apart, s."""
+    return ENDS_S[-1] + COST.claim_s + forecast_dt
+
+
+def scale(ego: EgoParams) -> float:
+    """What a second of braking with SCALE_DECEL costs: the unit of regret."""
+    braking = State(0, 0.0, 10.0, -SCALE_DECEL, 0.0, -1, 0.0)
+    return step_comfort(ego, COST, braking, braking) / ego.step
+
+
+def problem_of(task: Task, situation: Situation) -> Problem:
+    """The reference problem in a situation: the ego's motion is the task's own, all else is frozen."""
+    ego = task.ego._replace(headway=COST.headway_s, gap=COST.headway_gap)
+    task, step = task._replace(ego=ego, cost=COST), ego.step
+    local = local_of(task, situation, REACTIVE)
+    ends = np.unique([max(1, math.floor(end / step + 0.5)) for end in ENDS_S])
+    q = search_params(step, local.dt, ENDS_S[0], CHECK_S, len(ends), 0, 0.0)._replace(horizon=float(ends[-1]) * step)
+    all_actions = actions()
+    possible = [side == 0.0 or _may_change(local, ego, COST, situation.state, int(side), 0) for side in all_actions[:, 1]]
+    return Problem(task, local, situation.state, at_rest(local, REACTIVE), q, ends, all_actions[possible])
+
+
+def actions() -> Floats:
+    """[A, 2] acceleration and lane change of every action."""
+    return np.array([(accel, 0.0) for accel in KEEPING] + [(accel, side) for side in (1.0, -1.0) for accel in CHANGING])
+
+
+def root_lines(problem: Problem) -> Floats:
+    """[A, K] the actions that can begin now as one entry a step of the first ply."""
+    lines = np.repeat(problem.actions[:, :1], problem.ends[0], axis=1)
+    lines[:, 0] = [entry_of(accel, side) for accel, side in problem.actions]
+    return lines
+
+
+def profile_line(problem: Problem, command: Follow) -> Floats:
+    """[K] the commanded speeds of the first ply, whatever they are; a profile that is too short keeps its last speed."""
+    steps = int(problem.ends[0])
+    line = COMMANDED + np.append(command.speeds[:steps], np.full(max(0, steps - len(command.speeds)), command.speeds[-1]))
+    line[0] = entry_of(line[0], float(command.lane_change))
+    return line
+
+
+def solve(problem: Problem, lines: Floats, labels: int = LABELS, cell: tuple[float, ...] = CELL) -> Solution:
+    """The best continuation of each beginning in `lines` [C, K], with at most so many labels for each and ply."""
+    count, plies, rows = len(lines), len(problem.ends), labels * len(actions()) + 1
+    best, way, driven = np.full((count, 2), np.inf), np.full((count, plies), np.nan), np.zeros(1, np.int64)
+    starts, now, then = (_new_labels(size, plies, problem.others) for size in (count, labels, rows))
+    table = np.zeros(1 << (2 * rows).bit_length(), np.int64)
+    _solve(
+        problem.local, problem.task.ego, COST, problem.q, problem.ends, actions(), problem.state, problem.others, problem.others.copy(), _rest(problem), lines,
+        labels, np.array(cell), starts, now, then, table, best, way, driven,
+    )  # fmt: skip
+    collides = np.isinf(best[:, 0])
+    return Solution(np.where(collides, best[:, 1], best[:, 0]), collides, way, int(driven[0]))
+
+
+def best_root(solution: Solution, count: int | None = None) -> int:
+    """The beginning, of the first `count`, that is free of losses if any is, and of these the cheapest."""
+    return int(np.lexsort((solution.value[:count], solution.collides[:count]))[0])
+
+
+def steps_of(problem: Problem, line: Floats, way: Floats) -> Floats:
+    """A beginning [K] and its continuation [P] as one entry a step of the simulation; it ends where the way does."""
+    parts = [line]
+    for entry, steps in zip(way[1:], np.diff(problem.ends), strict=True):
+        if np.isnan(entry):
+            break
+        part = np.full(steps, entry_of(entry, -side_of(entry)))
+        part[0] = entry
+        parts.append(part)
+    return np.concatenate(parts)
+
+
+def _new_labels(size: int, plies: int, others: Floats) -> Labels:
+    return Labels(
+        np.zeros((size, 2), np.int64), np.zeros((size, 5)), np.zeros(size, np.int64), np.zeros((size, 2)), np.zeros((size, *others.shape)), np.zeros(size),
+        np.zeros(size), np.zeros(size, np.int64), np.zeros(size, np.int64), np.zeros(size, np.int64), np.zeros((size, plies)),
+    )  # fmt: skip
+
+
+def _rest(problem: Problem) -> Rest:
+    """The lowest limit that the ego could come to, and the strongest acceleration."""
+    local, state, p = problem.local, problem.state, problem.task.ego
+    accel = max(p.max_accel, state.a)
+    reach = (state.v + accel * problem.q.horizon) * problem.q.horizon
+    route, window = problem.task.route, np.arange(local.first, local.first + len(local.urgency))
+    ahead = window[route.leg[window] >= route.leg[state.node]]
+    ends = (route.next[ahead] < 0) & np.isinf(route.reach[ahead]) & (route.station[ahead] + route.length[ahead] < route.station[state.node] + state.s + reach)
+    return Rest(math.inf if ends.any() else float(local.node[ahead, LIMIT].min()), accel)
+
+
+# --- compiled ---
+
+
+@making_arrays
+def _solve(
+    local: Local, p: EgoParams, c: CostParams, q: SearchParams, ends: Indices, actions: Floats, root: State, at_root: Floats, moving: Floats, rest: Rest,
+    lines: Floats, budget: int, cell: Floats, starts: Labels, now: Labels, then: Labels, table: Indices,
+    best: Floats, way: Floats, driven: Indices,
+) -> None:  # fmt: skip
+    """best [C, 2]: the lowest cost of the ways without a loss, and of those with one, that begin with each line; way [C, P]: the best of them."""
+    free = np.full(len(ends), FOLLOW)
+    same = np.arange(len(lines))
+    for i in range(len(lines)):
+        end = _begin(local, p, c, q, root, at_root, moving, lines[i], starts, i)
+        same[i] = _same(starts, i)
+        if end != ALIVE:
+            best[i, 1 if end == LOST else 0] = starts.cost[i]
+            same[i] = -1
+        if same[i] < i:  # it is over, or the road and the bounds left no choice
+            continue
+        _drive_on(local, p, c, q, ends, moving, starts, i, 0, free, best[i], way[i], driven)
+        for j in range(i):
+            _drive_on(local, p, c, q, ends, moving, starts, i, 0, way[j], best[i], way[i], driven)
+        _copy(starts, i, now, 0)
+        used = 1
+        for ply in range(1, len(ends)):
+            found = _spread(local, p, c, q, ends, actions, moving, rest, cell, now, used, then, table, ply, best[i], way[i], driven)
+            order = np.argsort(then.bound[:found], kind="mergesort")  # stable: the same without compilation
+            if found > budget:
+                _rank(then, order, table)
+                order = order[np.argsort(then.rank[order], kind="mergesort")]
+            used = 0
+            for k in order[:budget]:
+                if then.bound[k] < best[i, 0]:
+                    _copy(then, k, now, used)
+                    used += 1
+            if used == 0:
+                break
+            _drive_on(local, p, c, q, ends, moving, now, 0, ply, free, best[i], way[i], driven)
+    for i in range(len(lines)):  # what was found for one beginning may be good for another
+        for j in range(len(lines)):
+            if same[i] == i and j != i and same[j] == j:
+                _drive_on(local, p, c, q, ends, moving, starts, i, 0, way[j], best[i], way[i], driven)
+    for i in range(len(lines)):
+        if 0 <= same[i] < i:
+            best[i], way[i] = best[same[i]], way[same[i]]
+
+
+@kernel
+def _begin(
+    local: Local, p: EgoParams, c: CostParams, q: SearchParams, root: State, at_root: Floats, moving: Floats, line: Floats, labels: Labels, k: int
+) -> int:
+    """Drive the first ply, written step by step, into label k: how it ends."""
+    meeting = meet(local, p, c, root, at_root, local.followers, 0.0, 0)
+    state, followers, gap, leader_v = root, meeting.followers, meeting.gap, meeting.leader_v
+    _set_pairs(moving, at_root)
+    one = SearchParams(1, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon)
+    cost, end = 0.0, ALIVE
+    side = side_of(line[0])
+    if side != 0 and can_change(local, p, state, side):
+        state = begin_change(local, p, state, side)
+        cost += c.lane_change
+    for at in range(len(line)):
+        ply = simulate(local, p, c, one, state, moving, followers, gap, leader_v, entry_of(line[at], -side_of(line[at])), at)
+        cost += ply.safety + ply.comfort + ply.passability + ply.loss
+        state, followers, gap, leader_v, end = ply.state, ply.followers, ply.gap, ply.leader_v, ply.end
+        if end != ALIVE:
+            break
+    labels.line[k], labels.bound[k] = np.nan, cost
+    _write(labels, k, state, followers, gap, leader_v, moving, cost)
+    return end
+
+
+@kernel
+def _same(starts: Labels, i: int) -> int:
+    """The first beginning that comes to the same as the i-th; i: none before it."""
+    for j in range(i):
+        apart = abs(starts.cost[i] - starts.cost[j])
+        for n in range(4):
+            apart = max(apart, abs(starts.motion[i, n] - starts.motion[j, n]))
+        if apart < 1e-6 and starts.where[i, 0] == starts.where[j, 0] and starts.where[i, 1] == starts.where[j, 1]:
+            return j
+    return i
+
+
+@kernel
+def _spread(
+    local: Local, p: EgoParams, c: CostParams, q: SearchParams, ends: Indices, actions: Floats, moving: Floats, rest: Rest, cell: Floats, now: Labels,
+    used: int, then: Labels, table: Indices, ply: int, best: Floats, way: Floats, driven: Indices,
+) -> int:  # fmt: skip
+    """Every action from each of the `used` labels `now`, to the end of the ply. What goes on is left in `then`: returns how many labels; what ends,
+    or comes to the horizon, goes into `best` and `way`."""
+    table[:] = 0
+    found, at, last = 0, int(ends[ply - 1]), ply == len(ends) - 1
+    q = SearchParams(int(ends[ply]) - at, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon)
+    for k in range(used):
+        if now.bound[k] >= best[0]:
+            continue
+        for n in range(len(actions)):
+            state, side, changed = _state(now, k), int(actions[n, 1]), 0.0
+            if side != 0:
+                if not _may_change(local, p, c, state, side, at):
+                    continue
+                state = begin_change(local, p, state, side)
+                changed = c.lane_change
+            _set_pairs(moving, now.others[k])
+            _set(then.line[found], now.line[k])
+            then.line[found, ply] = entry_of(actions[n, 0], actions[n, 1])
+            driven[0] += 1
+            step = simulate(local, p, c, q, state, moving, now.followers[k], now.leader[k, 0], now.leader[k, 1], actions[n, 0], at)
+            cost = now.cost[k] + changed + step.safety + step.comfort + step.passability + step.loss
+            if step.end == ALIVE and not last:
+                bound = cost + _at_least(local, c, rest, step.state.v, (ends[-1] - ends[ply]) * 1.0, p.step)
+                if bound < best[0]:
+                    _write(then, found, step.state, step.followers, step.gap, step.leader_v, moving, cost)
+                    then.bound[found] = bound
+                    found = _merged(then, found, cell, table)
+            else:
+                if step.end == ALIVE:
+                    cost += terminal(local, c, step.state, step.gap, step.leader_v)
+                _note(best, way, step.end, cost, then.line[found])
+    return found
+
+
+@kernel
+def _drive_on(
+    local: Local, p: EgoParams, c: CostParams, q: SearchParams, ends: Indices, moving: Floats, labels: Labels, i: int, ply: int, tail: Floats, best: Floats,
+    way: Floats, driven: Indices,
+) -> None:  # fmt: skip
+    """From label i, at the end of `ply`, to the horizon by the entries of `tail`, with car following where there are none."""
+    state, followers, gap, leader_v, cost = _state(labels, i), labels.followers[i], labels.leader[i, 0], labels.leader[i, 1], labels.cost[i]
+    _set_pairs(moving, labels.others[i])
+    line, end = labels.line[i], ALIVE
+    for k in range(ply + 1, len(ends)):
+        at = int(ends[k - 1])
+        line[k] = FOLLOW if np.isnan(tail[k]) else tail[k]
+        side = side_of(line[k])
+        if side != 0:
+            if _may_change(local, p, c, state, side, at):
+                state = begin_change(local, p, state, side)
+                cost += c.lane_change
+            else:
+                line[k] = entry_of(line[k], -side)
+        one = SearchParams(int(ends[k]) - at, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon)
+        driven[0] += 1
+        step = simulate(local, p, c, one, state, moving, followers, gap, leader_v, entry_of(line[k], -side_of(line[k])), at)
+        cost += step.safety + step.comfort + step.passability + step.loss
+        state, followers, gap, leader_v, end = step.state, step.followers, step.gap, step.leader_v, step.end
+        if end != ALIVE:
+            break
+    if end == ALIVE:
+        cost += terminal(local, c, state, gap, leader_v)
+    _note(best, way, end, cost, line)
+    line[ply + 1 :] = np.nan
+
+
+@kernel
+def _note(best: Floats, way: Floats, end: int, cost: float, line: Floats) -> None:
+    """Keep a way that is over, where it is the best of its kind; one with a loss is shown only as long as there is none without."""
+    kind = 1 if end == LOST else 0
+    if cost < best[kind]:
+        best[kind] = cost
+        if kind == 0 or best[0] == math.inf:
+            _set(way, line)
+
+
+@kernel
+def _at_least(local: Local, c: CostParams, rest: Rest, v: float, steps: float, step: float) -> float:
+    """What `steps` of the simulation and the end cost at least from speed v on: progress lost although the ego accelerates as it can."""
+    if rest.limit == math.inf:
+        return 0.0
+    gain = rest.accel * step
+    n = min(steps, max(0.0, math.floor((rest.limit - v) / gain)))  # steps until the limit
+    lost = step * (n * (1.0 - v / rest.limit) - gain * n * (n + 1.0) / (2.0 * rest.limit)) if n > 0.0 else 0.0
+    missing = max(0.0, local.limit - v - gain * steps) if local.free else 0.0
+    return c.progress * (lost + missing * missing / (2.0 * PICK_UP * local.limit))
+
+
+@kernel
+def _merged(labels: Labels, new: int, cell: Floats, table: Indices) -> int:
+    """Label `new` among the others: of two in a cell the cheaper one stays. `table`: row + 1 by hash, 0 free. Returns the number of labels."""
+    key = _key(labels, new, cell)
+    labels.key[new] = key
+    slot = key % len(table)
+    while table[slot] != 0:
+        k = table[slot] - 1
+        if labels.key[k] == key:
+            if labels.cost[new] < labels.cost[k]:
+                _copy(labels, new, labels, k)
+            return new
+        slot = (slot + 1) % len(table)
+    table[slot] = new + 1
+    return new + 1
+
+
+@kernel
+def _rank(labels: Labels, order: Indices, table: Indices) -> None:
+    """Number the labels of each kind (lane, place and speed, roughly) in this order. One of each comes before the second of any: what is dear now may
+    be cheap in the end."""
+    table[:] = 0
+    for k in order:
+        kind = _kind(labels, k)
+        slot = kind % len(table)
+        while table[slot] != 0 and labels.kind[table[slot] - 1] != kind:
+            slot = (slot + 1) % len(table)
+        labels.rank[k] = labels.rank[table[slot] - 1] + 1 if table[slot] != 0 else 0
+        labels.kind[k] = kind
+        table[slot] = k + 1
+
+
+@kernel
+def _kind(labels: Labels, k: int) -> int:
+    low, high = 0, 0
+    low, high = _mixed(low, high, labels.where[k, 0])
+    low, high = _mixed(low, high, labels.where[k, 1])
+    low, high = _mixed(low, high, int(math.floor(labels.motion[k, 0] / KIND[0])))
+    low, high = _mixed(low, high, int(math.floor(labels.motion[k, 1] / KIND[1])))
+    return low * 2147483648 + high
+
+
+@kernel
+def _key(labels: Labels, k: int, cell: Floats) -> int:
+    """A number for the cell of label k."""
+    low, high = labels.followers[k] % PRIMES[0], labels.followers[k] % PRIMES[1]
+    low, high = _mixed(low, high, labels.where[k, 0])
+    low, high = _mixed(low, high, labels.where[k, 1])
+    for n in range(4):
+        low, high = _mixed(low, high, int(math.floor(labels.motion[k, n] / cell[n])))
+    for r in range(labels.others.shape[1]):
+        for n in range(2):
+            low, high = _mixed(low, high, int(math.floor(labels.others[k, r, n] / cell[4 + n])))
+    return low * 2147483648 + high
+
+
+@kernel
+def _mixed(low: int, high: int, number: int) -> tuple[int, int]:
+    return (low * 1000003 + number + 1000000) % 2147483647, (high * 1299709 + number + 1000000) % 2147483629
+
+
+@kernel
+def _write(labels: Labels, k: int, state: State, followers: int, gap: float, leader_v: float, others: Floats, cost: float) -> None:
+    labels.where[k, 0], labels.where[k, 1] = state.node, state.other
+    labels.motion[k, 0], labels.motion[k, 1], labels.motion[k, 2] = state.s, state.v, state.a
+    labels.motion[k, 3], labels.motion[k, 4] = state.progress, state.turn
+    labels.followers[k], labels.cost[k] = followers, cost
+    labels.leader[k, 0], labels.leader[k, 1] = gap, leader_v
+    _set_pairs(labels.others[k], others)
+
+
+@kernel
+def _copy(source: Labels, i: int, target: Labels, k: int) -> None:
+    _set(target.motion[k], source.motion[i])
+    _set(target.line[k], source.line[i])
+    _set_pairs(target.others[k], source.others[i])
+    target.where[k, 0], target.where[k, 1] = source.where[i, 0], source.where[i, 1]
+    target.leader[k, 0], target.leader[k, 1] = source.leader[i, 0], source.leader[i, 1]
+    target.followers[k], target.cost[k], target.bound[k], target.key[k] = source.followers[i], source.cost[i], source.bound[i], source.key[i]
+
+
+@kernel
+def _set(target: Floats, source: Floats) -> None:
+    """Copy a row: between slices numba would make a copy in between."""
+    for n in range(len(source)):
+        target[n] = source[n]
+
+
+@kernel
+def _set_pairs(target: Floats, source: Floats) -> None:
+    for r in range(len(source)):
+        target[r, 0], target[r, 1] = source[r, 0], source[r, 1]
+
+
+@kernel
+def _state(labels: Labels, k: int) -> State:
+    m = labels.motion
+    return State(labels.where[k, 0], m[k, 0], m[k, 1], m[k, 2], m[k, 3], labels.where[k, 1], m[k, 4])
+
+
+@kernel
+def _may_change(local: Local, p: EgoParams, c: CostParams, state: State, side: int, at: int) -> bool:
+    """Whether a lane change may begin at step `at`: the road allows it and the place is free."""
+    return can_change(local, p, state, side) and place_is_free(local, p, c, begin_change(local, p, state, side), index_at(local, at * p.step))
