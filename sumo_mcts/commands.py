@@ -15,7 +15,7 @@ from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.forecast_error import compare
 from sumo_mcts.planners.reference import LABELS, digest
-from sumo_mcts.regret import FACTOR, Ask, Harvest, Panel, Row, both_efforts, convergence, ranking
+from sumo_mcts.regret import FACTOR, Harvest, Panel, Row, both_efforts, convergence, ranking
 from sumo_mcts.world.arguments import key_of_value, network_of, sumocfg_arguments
 from sumo_mcts.world.candidates import Candidate, candidates
 from sumo_mcts.world.roadmap import known_roadmap
@@ -102,7 +102,7 @@ def regret(
     episodes = [(name, config) for name in scenarios or REGRET_SCENES for config in _episodes(name, egos, until, (*overrides, "planner.name=mcts"))]
     rows: list[Row] = []
     with _regret_file(out, rows) as keep:
-        harvests = [Harvest(config, plan.every, math.ceil(plan.states / len(episodes)), _ask(config, plan), note, keep) for _, config in episodes]
+        harvests = [_harvest(name, config, plan, math.ceil(plan.states / len(episodes)), note, keep) for name, config in episodes]
         for number in range(plan.seeds):
             for (name, config), harvest in zip(episodes, harvests, strict=True):
                 with _named(name, config.sumo.sumocfg):
@@ -129,8 +129,10 @@ def counts(text: str) -> tuple[int, ...]:
     return numbers
 
 
-def _ask(config: ScenarioConfig, plan: RegretPlan) -> Ask:
-    return both_efforts if plan.converged else Panel(config, plan.planners, plan.iterations).ask
+def _harvest(name: str, config: ScenarioConfig, plan: RegretPlan, most: int, note: Note, keep: Callable[[Row], None]) -> Harvest:
+    ask = both_efforts if plan.converged else Panel(config, plan.planners, plan.iterations).ask
+    with _named(name, config.sumo.sumocfg):
+        return Harvest(config, plan.every, most, ask, note, keep)
 
 
 def _episodes(scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str] = ()) -> list[ScenarioConfig]:

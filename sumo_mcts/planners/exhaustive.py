@@ -35,4 +35,4 @@ def way_of(problem: Problem, found: Solution, lines: Floats, i: int) -> tuple[Pl
     step, steps = problem.task.ego.step, min(int(problem.ends[0]), len(plan.v))
     accel = float((plan.v[steps - 1] - state.v) / (steps * step))
     value = float(found.value[i])
-    return plan, RootChild(accel, int(problem.actions[i, 1]), 0, value, value, terms, plan.pose)
+    return plan, RootChild(accel, int(problem.roots[i, 1]), 0, value, value, terms, plan.pose)
