@@ -114,7 +114,7 @@ def regret(
     states: Annotated[int, typer.Option(min=1, metavar="N", help="At most, over all scenarios.")] = 300,
     seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Episodes a scenario, at most: seeds 0 to N-1.")] = 10,
     every: Annotated[int, typer.Option(min=1, metavar="N", help="Decision periods from one state to the next.")] = 5,
-    converged: Annotated[bool, typer.Option("--converged", help="Measure the reference itself, against 100 times the effort.")] = False,
+    converged: Annotated[bool, typer.Option("--converged", help="Measure the reference itself, against 100 times its effort.")] = False,
     assign: Assignments = None,
     out: Annotated[Optional[Path], typer.Option(help="Folder for regret.jsonl and regret.csv, a row for each judgement.")] = None,  # noqa: UP045
     as_json: AsJson = False,

@@ -15,7 +15,7 @@ from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.forecast_error import compare
 from sumo_mcts.planners.reference import LABELS, digest
-from sumo_mcts.regret import FACTOR, Harvest, Panel, Row, both_efforts, convergence, ranking
+from sumo_mcts.regret import FACTOR, FINER, Harvest, Panel, Row, both_efforts, convergence, ranking
 from sumo_mcts.world.arguments import key_of_value, network_of, sumocfg_arguments
 from sumo_mcts.world.candidates import Candidate, candidates
 from sumo_mcts.world.roadmap import known_roadmap
@@ -190,7 +190,7 @@ def _convergence_text(found: dict[str, Any]) -> str:
         return f"{name}: {part['count']}, off by {part['mean']:.4f} on average, {part['p99']:.3f} (99 %), {part['max']:.3f} at most"
 
     lines = [
-        f"{LABELS} labels against {FACTOR * LABELS} in cells half as wide, in units of the scale:",
+        f"{LABELS} labels against the better of {FACTOR * LABELS} and of {FINER * LABELS} in cells half as wide, in units of the scale:",
         show("costs of actions", found["actions"]),
         show("costs of the optimum", found["optimum"]),
     ]

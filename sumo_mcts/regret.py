@@ -8,17 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.config import ConfigError, ScenarioConfig
-from sumo_mcts.driver import FORECASTING, Driver, make_planner
+from sumo_mcts.driver import FORECASTING, SEARCHING, Driver, make_planner
 from sumo_mcts.episode import Loop, run_episode
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.reference import CELL, ENDS_S, LABELS, Solution, best_root, problem_of, profile_line, root_lines, scale, solve
 from sumo_mcts.scene import Follow, Scene
 
 ASKED = (*FORECASTING, "constant")  # who decides from what is known in a cycle, without a past
-BUDGETED = ("mcts", "paper")  # who is asked with each number of iterations
 SHARE = 0.05  # near-optimal: regret up to this share of the spread, or
 SMALL = 0.1  # ... of the scale, where the spread is smaller than the scale
-FACTOR = 100  # times the labels, with which the reference has to come to the same
+FACTOR = 100  # times the labels, with which the reference has to come to the same, and
+FINER = 10  # ... times the labels in cells half as wide
 Z = 1.96  # of the 95 % interval
 
 Note = Callable[[str], None]
@@ -94,7 +94,7 @@ class Panel:
         unknown = [name for name in planners if name not in ASKED]
         if unknown:
             raise ConfigError(f"--planners: {unknown[0]}: not one that can be asked for a single decision; allowed: {', '.join(ASKED)}")
-        self._efforts = [(name, n) for name in planners for n in (iterations if name in BUDGETED else (None,))]
+        self._efforts = [(name, n) for name in planners for n in (iterations if name in SEARCHING else (None,))]
         self._planners = [make_planner(_asked(config, name, n)) for name, n in self._efforts]
 
     def ask(self, task: Task, situation: Situation, seed: int) -> list[Row]:
@@ -182,10 +182,12 @@ def wilson(k: int, n: int) -> tuple[float, float] | None:
 
 
 def both_efforts(task: Task, situation: Situation, seed: int) -> list[Row]:
-    """A row for each action that can begin here: its cost with the usual effort, and with FACTOR times the labels in cells half as wide."""
+    """A row for each action that can begin here: its cost with the usual effort, and the lower one of two that take far more: FACTOR times the labels,
+    and FINER times the labels in cells half as wide."""
     problem = problem_of(task, situation)
     lines = root_lines(problem)
-    usual, more = solve(problem, lines), solve(problem, lines, FACTOR * LABELS, tuple(0.5 * width for width in CELL))
+    usual, finer = solve(problem, lines), solve(problem, lines, FINER * LABELS, tuple(0.5 * width for width in CELL))
+    more = cheaper(solve(problem, lines, FACTOR * LABELS), finer)
     unit, best, chosen = scale(problem.task.ego), best_root(more), best_root(usual)
     return [
         {
@@ -200,6 +202,14 @@ def both_efforts(task: Task, situation: Situation, seed: int) -> list[Row]:
         }
         for i in range(len(lines))
     ]
+
+
+def cheaper(one: Solution, other: Solution) -> Solution:
+    """The better of two solutions for each beginning: each value is the cost of a way that was found."""
+    first = (one.collides < other.collides) | ((one.collides == other.collides) & (one.value <= other.value))
+    return Solution(
+        np.where(first, one.value, other.value), one.collides & other.collides, np.where(first[:, None], one.way, other.way), one.driven + other.driven
+    )
 
 
 def convergence(rows: Sequence[Row]) -> dict[str, Any]:

@@ -111,7 +111,8 @@ def test_who_decides_nothing_from_one_cycle_is_not_asked(name: str) -> None:
 
 
 def test_the_efforts_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(regret, "FACTOR", 2)
+    monkeypatch.setattr(regret, "FACTOR", 3)
+    monkeypatch.setattr(regret, "FINER", 2)
     toy = TOYS["traffic"]
     task = task_of(toy.road, toy.scene.ego, scenario())
     situation = situation_of(task, toy.scene)
@@ -156,7 +157,8 @@ def test_the_command_from_end_to_end(tmp_path: Path) -> None:
 
 
 def test_the_command_looks_at_the_reference_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(regret, "FACTOR", 2)
+    monkeypatch.setattr(regret, "FACTOR", 3)
+    monkeypatch.setattr(regret, "FINER", 2)
     words = ("unprotected-left-turn", *SHORT, "--states", "2", "--converged")
     told = json.loads(command(*words, "--json"))
     assert told["states"] == told["convergence"]["choice"]["count"] == 2 and told["convergence"]["actions"]["count"] >= 18
