@@ -98,16 +98,17 @@ def regret(
     scenarios: Sequence[str], egos: Sequence[str], until: str | None, overrides: tuple[str, ...], plan: RegretPlan, out: Path | None, note: Note
 ) -> dict[str, Any]:
     """How near planners come to the optimum of the reference problem, in states of episodes that planner `mcts` drives: an episode for each scenario (none
-    given: REGRET_SCENES), ego and seed. Every judgement goes into regret.jsonl and regret.csv in `out`. Raises ConfigError."""
+    given: REGRET_SCENES), ego and seed. Every judgement goes into regret.jsonl and regret.csv in `out`, and what is returned into regret.json. Raises
+    ConfigError."""
     episodes = [(name, config) for name in scenarios or REGRET_SCENES for config in _episodes(name, egos, until, (*overrides, "planner.name=mcts"))]
     rows: list[Row] = []
+    harvests = [_harvest(name, config, plan, math.ceil(plan.states / len(episodes)), note) for name, config in episodes]
     with _regret_file(out, rows) as keep:
-        harvests = [_harvest(name, config, plan, math.ceil(plan.states / len(episodes)), note, keep) for name, config in episodes]
         for number in range(plan.seeds):
             for (name, config), harvest in zip(episodes, harvests, strict=True):
                 with _named(name, config.sumo.sumocfg):
-                    harvest.drive(number, None if config.sumo.sumocfg is not None and plan.seeds == 1 else number)
-    return {
+                    harvest.drive(number, None if config.sumo.sumocfg is not None and plan.seeds == 1 else number, keep)
+    result = {
         "schema_version": records.SCHEMA_VERSION,
         "reference_digest": digest(),
         "scenarios": list(dict.fromkeys(config.name for _, config in episodes)),
@@ -116,6 +117,9 @@ def regret(
         "problems": [problem for harvest in harvests for problem in harvest.problems],
         **({"convergence": convergence(rows)} if plan.converged else {"planners": ranking(rows)}),
     }
+    if out is not None:
+        records.write_whole(out / "regret.json", (records.json_text(result) + "\n").encode())
+    return result
 
 
 def counts(text: str) -> tuple[int, ...]:
@@ -129,10 +133,10 @@ def counts(text: str) -> tuple[int, ...]:
     return numbers
 
 
-def _harvest(name: str, config: ScenarioConfig, plan: RegretPlan, most: int, note: Note, keep: Callable[[Row], None]) -> Harvest:
+def _harvest(name: str, config: ScenarioConfig, plan: RegretPlan, most: int, note: Note) -> Harvest:
     ask = both_efforts if plan.converged else Panel(config, plan.planners, plan.iterations).ask
     with _named(name, config.sumo.sumocfg):
-        return Harvest(config, plan.every, most, ask, note, keep)
+        return Harvest(config, plan.every, most, ask, note)
 
 
 def _episodes(scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str] = ()) -> list[ScenarioConfig]:

@@ -39,19 +39,20 @@ class Standing(NamedTuple):
 class Harvest:
     """Asks in the cycles of a scenario's episodes, and keeps what comes of it."""
 
-    def __init__(self, config: ScenarioConfig, every: int, most: int, ask: Ask, note: Note, keep: Callable[[Row], None]) -> None:
-        """In every `every`-th cycle of each ego, until `most` states are there. `keep` is handed each row at once. Raises ConfigError."""
+    def __init__(self, config: ScenarioConfig, every: int, most: int, ask: Ask, note: Note) -> None:
+        """In every `every`-th cycle of each ego, until `most` states are there. Raises ConfigError."""
         _require_horizon(config)
-        self._config, self._every, self._most, self._ask, self._note, self._keep = config, every, most, ask, note, keep
+        self._config, self._every, self._most, self._ask, self._note = config, every, most, ask, note
         self.states = 0
         self.outcomes: Counter[str] = Counter()
         self.problems: list[str] = []
 
-    def drive(self, number: int, seed: int | None) -> None:
-        """The episode with this number, if states are missing; which cycle is the first to be asked in moves on with the number. Raises ConfigError."""
+    def drive(self, number: int, seed: int | None, keep: Callable[[Row], None]) -> None:
+        """The episode with this number, if states are missing; which cycle is the first to be asked in moves on with the number. `keep` is handed each
+        row at once. Raises ConfigError."""
         if self.states >= self._most:
             return
-        self._seed, self._first, self._cycles = seed, number, Counter[str]()
+        self._seed, self._first, self._keep, self._cycles = seed, number, keep, Counter[str]()
         for row in run_episode(self._config, seed, progress=self._note, watch=self._watch).rows:
             self.outcomes[row["outcome"]] += 1
             if row["outcome"] == "error":

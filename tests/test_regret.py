@@ -151,6 +151,7 @@ def test_the_command_from_end_to_end(tmp_path: Path) -> None:
     assert len({(row["scenario"], row["seed"], row["time_s"]) for row in rows}) == 4
     table = (tmp_path / "out" / "regret.csv").read_text().splitlines()
     assert len(table) == 13 and table[0].startswith("scenario,prediction,seed,ego,time_s,planner,iterations,regret,near_optimal")
+    assert json.loads((tmp_path / "out" / "regret.json").read_text()) == told
     again = command(*words)
     assert digest()[:16] in again and "| exhaustive | - | 4 | 4/4 (" in again
     assert len({line.count("|") for line in again.splitlines()[2:] if line}) == 1
