@@ -1,6 +1,5 @@
 """The planner that drives by the reference problem: what near-optimality is measured against, in the closed loop."""
 
-from sumo_mcts.model.local import State
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.mcts import follow_line
 from sumo_mcts.planners.reference import Problem, Solution, best_root, problem_of, root_lines, solve, steps_of
@@ -30,9 +29,7 @@ class ExhaustivePlanner:
 
 def way_of(problem: Problem, found: Solution, lines: Floats, i: int) -> tuple[Plan, RootChild]:
     """The best way with the i-th beginning, step by step, and what it costs."""
-    state: State = problem.state
-    plan, terms, _ = follow_line(problem.local, problem.task, problem.q, state, problem.others, steps_of(problem, lines[i], found.way[i]))
-    step, steps = problem.task.ego.step, min(int(problem.ends[0]), len(plan.v))
-    accel = float((plan.v[steps - 1] - state.v) / (steps * step))
-    value = float(found.value[i])
+    plan, terms, _ = follow_line(problem.local, problem.task, problem.q, problem.state, problem.others, steps_of(problem, lines[i], found.way[i]))
+    steps, value = min(int(problem.ends[0]), len(plan.v)), float(found.value[i])
+    accel = float((plan.v[steps - 1] - problem.state.v) / plan.time[steps - 1])
     return plan, RootChild(accel, int(problem.roots[i, 1]), 0, value, value, terms, plan.pose)
