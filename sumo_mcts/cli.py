@@ -21,7 +21,7 @@ OK, FAILED, INVALID, INTERRUPTED = 0, 1, 2, 130
 
 Scenario = Annotated[str, typer.Argument(help="A built-in name, a scenario .yaml, or any .sumocfg with --ego.")]
 Until = Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")]  # noqa: UP045
-PlannerName = Annotated[Optional[str], typer.Option(help="Who drives: mcts, paper, idm, random, sumo or constant.")]  # noqa: UP045
+PlannerName = Annotated[Optional[str], typer.Option(help="Who drives: mcts, paper, idm, random, sumo, constant or exhaustive.")]  # noqa: UP045
 Assignments = Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="Set any key of the scenario (repeatable).")]  # noqa: UP045
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 
@@ -98,6 +98,38 @@ def forecast(
         with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
             result = commands.forecasts(scenario, tuple(ego or ()), ego_until, overrides, seeds, tuple(context.args), note)
     typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.forecast_table(result))
+    for problem in result["problems"]:
+        typer.echo(f"error: {problem}", err=True)
+    if result["problems"]:
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def regret(
+    scenarios: Annotated[Optional[list[str]], typer.Argument(help="As for `run`; default: the built-in scenes, reactive and scripted.")] = None,  # noqa: UP045
+    ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable, one episode each); `any`: the first suitable one.")] = None,  # noqa: UP045
+    ego_until: Until = None,
+    planners: Annotated[str, typer.Option(metavar="NAME,...", help="Who is asked.")] = "mcts,paper",
+    iterations: Annotated[str, typer.Option(metavar="N,...", help="With so many iterations each, where they search.")] = "50,100,300,1000,2000,3000",
+    states: Annotated[int, typer.Option(min=1, metavar="N", help="At most, over all scenarios.")] = 300,
+    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Episodes a scenario, at most: seeds 0 to N-1.")] = 10,
+    every: Annotated[int, typer.Option(min=1, metavar="N", help="Decision periods from one state to the next.")] = 5,
+    converged: Annotated[bool, typer.Option("--converged", help="Measure the reference itself, against 100 times its effort.")] = False,
+    assign: Assignments = None,
+    out: Annotated[Optional[Path], typer.Option(help="Folder for regret.jsonl and regret.csv, a row for each judgement.")] = None,  # noqa: UP045
+    as_json: AsJson = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of the progress.")] = False,
+) -> None:
+    """Measure how near planners come to the optimum of a reference problem, in states from episodes driven by planner mcts."""
+    with _plain_errors():
+        from sumo_mcts import commands
+
+        if out is not None:
+            commands.check_folder(out)
+        plan = commands.RegretPlan(tuple(planners.split(",")), commands.counts(iterations), seeds, every, states, converged)
+        with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
+            result = commands.regret(tuple(scenarios or ()), tuple(ego or ()), ego_until, tuple(assign or ()), plan, out, note)
+    typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.regret_table(result))
     for problem in result["problems"]:
         typer.echo(f"error: {problem}", err=True)
     if result["problems"]:

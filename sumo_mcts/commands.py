@@ -1,10 +1,12 @@
 """What the commands do, as plain functions: no printing, no exit codes."""
 
+import math
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -12,14 +14,29 @@ from sumo_mcts import assets, config, records
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.forecast_error import compare
+from sumo_mcts.planners.reference import LABELS, digest
+from sumo_mcts.regret import FACTOR, FINER, Harvest, Panel, Row, both_efforts, convergence, ranking
 from sumo_mcts.world.arguments import key_of_value, network_of, sumocfg_arguments
 from sumo_mcts.world.candidates import Candidate, candidates
 from sumo_mcts.world.roadmap import known_roadmap
 
 LISTED = 25  # candidates shown
 SEARCHED = 100_000  # vehicles looked at for `--ego any`
+_SCENES = ("unprotected-left-turn", "highway-exit", "straight-line")
+REGRET_SCENES = (*_SCENES, *(f"{name}-scripted" for name in _SCENES))
 
 Note = Callable[[str], None]
+
+
+class RegretPlan(NamedTuple):
+    """What `regret` is to do."""
+
+    planners: tuple[str, ...]
+    iterations: tuple[int, ...]
+    seeds: int  # episodes a scenario, at most
+    every: int  # cycles from one state to the next
+    states: int  # at most, over all scenarios
+    converged: bool  # look at the reference itself, not at planners
 
 
 def resolve(scenario: str, seed: int | None, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str]) -> ScenarioConfig:
@@ -58,9 +75,7 @@ def forecasts(
 ) -> dict[str, Any]:
     """The error of every forecast, over an episode for each ego (none given: the scenario's own, together) and seed: 0 .. `seeds` - 1; None: one,
     as in `run`. Raises ConfigError."""
-    if scenario.endswith(".sumocfg") and not egos:
-        raise ConfigError(f"{scenario}: --ego: not given; `sumo-mcts run {scenario}` lists the candidates")
-    resolved = [resolve(scenario, None, names, until, overrides, sumo_options) for names in ([[ego] for ego in egos] or [[]])]
+    resolved = _episodes(scenario, egos, until, overrides, sumo_options)
     sumocfg = resolved[0].sumo.sumocfg
     with _named(scenario, sumocfg):
         one = None if sumocfg is not None else 0
@@ -77,6 +92,115 @@ def forecast_table(document: dict[str, Any]) -> str:
     columns = "| scene | forecast | pairs | mean, m | 95 %, m | largest, m | right lane, % | taken for gone | one forecast (p50), ms |"
     lines = [_forecast_line(document["scenario"], [row for row in rows if row["prediction"] == name]) for name in names]
     return "\n".join([head, "", columns, "|---|---|---|---|---|---|---|---|---|", *lines])
+
+
+def regret(
+    scenarios: Sequence[str], egos: Sequence[str], until: str | None, overrides: tuple[str, ...], plan: RegretPlan, out: Path | None, note: Note
+) -> dict[str, Any]:
+    """How near planners come to the optimum of the reference problem, in states of episodes that planner `mcts` drives: an episode for each scenario (none
+    given: REGRET_SCENES), ego and seed. Every judgement goes into regret.jsonl and regret.csv in `out`, and what is returned into regret.json. Raises
+    ConfigError."""
+    episodes = [(name, config) for name in scenarios or REGRET_SCENES for config in _episodes(name, egos, until, (*overrides, "planner.name=mcts"))]
+    rows: list[Row] = []
+    harvests = [_harvest(name, config, plan, math.ceil(plan.states / len(episodes)), note) for name, config in episodes]
+    with _regret_file(out, rows) as keep:
+        for number in range(plan.seeds):
+            for (name, config), harvest in zip(episodes, harvests, strict=True):
+                with _named(name, config.sumo.sumocfg):
+                    harvest.drive(number, None if config.sumo.sumocfg is not None and plan.seeds == 1 else number, keep)
+    result = {
+        "schema_version": records.SCHEMA_VERSION,
+        "reference_digest": digest(),
+        "scenarios": list(dict.fromkeys(config.name for _, config in episodes)),
+        "states": sum(harvest.states for harvest in harvests),
+        "outcomes": dict(sum((harvest.outcomes for harvest in harvests), Counter[str]())),
+        "problems": [problem for harvest in harvests for problem in harvest.problems],
+        **({"convergence": convergence(rows)} if plan.converged else {"planners": ranking(rows)}),
+    }
+    if out is not None:
+        records.write_whole(out / "regret.json", (records.json_text(result) + "\n").encode())
+    return result
+
+
+def counts(text: str) -> tuple[int, ...]:
+    """The numbers of iterations in `50,100`. Raises ConfigError."""
+    try:
+        numbers = tuple(int(number) for number in text.split(","))
+    except ValueError:
+        numbers = ()
+    if not numbers or min(numbers) < 1:
+        raise ConfigError(f"--iterations {text}: whole numbers from 1 on, separated by commas, as in 100,1000")
+    return numbers
+
+
+def _harvest(name: str, config: ScenarioConfig, plan: RegretPlan, most: int, note: Note) -> Harvest:
+    ask = both_efforts if plan.converged else Panel(config, plan.planners, plan.iterations).ask
+    with _named(name, config.sumo.sumocfg):
+        return Harvest(config, plan.every, most, ask, note)
+
+
+def _episodes(scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str] = ()) -> list[ScenarioConfig]:
+    """The scenario with each ego (none given: its own, together)."""
+    if scenario.endswith(".sumocfg") and not egos:
+        raise ConfigError(f"{scenario}: --ego: not given; `sumo-mcts run {scenario}` lists the candidates")
+    return [resolve(scenario, None, names, until, overrides, sumo_options) for names in ([[ego] for ego in egos] or [[]])]
+
+
+@contextmanager
+def _regret_file(out: Path | None, rows: list[Row]) -> Iterator[Callable[[Row], None]]:
+    """Hands out what keeps a row: in the list and, at once, in regret.jsonl; at the end regret.csv is written."""
+    if out is None:
+        yield rows.append
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    with (out / "regret.jsonl").open("w", encoding="utf-8") as file:
+
+        def keep(row: Row) -> None:
+            rows.append(row)
+            file.write(records.json_text(row, indent=None) + "\n")
+            file.flush()
+
+        yield keep
+    records.write_table(out / "regret.csv", tuple(rows[0]) if rows else (), rows)
+
+
+def regret_table(document: dict[str, Any]) -> str:
+    """Near-optimality for a person, as Markdown: a row for each planner and number of iterations. Or how far the reference has converged."""
+    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in document["outcomes"].items())
+    head = f"{', '.join(document['scenarios'])}, driven by mcts: {outcomes}, {document['states']} states; reference {document['reference_digest'][:16]}"
+    if "convergence" in document:
+        return f"{head}\n\n{_convergence_text(document['convergence'])}"
+    part = "states | near-optimal (95 % Wilson) | mean regret | 95 % of regrets below"
+    columns = f"| planner | iterations | {part} | contested {part} | collides though avoidable |"
+    return "\n".join([head, "", columns, "|---|---|---|---|---|---|---|---|---|---|---|", *(_regret_line(row) for row in document["planners"])])
+
+
+def _regret_line(row: Row) -> str:
+    def show(part: Row) -> list[str]:
+        k, n = part["near_optimal"], part["states"]
+        if n == 0:
+            return ["0", "-", "-", "-"]
+        low, high = part["wilson"]
+        return [str(n), f"{k}/{n} ({100 * low:.1f}..{100 * high:.1f} %)", f"{part['mean_regret']:.2f}", f"{part['p95_regret']:.2f}"]
+
+    cells = [row["planner"], str(row["iterations"] or "-"), *show(row["all"]), *show(row["contested"]), f"{row['all']['collides']}/{row['all']['avoidable']}"]
+    return f"| {' | '.join(cells)} |"
+
+
+def _convergence_text(found: dict[str, Any]) -> str:
+    def show(name: str, part: dict[str, Any]) -> str:
+        if not part["count"]:
+            return f"{name}: none"
+        return f"{name}: {part['count']}, off by {part['mean']:.4f} on average, {part['p99']:.3f} (99 %), {part['max']:.3f} at most"
+
+    lines = [
+        f"{LABELS} labels against the better of {FACTOR * LABELS} and of {FINER * LABELS} in cells half as wide, in units of the scale:",
+        show("costs of actions", found["actions"]),
+        show("costs of the optimum", found["optimum"]),
+    ]
+    if found["optimum"]["count"]:
+        lines.append(f"the action chosen, by the converged costs: regret {found['choice']['mean']:.4f} on average, {found['choice']['max']:.3f} at most")
+    return "\n".join([*lines, f"actions of which only one of the two finds a way without a loss: {found['other_outcome']}"])
 
 
 def failures(result: EpisodeResult) -> list[str]:

@@ -223,7 +223,7 @@ class EgoModelConfig(_Section):
 class PlannerConfig(_Section):
     """The search."""
 
-    name: Literal["mcts", "paper", "idm", "random", "sumo", "constant"] = "mcts"
+    name: Literal["mcts", "paper", "idm", "random", "sumo", "constant", "exhaustive"] = "mcts"
     iterations: int = Field(1000, ge=1, le=10_000_000, description="iteration budget of one decision")
     adaptive: bool = Field(True, description="leave out what cannot become the best, and stop when nothing else is left")
     most_iterations: int | None = Field(None, ge=1, le=10_000_000, description="go on so far while the choice is close; default: no further than `iterations`")

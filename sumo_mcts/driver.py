@@ -19,13 +19,15 @@ from sumo_mcts.model.traffic import LANES, Scripted, Told, TrafficParams, predic
 from sumo_mcts.planners.base import Planner, Situation, Task
 from sumo_mcts.planners.baselines import ConstantPlanner, IdmParams, IdmPlanner, RandomPlanner, SumoPlanner
 from sumo_mcts.planners.effort import Effort, Timekeeper
+from sumo_mcts.planners.exhaustive import ExhaustivePlanner
 from sumo_mcts.planners.failsafe import Assumed, FailSafe, nonsense
 from sumo_mcts.planners.mcts import MctsParams, MctsPlanner
 from sumo_mcts.planners.paper import PaperParams, PaperPlanner
+from sumo_mcts.planners.reference import horizon_s
 from sumo_mcts.scene import GREEN, IGNORING, Agents, Decision, EgoState, Floats, Follow, Forecast, Ints, Plan, Release, RoadMap, Scene, Signals
 
 SEARCHING = ("mcts", "paper")  # planners that search a forecast
-FORECASTING = (*SEARCHING, "idm", "random")  # planners that read one
+FORECASTING = (*SEARCHING, "idm", "random", "exhaustive")  # planners that read one
 NEAR_STOP = 3.0  # m before a stop sign within which standing counts
 NOMINAL_S = 2.0  # s of the last plan that the forecast takes for granted; afterwards the nominal ego follows its leader
 
@@ -94,6 +96,7 @@ class Driver:
         self._plan: Plan | None = None
         self._command: Follow | Release = Release()
         self._plan_time = 0.0
+        self.question: tuple[Task, Situation] | None = None  # what the planner was asked last; None where the ego is not on its route
 
     def decide(self, scene: Scene) -> Thought:
         """Observe, predict, plan, check. Raises PlannerError where the planner failed too often in a row."""
@@ -102,12 +105,13 @@ class Driver:
         self._keep_route(scene.ego)
         route, state = self._route, self._state(scene)
         if state is None or route is None:
-            self._plan, self._command = None, Release()
+            self._plan, self._command, self.question = None, Release(), None
             self._fail_safe.forget()
             return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
         self._note_stop(route, state, scene.time)
         forecast = self._usual_forecast(scene, route, state) if self._planner.needs_forecast or self._config.failsafe.on else None
         situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), frozenset(self._stood), until)
+        self.question = (self._task, situation)
         decision, why = self._planned(situation)
         why = why or self._objection(situation, decision, _ms(began))
         if why:
@@ -182,6 +186,8 @@ class Driver:
     def _horizon(self) -> float:
         """How far the planner looks into a forecast, s."""
         config = self._config
+        if config.planner.name == "exhaustive":
+            return horizon_s(self._traffic.step)
         if config.planner.name == "paper":
             return (config.paper.look_ahead_steps + config.paper.rollout_steps) * max(config.paper.step_s, self._physics.step) + self._traffic.step
         steps = config.planner.look_ahead_steps + config.planner.rollout_steps
@@ -272,6 +278,8 @@ def make_planner(config: ScenarioConfig) -> Planner:
             return IdmPlanner(_idm_params(config), p.period_s)
         case "random":
             return RandomPlanner(mcts_params(config))
+        case "exhaustive":
+            return ExhaustivePlanner()
         case "paper":
             return PaperPlanner(_paper_params(config))
         case "mcts":

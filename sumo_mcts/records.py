@@ -123,11 +123,16 @@ def write_csv(folder: Path) -> None:
     """episodes.csv from episodes.jsonl: unknown is an empty cell. Raises OSError."""
     rows = read_rows(folder)
     further = dict.fromkeys(key for row in rows for key in row if key not in ROW_KEYS)
+    write_table(folder / TABLE, (*ROW_KEYS, *further), rows)
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:
+    """Rows as CSV: unknown is an empty cell. Raises OSError."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, (*ROW_KEYS, *further), restval="", lineterminator="\n")
+    writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
     writer.writeheader()
     writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
-    write_whole(folder / TABLE, text.getvalue().encode(errors="backslashreplace"))
+    write_whole(path, text.getvalue().encode(errors="backslashreplace"))
 
 
 def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:

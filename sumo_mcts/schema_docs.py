@@ -28,7 +28,8 @@ _MEANINGS = {
     "traffic.actors[].id": "vehicle id; an ego may be an actor too",
     "traffic.actors[].driver": "who drives it; without effect on an ego",
     "traffic.events[].vehicle": "vehicle id",
-    "planner.name": "the search, the paper's algorithm, car following with gap acceptance, any action, SUMO's own driver, or constant speed",
+    "planner.name": "the search, the paper's algorithm, car following with gap acceptance, any action, SUMO's own driver, constant speed, or the reference "
+    "problem's solution",
     "paper.look_ahead_steps": "levels of the tree",
     "paper.rollout_steps": "random steps after the look-ahead",
     "paper.accelerations_mps2": "actions that keep the lane",

@@ -10,6 +10,7 @@ from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, 
 
 LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a step where that is longer
 FOLLOW = 99.0  # in place of an acceleration: car following
+COMMANDED = 200.0  # in place of an acceleration: the speed that is added to it, m/s, whatever the road allows
 FREE, RED_LINE, GOAL = range(3)
 BEGUN = 1e-12  # progress of a lane change that is about to begin
 UNTURNED = 0.003  # rad of turn that nobody sees

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.random import Generator
 
 from sumo_mcts.model.cost import CostParams, contact_cost, meet, place_is_free, step_comfort, step_passability, terminal
-from sumo_mcts.model.ego import FOLLOW, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of
+from sumo_mcts.model.ego import COMMANDED, FOLLOW, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, obey, pose_of
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import Local, State, index_at
 from sumo_mcts.model.react import react
@@ -107,14 +107,15 @@ def simulate(
     local: Local, p: EgoParams, c: CostParams, q: SearchParams, state: State, others: Floats, followers: int, gap: float, leader_v: float,
     accel: float, at: int,
 ) -> Ply:  # fmt: skip
-    """One action from simulation step `at` on: q.ply steps towards `accel` (FOLLOW: car following), with checks against the forecast; `others` move."""
+    """One action from simulation step `at` on: q.ply steps towards `accel` (FOLLOW: car following; from COMMANDED on: that speed), with checks against
+    the forecast; `others` move."""
     safety, comfort, passability = 0.0, 0.0, 0.0
     every = p.step * q.check if q.check > 0 else p.step / q.checks_in_step
     for k in range(q.ply):
         time = (at + k) * p.step
         wanted = follow_accel(p, state.v, local.node[state.node, LIMIT], gap, leader_v) if accel > 50.0 else accel
         before = state
-        state, event = advance(local, p, state, wanted, time)
+        state, event = advance(local, p, state, wanted, time) if accel < COMMANDED else obey(local, p, state, accel - COMMANDED, time)
         comfort += step_comfort(p, c, before, state)
         passability += step_passability(local, p, c, state)
         if event == RED_LINE:
