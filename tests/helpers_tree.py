@@ -79,14 +79,14 @@ TOYS = {
 }
 
 
-def grow(toy: Toy, iterations: int, seed: int = 1) -> Grown:
-    """The tree after a number of passes."""
+def grow(toy: Toy, iterations: int, seed: int = 1, *, each: bool = False) -> Grown:
+    """The tree after a number of passes; `each`: with the best of every root action (see tree.SearchParams)."""
     config = scenario(*toy.sets)
     task = task_of(toy.road, toy.scene.ego, config)
     local, root = local_of(task, toy.scene, reactive=config.planner.reactive)
     p = config.planner
     actions = actions_of(mcts_params(config))
-    q = in_steps(mcts_params(config), task.ego.step, local.dt)
+    q = in_steps(mcts_params(config), task.ego.step, local.dt)._replace(each=each)
     tree = new_tree(iterations + 2, len(actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
     done, known = search(tree, local, task.ego, task.cost, q, actions, root, iterations, math.inf, np.random.Generator(np.random.PCG64(seed)))
     return Grown(tree, local, task, q, actions, root, int(done), int(known))

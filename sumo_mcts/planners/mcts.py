@@ -63,9 +63,7 @@ class MctsPlanner:
         p, task = self._params, self._task
         local = local_of(task, situation, p.reactive)
         share = shares(situation.forecast.weight, p.effort.iterations, len(self._actions))
-        q = in_steps(p, task.ego.step, local.dt)
-        if len(share) > 1:
-            q = q._replace(adaptive=False)  # it needs the best of every action, not the best of all
+        q = in_steps(p, task.ego.step, local.dt)._replace(each=len(share) > 1)
         others = at_rest(local, p.reactive)
         carried = _carried(local, task, q, situation.state, others, self._remaining(situation.scene.time, round(q.horizon / task.ego.step)), p.period_s)
         tree, done, known = self._search(local, q, situation, share, math.inf if carried is None else carried.child.best)

@@ -333,7 +333,7 @@ def _drive_on(work: Work, labels: Labels, i: int, ply: int, tail: Floats, best: 
 @kernel
 def _simulate(work: Work, state: State, followers: int, gap: float, leader_v: float, accel: float, begin: int, end: int) -> Ply:
     """One action from step `begin` to step `end`."""
-    q = SearchParams(end - begin, work.q.check, work.q.checks_in_step, work.q.look_ahead, work.q.rollout, work.q.exploration, work.q.horizon, False)
+    q = SearchParams(end - begin, work.q.check, work.q.checks_in_step, work.q.look_ahead, work.q.rollout, work.q.exploration, work.q.horizon, False, False)
     work.driven[0] += 1
     return simulate(work.local, work.ego, COST, q, state, work.moving, followers, gap, leader_v, accel, begin)
 

@@ -30,6 +30,7 @@ class SearchParams(NamedTuple):
     exploration: float
     horizon: float  # s
     adaptive: bool  # leave out what cannot be better than the best known
+    each: bool  # better than the best of its own root action: every one of them gets its due
 
 
 class Tree(NamedTuple):
@@ -75,7 +76,7 @@ def search_params(
     """Times in seconds to steps of the simulation; a step longer than the forecast's gets several checks."""
     ply = max(1, round(ply_s / step))
     check, checks = (0, max(1, round(step / forecast_dt))) if step > forecast_dt + 1e-9 else (max(1, round(check_s / step)), 1)
-    return SearchParams(ply, check, checks, look_ahead, rollout, exploration, (look_ahead + rollout) * ply * step, adaptive)
+    return SearchParams(ply, check, checks, look_ahead, rollout, exploration, (look_ahead + rollout) * ply * step, adaptive, False)
 
 
 def new_tree(size: int, actions: int, plies: int, others: Floats) -> Tree:
@@ -214,9 +215,12 @@ def state_of(tree: Tree, i: int) -> State:
 
 
 @kernel
-def _hopeless(tree: Tree, c: CostParams, q: SearchParams, cost: float, beat: float) -> bool:
-    """Whether a sequence that has cost this much already cannot become the best: costs only add up. Where even the best may be lost all count."""
-    known = min(tree.best[0], beat)
+def _hopeless(tree: Tree, c: CostParams, q: SearchParams, node: int, cost: float, beat: float) -> bool:
+    """Whether a sequence by way of a node below the root that has cost this much already cannot become the best: costs only add up. Where even the best
+    may be lost all count."""
+    while q.each and tree.level[node] > 1:
+        node = tree.parent[node]
+    known = tree.best[node] if q.each else min(tree.best[0], beat)
     return q.adaptive and known < 0.5 * c.contact and cost >= known
 
 
@@ -238,7 +242,7 @@ def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
                 return node
             if i < 0 or tree.dead[i]:
                 continue
-            if _hopeless(tree, c, q, tree.cost[i].sum(), beat):
+            if _hopeless(tree, c, q, i, tree.cost[i].sum(), beat):
                 tree.dead[i] = True
                 continue
             worth = -min((tree.best[i] - low) / (high - low), 1.0)
@@ -275,7 +279,9 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
         local, p, c, q, state, tree.moving, tree.followers[node], tree.leader[node, 0], tree.leader[node, 1], actions[k, 0], tree.level[node] * q.ply
     )
     dear = (
-        tree.level[node] > 0 and ply.end == ALIVE and _hopeless(tree, c, q, tree.cost[node].sum() + ply.safety + ply.comfort + ply.passability + changed, beat)
+        tree.level[node] > 0
+        and ply.end == ALIVE
+        and _hopeless(tree, c, q, node, tree.cost[node].sum() + ply.safety + ply.comfort + ply.passability + changed, beat)
     )
     if dear or (side == 0 and _known(tree, node, k, ply.state)):
         tree.child[node, k] = IMPOSSIBLE
@@ -439,7 +445,7 @@ def replay(
     """
     meeting = meet(local, p, c, root, others, local.followers, 0.0, 0)
     state, followers, gap, leader_v = root, meeting.followers, meeting.gap, meeting.leader_v
-    one = SearchParams(1, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon, False)
+    one = SearchParams(1, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon, False, False)
     terms[:] = 0.0
     for at in range(len(line)):
         side = side_of(line[at])

@@ -56,6 +56,19 @@ def test_it_knows_the_best_in_any_scene(those: list[tuple[int, float, float]], l
     assert grow(steady(small), 3000, seed).tree.best[0] >= proven.tree.best[0] - 1e-9
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("toy", TOYS.values(), ids=TOYS)
+def test_where_every_action_counts_the_best_of_each_is_known(toy: Toy, seed: int) -> None:
+    """As hypotheses need it, whose costs are put together action by action."""
+    small = without_more(toy, "planner.look_ahead_steps=3", "planner.rollout_steps=3")
+    each, winner, drawn = grow(small, ENOUGH, each=True), grow(small, ENOUGH), grow(steady(small), 8000, seed)
+    assert each.tree.dead[0] and each.done < ENOUGH
+    for i, j in zip(each.tree.child[0], drawn.tree.child[0], strict=True):
+        assert (i >= 0) == (j >= 0)
+        assert i < 0 or each.tree.best[i] <= drawn.tree.best[j] + 1e-9
+    assert each.tree.best[0] == pytest.approx(winner.tree.best[0], abs=1e-9)
+
+
 def best_of_all_lines(grown: Grown) -> float:
     """The lowest J of every sequence of actions with every continuation, each driven on its own; for a road without lane changes."""
     q, brake, push = grown.q, -grown.task.ego.approach_decel, grown.task.ego.max_accel
