@@ -27,6 +27,7 @@ Row = dict[str, Any]
 SETTING_A = (
     "planner.accelerations_mps2=[-8, -4.5, -2, -1, 0, 1, 2.6]", "planner.lane_change_accelerations_mps2=[-1, 1]", "planner.look_ahead_steps=4",
     "planner.rollout_steps=4", "planner.step_s=1", "planner.check_s=0.2", "planner.reactive=0", "prediction.step_s=0.2", "planner.adaptive=false",
+    "prediction.hypotheses=1",
 )  # fmt: skip
 SCENE = "unprotected-left-turn"  # whose network is filled with agents
 EGO_EDGES = ("from_west", "to_north")

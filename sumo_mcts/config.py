@@ -200,7 +200,7 @@ class PredictionConfig(_Section):
     yield_gap_s: NonNegative = Field(2.0, description="time gap that a yielding agent accepts")
     stays_after_s: NonNegative = Field(2.0, description="a vehicle that stood this long without a cause is expected to stay")
     hypotheses: int = Field(
-        1,
+        4,
         ge=1,
         le=8,
         description="how many joint hypotheses about the others planner mcts weighs at most: another turn, not yielding, braking; "

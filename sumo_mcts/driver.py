@@ -199,7 +199,8 @@ class Driver:
         stood_s = scene.time - self._stood.get(state.node, math.inf)
         nominal, lanes = self._nominal(scene.time), _ego_lanes(route, state)
         if name == "idm":
-            return foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, self._config.prediction.hypotheses)
+            most = self._config.prediction.hypotheses if self._config.planner.name == "mcts" else 1
+            return foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, most)
         return predict(self._road, scene, lanes, nominal, params, seconds, self._told(scene, name, seconds), stood_s)
 
     def _told(self, scene: Scene, name: str, seconds: float) -> Told:

@@ -10,6 +10,7 @@ import numpy as np
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.driver import FORECASTING, SEARCHING, Driver, make_planner
 from sumo_mcts.episode import Loop, run_episode
+from sumo_mcts.model.intentions import likeliest
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.reference import CELL, ENDS_S, LABELS, Solution, best_root, problem_of, profile_line, root_lines, scale, solve
 from sumo_mcts.scene import Follow, Scene
@@ -99,7 +100,8 @@ class Panel:
         self._planners = [make_planner(_asked(config, name, n)) for name, n in self._efforts]
 
     def ask(self, task: Task, situation: Situation, seed: int) -> list[Row]:
-        """A row for each planner and number of iterations."""
+        """A row for each planner and number of iterations, all of them in the likeliest hypothesis: the reference problem has one."""
+        situation = situation._replace(forecast=likeliest(situation.forecast))
         problem = problem_of(task, situation)
         roots = root_lines(problem)
         lines = []

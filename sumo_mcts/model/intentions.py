@@ -65,6 +65,12 @@ def together(found: Sequence[Forecast], odds: Sequence[float]) -> Forecast:
     return found[0]._replace(weight=weight, pose=pose, v=v, lane=lane, s=s, valid=valid, yields=yields)
 
 
+def likeliest(forecast: Forecast) -> Forecast:
+    """Its first hypothesis alone."""
+    pose, v, lane, s, valid, yields = (getattr(forecast, name)[:1] for name in ("pose", "v", "lane", "s", "valid", "yields"))
+    return forecast._replace(weight=np.ones(1), pose=pose, v=v, lane=lane, s=s, valid=valid, yields=yields)
+
+
 def alternatives(road: RoadMap, scene: Scene, ego_lanes: Ints, usual: Forecast, params: TrafficParams) -> list[Alternative]:
     """What agents may do that matters to the ego, the likeliest first."""
     agents = changing(road, scene.agents)

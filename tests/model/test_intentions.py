@@ -9,7 +9,7 @@ from helpers_model import scene_of, traffic_params
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.model.intentions import LEAST, alternatives, braking_odds, forcing_odds, foresee, signal_worth, way_worth
+from sumo_mcts.model.intentions import LEAST, alternatives, braking_odds, forcing_odds, foresee, likeliest, signal_worth, way_worth
 from sumo_mcts.model.traffic import BRAKES, FORCES, HARD, TURNS, Intent, Told, predict
 from sumo_mcts.scene import LEFT, RIGHT, STRAIGHT, VEHICLE_CLASSES, EgoState, Forecast, RoadMap, Scene
 
@@ -223,3 +223,12 @@ def test_worth_of_a_way_is_that_of_its_evidence() -> None:
     scene, straight, left = may_turn(), lane(ROAD, ":we_0"), lane(ROAD, ":wn_0")
     against = way_worth(ROAD, scene.agents, 0, straight, 30.0, 0.0, 2.5)
     assert others(scene)[0, TURNS] == pytest.approx(way_worth(ROAD, scene.agents, 0, left, 30.0, 0.0, 2.5) / against)
+
+
+def test_the_likeliest_alone_is_the_first() -> None:
+    scene = may_turn()
+    several = foreseen(scene, 4)
+    alone = likeliest(several)
+    assert len(several.weight) > 1 and alone.weight.tolist() == [1.0]
+    for name in ("pose", "v", "lane", "s", "valid", "yields"):
+        assert np.array_equal(getattr(alone, name)[0], getattr(several, name)[0]) and len(getattr(alone, name)) == 1
