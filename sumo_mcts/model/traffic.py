@@ -25,6 +25,8 @@ ASIDE = 0.2  # m off the centre line from which a blinking vehicle is taken to b
 CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes
 INSIDE = -1e9  # rank of whoever is inside a junction
 AT_LINE = 4.0  # m before a stop sign within which standing counts
+STOPS = 5.0  # m/s2 with which somebody stops for red or for who has the right of way: SUMO's drivers brake with 4.5 at the last moment, and a little more
+AT_SIGN = 9.0  # m/s2 likewise at a stop sign, at which everybody stops
 FOES = 24  # conflicts looked at for each agent
 HARD = 4.5  # m/s2 with which an agent is taken to brake where it is taken to brake for no reason
 
@@ -347,7 +349,7 @@ def _step_all(
                 continue
             a = min(a, _red_accel(q, red, path, offset, count, current[i], i, t, x[i], v[i]))
             if math.isinf(rank[i]):
-                a = min(a, _halt(q, v[i], _to_sign(sign, offset, count, i, current[i], x[i])))
+                a = min(a, _halt(q, v[i], _to_sign(sign, offset, count, i, current[i], x[i]), AT_SIGN))
             a = min(a, _yield_accel(q, foe, kind, place, offset, count, current, length, x, v, i, polite, path, internal, red, t, rank, does[i] == FORCES))
             if does[i] == BRAKES:
                 a = min(a, -HARD)
@@ -429,9 +431,9 @@ def _red_before(red: Bools, offset: Floats, count: int, k: int, i: int, t: int, 
 
 
 @kernel
-def _halt(q: TrafficParams, v: float, distance: float) -> float:
-    """Acceleration that stops `distance` m ahead; none where that takes more than 4.5 m/s2."""
-    if v * v > 9.0 * max(distance, 0.1):
+def _halt(q: TrafficParams, v: float, distance: float, most: float) -> float:
+    """Acceleration that stops `distance` m ahead; none where that takes more than `most` m/s2."""
+    if v * v > 2.0 * most * max(distance, 0.1):
         return math.inf
     wish = 1.0 + max(0.0, 0.5 * v + v * v / (2.0 * math.sqrt(q.accel * q.decel)))
     return q.accel * (1.0 - (wish / max(distance, 0.1)) ** 2)
@@ -444,7 +446,7 @@ def _red_accel(q: TrafficParams, red: Bools, path: Ints, offset: Floats, count: 
         if distance > 80.0:
             break
         if red[i, m, t]:
-            return _halt(q, v, distance)
+            return _halt(q, v, distance, STOPS)
     return math.inf
 
 
@@ -506,7 +508,7 @@ def _yield_accel(
         leaves = (to_end + length[i]) / max(v[i], 3.0)
         if theirs > leaves + q.yield_gap:
             continue
-        stop = _halt(q, v[i], _stop_place(offset, current[i], i, x[i], place[i, u, 0], path, internal) - 1.0)
+        stop = _halt(q, v[i], _stop_place(offset, current[i], i, x[i], place[i, u, 0], path, internal) - 1.0, STOPS)
         if math.isinf(stop):
             continue
         if j == 0:

@@ -228,6 +228,13 @@ def test_at_a_stop_sign_everybody_stands_first() -> None:
     assert north[-1] > 5.0 and forecast.lane[0, -1, 0] == 3
 
 
+@pytest.mark.parametrize(("s", "stands"), [(70.0, True), (79.5, True), (82.0, True), (86.0, False)])
+def test_whoever_still_can_stands_at_a_stop_sign_however_hard_it_has_to_brake(s: float, stands: bool) -> None:
+    """10 m/s and 90 m of lane: SUMO's drivers begin when 4.5 m/s2 are due, and then need a little more."""
+    _, forecast = predicted(all_way_stop(), Agent("n", "si_0", s, 10.0), ego="no_0", seconds=14.0)
+    assert (forecast.v[0, :, 0].min() < 0.5) == stands
+
+
 @pytest.mark.parametrize("first", [0, 1])
 def test_at_an_all_way_stop_who_stood_first_goes_first(first: int) -> None:
     road = all_way_stop()
