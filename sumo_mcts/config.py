@@ -9,11 +9,13 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 SCHEMA_VERSION = 1
+CROWD_ID = "crowd_"
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Part = Annotated[float, Field(ge=0, le=1000)]
 CrowdSize = Annotated[int, Field(ge=0, le=500)]
 
 
@@ -107,9 +109,9 @@ class VehicleEvent(Event):
 class DriversConfig(_Section):
     """Shares of the kinds of drivers, drawn for every vehicle of actors and crowd that SUMO drives. All 0: their vehicle types stand."""
 
-    ordinary: NonNegative = Field(0.0, description="keeps its distance and roughly to the limit")
-    aggressive: NonNegative = Field(0.0, description="drives close and fast, takes small gaps, lets nobody in")
-    inattentive: NonNegative = Field(0.0, description="dawdles, and now and then overlooks who has the right of way")
+    ordinary: Part = Field(0.0, description="keeps its distance and roughly to the limit")
+    aggressive: Part = Field(0.0, description="drives close and fast, takes small gaps, lets nobody in")
+    inattentive: Part = Field(0.0, description="dawdles, and now and then overlooks who has the right of way")
 
 
 class Stream(_Section):
@@ -158,6 +160,13 @@ class TrafficConfig(_Section):
     drivers: DriversConfig = DriversConfig()
     events: tuple[VehicleEvent, ...] = ()
     vary: Annotated[float, Field(ge=0, le=3)] = Field(1.0, description="scale of all `vary` entries; 0 = the fixed scene")
+
+    @model_validator(mode="after")
+    def _ids_are_free(self) -> "TrafficConfig":
+        taken = [actor.id for actor in self.actors if actor.id.startswith(CROWD_ID)]
+        if self.crowd.count[1] > 0 and taken:
+            raise ValueError(f"actors: {taken[0]}: ids that begin with {CROWD_ID} are the crowd's")
+        return self
 
 
 class EpisodeConfig(_Section):

@@ -162,7 +162,8 @@ class Driver:
 
     def _usual_forecast(self, scene: Scene, route: RouteMap, state: State) -> Forecast:
         """What the scenario's predictor says, as far as its planner looks."""
-        return self._forecast(scene, route, state, self._config.prediction.name, self._horizon())
+        most = self._config.prediction.hypotheses if self._config.planner.name == "mcts" else 1
+        return self._forecast(scene, route, state, self._config.prediction.name, self._horizon(), most)
 
     def _keep_route(self, ego: EgoState) -> None:
         """Lay the route out when the ego is taken over, and again when SUMO gave it another one."""
@@ -194,12 +195,11 @@ class Driver:
         ply = max(1, round(config.planner.step_s / self._physics.step)) * self._physics.step
         return steps * ply + config.cost.claim_s + self._traffic.step
 
-    def _forecast(self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float) -> Forecast:
+    def _forecast(self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float, most: int = 1) -> Forecast:
         params = self._traffic._replace(interacting=name != "constant_velocity")
         stood_s = scene.time - self._stood.get(state.node, math.inf)
         nominal, lanes = self._nominal(scene.time), _ego_lanes(route, state)
         if name == "idm":
-            most = self._config.prediction.hypotheses if self._config.planner.name == "mcts" else 1
             return foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, most)
         return predict(self._road, scene, lanes, nominal, params, seconds, self._told(scene, name, seconds), stood_s)
 

@@ -280,7 +280,7 @@ def _stop_line(road: RoadMap, lane: int) -> Floats:
 
 # --- traces: every field of the tuples becomes a column over all cycles ---
 
-_FORMAT = 1
+_FORMAT = 2
 Columns = dict[str, NDArray[Any]]
 
 _SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}

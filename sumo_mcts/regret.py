@@ -96,12 +96,12 @@ class Panel:
         unknown = [name for name in planners if name not in ASKED]
         if unknown:
             raise ConfigError(f"--planners: {unknown[0]}: not one that can be asked for a single decision; allowed: {', '.join(ASKED)}")
-        self._efforts = [(name, n) for name in planners for n in (iterations if name in SEARCHING else (None,))]
+        self._efforts = list(dict.fromkeys((name, n) for name in planners for n in (iterations if name in SEARCHING else (None,))))
         self._planners = [make_planner(_asked(config, name, n)) for name, n in self._efforts]
 
     def ask(self, task: Task, situation: Situation, seed: int) -> list[Row]:
         """A row for each planner and number of iterations, all of them in the likeliest hypothesis: the reference problem has one."""
-        situation = situation._replace(forecast=likeliest(situation.forecast))
+        situation = situation._replace(forecast=likeliest(situation.forecast), until=math.inf)
         problem = problem_of(task, situation)
         roots = root_lines(problem)
         lines = []
@@ -117,7 +117,7 @@ class Panel:
 
 
 def _asked(config: ScenarioConfig, name: str, iterations: int | None) -> ScenarioConfig:
-    planner = {"name": name, "time_budget_ms": None, **({} if iterations is None else {"iterations": iterations})}
+    planner = {"name": name, "time_budget_ms": None, "most_iterations": None, **({} if iterations is None else {"iterations": iterations})}
     return config.model_copy(update={"planner": config.planner.model_copy(update=planner)})
 
 

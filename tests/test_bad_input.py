@@ -53,6 +53,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Captu
 SCENARIOS = {
     "net-missing": "sumo.net: {folder}/nowhere.net.xml: no such file",
     "crowd-edge": "traffic.crowd.streams: stream 1: route: no connection leads from from_west to from_east",
+    "crowd-id": "crowd-id.yaml: traffic: actors: crowd_1: ids that begin with crowd_ are the crowd's",
     "crowd-lane": "traffic.crowd.streams: stream 2: depart.lane: from_west has lanes 0 to 2, got 3",
     "crowd-order": "crowd-order.yaml: traffic.crowd.streams.0: pos_m: give the smaller number first",
     "crowd-streams": "crowd-streams.yaml: traffic.crowd: count: give streams too",

@@ -11,8 +11,10 @@ from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, 
 LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a step where that is longer
 FOLLOW = 99.0  # in place of an acceleration: car following
 COMMANDED = 200.0  # in place of an acceleration: the speed that is added to it, m/s, whatever the road allows
-FREE, RED_LINE, GOAL = range(3)
+FREE, RED_LINE, GOAL, OFF_END = range(4)
+HELD = 2.0  # m/s up to which running into the end of a lane is as good as stopping at it
 BEGUN = 1e-12  # progress of a lane change that is about to begin
+STANDS = 0.1  # m/s
 UNTURNED = 0.003  # rad of turn that nobody sees
 HALF = 0.5 + 1e-9  # progress beyond which the new lane counts; at half time itself SUMO's rounding decides
 
@@ -40,7 +42,8 @@ class EgoParams(NamedTuple):
 def advance(local: Local, p: EgoParams, state: State, accel: float, time: float) -> tuple[State, int]:
     """One step of the simulation towards an acceleration (m/s2), from `time` (s from now) on.
 
-    Returns the new state and FREE, RED_LINE (crossed a closed stop line) or GOAL (beyond the end of the route).
+    Returns the new state and FREE, RED_LINE (crossed a closed stop line), GOAL (beyond the end of the route) or OFF_END (ran into the end of a lane that
+    leads nowhere).
     """
     v, look = state.v, max(LOOK_AHEAD, p.step)
     line = _to_line(local, p, state, time)
@@ -102,6 +105,7 @@ def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, 
         if follow < 0:
             if math.isinf(local.node[node, REACH]):
                 return State(node, local.node[node, LENGTH], speed, a, 0.0, -1, 0.0), GOAL
+            event = OFF_END if speed > HELD else event
             moved, s, speed, a = 0.0, local.node[node, LENGTH], 0.0, 0.0  # SUMO holds a vehicle at the end of a lane that leads nowhere
             break
         s -= local.node[node, LENGTH]
@@ -126,6 +130,8 @@ def can_change(local: Local, p: EgoParams, state: State, side: int) -> bool:
     if state.progress > 0.0:
         return False
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
+    if state.v < STANDS and local.node[state.node, NEXT] < 0:
+        return target >= 0  # at the end of a lane that leads nowhere it is held until it is in the other
     # SUMO moves a vehicle along its old lane first and changes lanes at the end of the step
     room = max(state.v * 0.5 * p.change_duration, (state.v + p.max_accel * p.step) * p.step) + 0.5
     return target >= 0 and state.s + room < local.node[state.node, LENGTH]

@@ -20,7 +20,7 @@ from sumo_mcts.scene import ALLWAY, GREEN, LEFT, RIGHT, STOP, STRAIGHT, Agents, 
 LANES = 14  # lanes of a path at most
 PATH = 200.0  # m of a path at most
 TOLD = 10.0  # worth of a way on which an oracle has seen an agent: more than any guess
-UNTURNED = 0.05  # m off the centre line up to which a vehicle points along its lane
+UNTURNED = 0.05  # rad between box and lane up to which it is a matter of how curves are drawn
 ASIDE = 0.2  # m off the centre line from which a blinking vehicle is taken to be changing lanes
 CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes
 INSIDE = -1e9  # rank of whoever is inside a junction
@@ -577,7 +577,8 @@ def _place(
                 rx, ry = point_at(points, arc, first[path[row, kr]], first[path[row, kr] + 1], (back - offset[row, kr]) * scale[path[row, kr]])
             px, py, pc, ps = chord(fx, fy, rx, ry, cs, sn)
             if t == 0:
-                turn = math.atan2(sn * pc - cs * ps, cs * pc + sn * ps) if abs(aside) > UNTURNED else 0.0
+                turn = math.atan2(sn * pc - cs * ps, cs * pc + sn * ps)
+                turn = turn if abs(turn) > UNTURNED else 0.0
                 pose[t, i, 0], pose[t, i, 1], pose[t, i, 2], pose[t, i, 3] = x0[i], y0[i], cs, sn
                 continue
             if turn != 0.0 or aside != 0.0:

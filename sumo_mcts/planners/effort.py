@@ -52,7 +52,7 @@ def next_passes_in_time(tree: Tree, made: int, spent: float, left: float) -> int
     if tree.dead[0]:
         return 0
     if made == 0:
-        return tree.child.shape[1]
+        return 2 * tree.child.shape[1]  # where following leads to a contact, braking is tried too
     return max(1, min(SLICE, int(0.5 * left * made / spent))) if left > 0.0 else 0
 
 

@@ -73,11 +73,12 @@ class MctsPlanner:
             found, *more = self._weighed(situation, q, found, share)
             done, known = done + more[0], known + more[1]
         chosen = min(range(len(found)), key=lambda i: (found[i].child.best, -i))
-        if found[chosen].child.terms[4] > 0.0:  # nothing is free: what counts is how bad the contact is
+        lost = found[chosen].child.best >= 0.5 * task.cost.contact if len(share) > 1 else found[chosen].child.terms[4] > 0.0
+        if lost:  # nothing is free: what counts is how bad the contact is
             chosen = min(range(len(found)), key=lambda i: (float(found[i].child.terms[4]), found[i].child.best))
         child, plan, line = found[chosen]
         self._line, self._line_time = line if child.terms[4] == 0.0 else np.zeros(0), situation.scene.time
-        reason = "brake" if child.terms[4] > 0.0 else "carried on" if carried is not None and chosen == len(found) - 1 else "search"
+        reason = "brake" if lost else "carried on" if carried is not None and chosen == len(found) - 1 else "search"
         return Decision(Follow(plan.v, child.lane_change), plan, tuple(way.child for way in found), chosen, reason, done, known)
 
     def _weighed(self, situation: Situation, q: SearchParams, found: list[Way], share: Floats) -> tuple[list[Way], int, int]:

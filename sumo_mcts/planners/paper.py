@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from sumo_mcts.model.ego import FREE, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of, towards_other
+from sumo_mcts.model.ego import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of, towards_other
 from sumo_mcts.model.geometry import box_distance
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, index_at
@@ -298,7 +298,7 @@ def _ply(local: Local, p: EgoParams, w: Weights, state: State, accel: float, gui
     cost = np.zeros(4)
     for k in range(w.ply):
         state, event = advance(local, p, state, accel, (at + k) * p.step)
-        if event == RED_LINE:
+        if event in (RED_LINE, OFF_END):
             return state, cost, LOST
         if event == GOAL:
             end = ARRIVED

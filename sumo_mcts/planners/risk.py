@@ -22,5 +22,5 @@ def shares(weight: Floats, iterations: int, actions: int) -> Floats:
 
     Unlikely hypotheses for which the iterations would not suffice to try every action are left out.
     """
-    kept = weight[: max(1, min(len(weight), iterations // (2 * actions)))]
+    kept = weight[: max(1, min(len(weight), iterations // (4 * actions)))]
     return np.asarray(0.5 * kept / kept.sum() + 0.5 / len(kept))

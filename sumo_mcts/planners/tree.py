@@ -7,7 +7,7 @@ import numpy as np
 from numpy.random import Generator
 
 from sumo_mcts.model.cost import CostParams, contact_cost, meet, place_is_free, step_comfort, step_passability, terminal
-from sumo_mcts.model.ego import COMMANDED, FOLLOW, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, obey, pose_of
+from sumo_mcts.model.ego import COMMANDED, FOLLOW, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, obey, pose_of
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import Local, State, index_at
 from sumo_mcts.model.react import react
@@ -119,8 +119,9 @@ def simulate(
         state, event = advance(local, p, state, wanted, time) if accel < COMMANDED else obey(local, p, state, accel - COMMANDED, time)
         comfort += step_comfort(p, c, before, state)
         passability += step_passability(local, p, c, state)
-        if event == RED_LINE:
-            return Ply(state, followers, gap, leader_v, safety, comfort, passability, LOST, c.red + contact_cost(c, state, time, q.horizon))
+        if event in (RED_LINE, OFF_END):
+            loss = contact_cost(c, before if event == OFF_END else state, time, q.horizon)
+            return Ply(state, followers, gap, leader_v, safety, comfort, passability, LOST, loss + (c.red if event == RED_LINE else 0.0))
         if event == GOAL:
             return Ply(state, followers, gap, leader_v, safety, comfort, passability, ARRIVED, 0.0)
         gap += (leader_v - state.v) * p.step
@@ -134,7 +135,7 @@ def simulate(
                 safety += c.imposed * react(local, p, state, others, now, every) * every
             meeting = meet(local, p, c, state, others, followers, back, now)
             followers, gap, leader_v = meeting.followers, meeting.gap, meeting.leader_v
-            safety += meeting.rate * local.dt + meeting.once
+            safety += meeting.rate * every + meeting.once
             if meeting.contact:
                 return Ply(state, followers, gap, leader_v, safety, comfort, passability, LOST, contact_cost(c, state, moment, q.horizon))
     return Ply(state, followers, gap, leader_v, safety, comfort, passability, ALIVE, 0.0)

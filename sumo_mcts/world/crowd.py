@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from sumo_mcts.config import Actor, CrowdConfig, Depart, DriversConfig, Stream, TrafficConfig
+from sumo_mcts.config import CROWD_ID, Actor, CrowdConfig, Depart, DriversConfig, Stream, TrafficConfig
 from sumo_mcts.scene import RoadMap
 from sumo_mcts.world.actors import check, draw
 
@@ -92,7 +92,7 @@ def _crowd(crowd: CrowdConfig, actors: Sequence[Actor], rng: np.random.Generator
         is_late = rng.random() < crowd.late
         free = [float(pos) for pos in places if not is_late and _has_room(stream, lane, float(pos), speed, there)]
         depart = Depart(lane=lane, pos_m=free[0], speed_mps=speed) if free else Depart(time_s=time, lane=lane, speed_mps=speed)
-        member = Actor(id=f"crowd_{k + 1}", route=stream.route, depart=depart)
+        member = Actor(id=f"{CROWD_ID}{k + 1}", route=stream.route, depart=depart)
         there.append(member)
         late += [] if free else [member.id]
     return tuple(there[len(actors) :]), frozenset(late)

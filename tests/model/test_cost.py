@@ -14,6 +14,7 @@ from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.evaluation.referee import can_meet
 from sumo_mcts.model.cost import _late, meet, terminal
+from sumo_mcts.model.ego import FREE, OFF_END, advance, can_change
 from sumo_mcts.model.local import Local, State, _levels, apart, chain_gap
 from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.base import Task
@@ -141,6 +142,22 @@ def test_who_is_beside_the_ego_in_the_lane_that_it_leaves_is_met(progress: float
     first, second = (state.node, state.node + 1) if progress <= 0.5 else (state.node + 1, state.node)
     changing = state._replace(node=first, other=second, progress=progress)
     assert meet(local, task.ego, task.cost, changing, NOBODY, local.followers, 0.0, 0).contact == contact
+
+
+# --- the end of a lane that leads nowhere ---
+
+
+@pytest.mark.parametrize(("v", "event"), [(10.0, OFF_END), (3.0, OFF_END), (1.5, FREE)])
+def test_running_off_the_end_of_a_lane_is_no_way_to_stop(v: float, event: int) -> None:
+    task, local, state = view(ending_lane(), "a_0", 400.0, v)
+    after, what = advance(local, task.ego, state._replace(s=499.95), v, 0.0)
+    assert (what, after.v, after.s) == (event, 0.0, 500.0)
+
+
+@pytest.mark.parametrize(("lane", "s", "v", "side", "may"), [("a_0", 500.0, 0.0, 1, True), ("a_0", 500.0, 2.0, 1, False), ("a_1", 500.0, 0.0, -1, False)])
+def test_who_is_held_at_the_end_of_a_lane_may_still_leave_it(lane: str, s: float, v: float, side: int, may: bool) -> None:
+    task, local, state = view(ending_lane(), lane, 400.0, v)
+    assert can_change(local, task.ego, state._replace(s=s), side) == may
 
 
 # --- those who leave a lane, those who come late ---

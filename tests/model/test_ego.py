@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_mcts.driver import Physics
-from sumo_mcts.model.ego import FREE, GOAL, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of
+from sumo_mcts.model.ego import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of
 from sumo_mcts.model.local import Local, State
 from sumo_mcts.planners.base import Task
 from sumo_mcts.scene import GREEN, RED, RoadMap, Signals
@@ -123,7 +123,7 @@ def test_the_end_of_the_route_is_the_goal_and_a_dead_end_a_wall() -> None:
     assert 98.0 < states[-1][0].s <= 100.0 and states[-1][0].v == pytest.approx(0.0, abs=0.05)
     assert min(s.a for s, _ in states) > -3.0  # without haste
     (held, event), *_ = drive(local, task.ego, state._replace(s=99.5, v=15.0), [0.0])  # too late: SUMO holds it there
-    assert (held.s, held.v, event) == (100.0, 0.0, FREE)
+    assert (held.s, held.v, event) == (100.0, 0.0, OFF_END)
 
 
 # --- stop lines ---

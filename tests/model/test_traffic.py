@@ -374,3 +374,15 @@ def test_who_changes_lanes_is_forecast_as_aslant_as_sumo_has_it() -> None:
             slants.append(abs(math.remainder(before.agents.heading[i] - after.heading[j], math.tau)))
     assert len(errors) > 10 and max(slants) > math.radians(5.0)
     assert max(errors) < math.radians(2.5) and np.median(errors) < math.radians(1.0)
+
+
+def test_who_stands_aslant_is_expected_to_stand_so() -> None:
+    """SUMO keeps a vehicle's angle while it stands: one that stopped in the middle of a lane change has its rear in the other lane."""
+    road = lanes_east(3, 900.0)
+    agent = Agent("a", "a_1", 100.0, 0.0)
+    ego = ego_at(road, "a_2", 60.0, 5.0)
+    scene = scene_of(ego, road, agent)
+    scene = scene._replace(agents=scene.agents._replace(heading=np.array([0.6]), standing_s=np.array([30.0])))
+    pose = forecast_of(task_of(road, ego), scene).pose[0, :, 0]
+    assert np.arctan2(pose[:, 3], pose[:, 2]) == pytest.approx(0.6)
+    assert pose[1:, 0] == pytest.approx(100.0 - 2.5 * math.cos(0.6)) and pose[1:, 1] == pytest.approx(-2.5 * math.sin(0.6), abs=0.01)

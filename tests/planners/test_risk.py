@@ -61,7 +61,7 @@ def test_effort(weights: list[float], iterations: int, actions: int) -> None:
     assert share.sum() == pytest.approx(1.0) and np.all(np.diff(share) <= 1e-12)
     assert 1 <= len(share) <= len(weight)
     assert len(share) == 1 or share.min() * iterations >= actions - 1e-6
-    if iterations >= 2 * actions * len(weight):
+    if iterations >= 4 * actions * len(weight):
         assert len(share) == len(weight)
 
 
