@@ -240,16 +240,12 @@ def _claim(local: Local, p: EgoParams, c: CostParams, state: State, x: float, y:
     """Cost per second of standing where the agent will be within claim_s; the sooner, the dearer."""
     if local.trait[i, POLITE] != 0.0:
         return 0.0
-    length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
-    reach = p.half_length + length + p.half_width + width
     for k in range(1, CLAIM_SAMPLES + 1):
         at = now + int(k * c.claim_s / CLAIM_SAMPLES / local.dt + 0.5)
         if at >= local.agent.shape[0] or local.agent[at, i, NODE] == GONE:
             return 0.0
-        bx, by = local.agent[at, i, X], local.agent[at, i, Y]
-        if abs(bx - x) < reach and abs(by - y) < reach:
-            if boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width):
-                return 0.0 if apart(local, state.node, state.s, 2.0 * p.half_length, at, i) else c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
+        if _touches(local, p, x, y, cs, sn, at, i):
+            return 0.0 if apart(local, state.node, state.s, 2.0 * p.half_length, at, i) else c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
     return 0.0
 
 
@@ -259,14 +255,20 @@ def _late(local: Local, p: EgoParams, c: CostParams, state: State, x: float, y: 
     at = now - int(LATE / local.dt + 0.5)
     if at < 0 or local.agent[at, i, NODE] == GONE:
         return 0.0
+    if not _touches(local, p, x, y, cs, sn, at, i) or apart(local, state.node, state.s, 2.0 * p.half_length, at, i):
+        return 0.0
+    return c.claim * 0.5
+
+
+@kernel
+def _touches(local: Local, p: EgoParams, x: float, y: float, cs: float, sn: float, at: int, i: int) -> bool:
+    """Whether the ego's box, where it is now, meets that of agent i at forecast time `at`."""
     length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
     reach = p.half_length + length + p.half_width + width
     bx, by = local.agent[at, i, X], local.agent[at, i, Y]
     if abs(bx - x) >= reach or abs(by - y) >= reach:
-        return 0.0
-    if not boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width):
-        return 0.0
-    return 0.0 if apart(local, state.node, state.s, 2.0 * p.half_length, at, i) else c.claim * 0.5
+        return False
+    return boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width)
 
 
 @kernel

@@ -8,13 +8,14 @@ odds are also those of the joint hypotheses. Two unlikely things at once are lef
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sumo_mcts.model.traffic import BRAKES, FORCES, TURNS, Intent, Paths, Told, TrafficParams, changing, conflicts_of, likely_paths, predict
 from sumo_mcts.scene import LEFT, RIGHT, STRAIGHT, VEHICLE_CLASSES, Agents, Bools, Floats, Forecast, Ints, RoadMap, Scene
 
+OF_HYPOTHESES = ("pose", "v", "lane", "s", "valid", "yields")  # what a Forecast has for each
 LEAST = 0.005  # odds below which an alternative is not worth a search of its own
 EGO_VIEW = 100.0  # m of the ego's way on which it matters who else may come
 TURN_VIEW = 50.0  # m before a branch within which a driver who is going to turn shows it
@@ -59,16 +60,13 @@ def together(found: Sequence[Forecast], odds: Sequence[float]) -> Forecast:
     """Forecasts of one hypothesis each as one forecast, the likeliest first."""
     order = np.argsort(-np.array(odds), kind="stable")
     weight = np.array(odds)[order] / np.sum(odds)
-    pose, v, lane, s, valid, yields = (
-        np.concatenate([getattr(found[h], name) for h in order]) for name in ("pose", "v", "lane", "s", "valid", "yields")
-    )  # fmt: skip
-    return found[0]._replace(weight=weight, pose=pose, v=v, lane=lane, s=s, valid=valid, yields=yields)
+    columns: dict[str, Any] = {name: np.concatenate([getattr(found[h], name) for h in order]) for name in OF_HYPOTHESES}
+    return found[0]._replace(weight=weight, **columns)
 
 
 def likeliest(forecast: Forecast) -> Forecast:
     """Its first hypothesis alone."""
-    pose, v, lane, s, valid, yields = (getattr(forecast, name)[:1] for name in ("pose", "v", "lane", "s", "valid", "yields"))
-    return forecast._replace(weight=np.ones(1), pose=pose, v=v, lane=lane, s=s, valid=valid, yields=yields)
+    return forecast._replace(weight=np.ones(1), **{name: getattr(forecast, name)[:1] for name in OF_HYPOTHESES})
 
 
 def alternatives(road: RoadMap, scene: Scene, ego_lanes: Ints, usual: Forecast, params: TrafficParams) -> list[Alternative]:

@@ -312,6 +312,19 @@ def signal_states(signals: Signals, signal: int, link: int, grid: Floats) -> Int
 
 
 @kernel
+def keep_state(where: Indices, motion: Floats, i: int, state: State) -> None:
+    """Write a state into row i of `where` [M, 2] (node, other) and `motion` [M, 5] (s, v, a, progress, turn)."""
+    where[i, 0], where[i, 1] = state.node, state.other
+    motion[i, 0], motion[i, 1], motion[i, 2], motion[i, 3], motion[i, 4] = state.s, state.v, state.a, state.progress, state.turn
+
+
+@kernel
+def kept_state(where: Indices, motion: Floats, i: int) -> State:
+    """The state in row i."""
+    return State(where[i, 0], motion[i, 0], motion[i, 1], motion[i, 2], motion[i, 3], where[i, 1], motion[i, 4])
+
+
+@kernel
 def index_at(local: Local, time: float) -> int:
     """The forecast time nearest to `time` (s from now); it may lie beyond the last one."""
     return int(time / local.dt + 0.5)

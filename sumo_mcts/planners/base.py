@@ -3,6 +3,8 @@
 import math
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from sumo_mcts.model.cost import CostParams
 from sumo_mcts.model.ego import EgoParams
 from sumo_mcts.model.local import Local, State, build_local
@@ -48,3 +50,14 @@ class Planner(Protocol):
 
     def plan(self, situation: Situation) -> Decision:
         """Decide for the coming decision period."""
+
+
+class Drawing:
+    """What the planners have in common that look into a forecast and draw."""
+
+    needs_forecast = True
+
+    def start(self, task: Task, seed: int) -> None:
+        """Take the ego over."""
+        self._task = task
+        self._rng = np.random.Generator(np.random.PCG64(seed))

@@ -11,7 +11,7 @@ from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import COS, DRIVEN, ENTERS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, NODE_OF, SIN, WHO, Local, S, State, V, X, Y, apart
 from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, Indices, lane_pose
-from sumo_mcts.planners.base import STOP_DECEL, Situation, Task, local_of
+from sumo_mcts.planners.base import STOP_DECEL, Drawing, Situation, Task, local_of
 from sumo_mcts.planners.mcts import MctsParams, actions_of, follow_line, in_steps
 from sumo_mcts.planners.tree import entry_of
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, Release
@@ -113,19 +113,12 @@ class IdmPlanner:
 NOBODY = np.zeros((0, 2))  # whom a search would move
 
 
-class RandomPlanner:
+class RandomPlanner(Drawing):
     """Any action that the search could begin with, each with the same probability: what a choice is worth."""
-
-    needs_forecast = True
 
     def __init__(self, params: MctsParams) -> None:
         self._params = params
         self._actions = actions_of(params)
-
-    def start(self, task: Task, seed: int) -> None:
-        """Take the ego over."""
-        self._task = task
-        self._rng = np.random.Generator(np.random.PCG64(seed))
 
     def plan(self, situation: Situation) -> Decision:
         """Draw until an action is possible; some way of keeping the lane always is."""

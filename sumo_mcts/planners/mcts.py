@@ -9,7 +9,7 @@ import numpy as np
 from sumo_mcts.model.ego import FOLLOW
 from sumo_mcts.model.local import Local, State
 from sumo_mcts.model.react import at_rest
-from sumo_mcts.planners.base import Situation, Task, local_of
+from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
 from sumo_mcts.planners.effort import Effort, budget, next_passes, next_passes_in_time, part
 from sumo_mcts.planners.risk import risk, shares
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, LOST, SearchParams, Tree, entry_of, new_tree, replay, search, search_params, side_of
@@ -43,10 +43,8 @@ class Way(NamedTuple):
     line: Floats  # [steps] entries (see tree.entry_of)
 
 
-class MctsPlanner:
+class MctsPlanner(Drawing):
     """Monte-Carlo tree search over the forecast."""
-
-    needs_forecast = True
 
     def __init__(self, params: MctsParams) -> None:
         self._params = params
@@ -54,8 +52,7 @@ class MctsPlanner:
 
     def start(self, task: Task, seed: int) -> None:
         """Take the ego over."""
-        self._task = task
-        self._rng = np.random.Generator(np.random.PCG64(seed))
+        super().start(task, seed)
         self._line, self._line_time = np.zeros(0), 0.0
 
     def plan(self, situation: Situation) -> Decision:

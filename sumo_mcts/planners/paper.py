@@ -10,9 +10,9 @@ from numpy.random import Generator
 from sumo_mcts.model.ego import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of, towards_other
 from sumo_mcts.model.geometry import box_distance
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, index_at
+from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, index_at, keep_state, kept_state
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
-from sumo_mcts.planners.base import Situation, Task, local_of
+from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
 from sumo_mcts.planners.effort import SLICE, budget
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.scene import LEFT, RIGHT, Bools, Decision, Floats, Follow, Plan, RootChild
@@ -99,20 +99,13 @@ class PaperTree(NamedTuple):
     used: Indices  # [1]
 
 
-class PaperPlanner:
+class PaperPlanner(Drawing):
     """Monte-Carlo tree search as the paper prints it."""
-
-    needs_forecast = True
 
     def __init__(self, params: PaperParams) -> None:
         self._params = params
         keep = [(a, 0.0) for a in params.accelerations]
         self._actions = np.array(keep + [(a, side) for side in (1.0, -1.0) for a in params.lane_change_accelerations])
-
-    def start(self, task: Task, seed: int) -> None:
-        """Take the ego over."""
-        self._task = task
-        self._rng = np.random.Generator(np.random.PCG64(seed))
 
     def plan(self, situation: Situation) -> Decision:
         """Search from the present state; emergency braking when every child was discarded."""
@@ -195,7 +188,7 @@ def _drive(local: Local, task: Task, w: Weights, state: State, action: Floats) -
 def _search(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, root: State, guide: Guide, iterations: int, rng: Generator) -> None:
     """Algorithm 1."""
     if tree.used[0] == 0:
-        _store(tree, 0, root)
+        keep_state(tree.where, tree.motion, 0, root)
         tree.used[0] = 1
     for _ in range(iterations):
         node = _select(tree, w, rng)
@@ -238,7 +231,7 @@ def _select(tree: PaperTree, w: Weights, rng: Generator) -> int:
 @making_arrays
 def _expand(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, guide: Guide, node: int) -> None:
     """All children of a node; those that collide are marked and never visited."""
-    root = _state(tree, node)
+    root = kept_state(tree.where, tree.motion, node)
     for k in range(len(actions)):
         side = int(actions[k, 1])
         tree.child[node, k] = IMPOSSIBLE
@@ -254,7 +247,7 @@ def _expand(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Fl
         tree.used[0] += 1
         tree.child[node, k], tree.parent[i], tree.level[i], tree.end[i] = i, node, tree.level[node] + 1, end
         tree.cost[i] = tree.cost[node] + cost
-        _store(tree, i, state)
+        keep_state(tree.where, tree.motion, i, state)
 
 
 @kernel
@@ -272,7 +265,7 @@ def _can_finish(local: Local, p: EgoParams, w: Weights, state: State, level: int
 @making_arrays
 def _rollout(tree: PaperTree, local: Local, p: EgoParams, w: Weights, guide: Guide, node: int, rng: Generator) -> float:
     """Algorithm 2: random longitudinal actions to the terminal state; the cost J of the whole sequence."""
-    state, total = _state(tree, node), tree.cost[node].sum()
+    state, total = kept_state(tree.where, tree.motion, node), tree.cost[node].sum()
     if tree.end[node] == ARRIVED:
         return total
     for level in range(tree.level[node], w.look_ahead + w.rollout):
@@ -353,15 +346,3 @@ def _junction_ahead(local: Local, state: State, goal: float) -> bool:
         distance -= local.node[node, LENGTH]
         node = int(local.node[node, NEXT])
     return False
-
-
-@kernel
-def _store(tree: PaperTree, i: int, state: State) -> None:
-    tree.where[i, 0], tree.where[i, 1] = state.node, state.other
-    tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2] = state.s, state.v, state.a
-    tree.motion[i, 3], tree.motion[i, 4] = state.progress, state.turn
-
-
-@kernel
-def _state(tree: PaperTree, i: int) -> State:
-    return State(tree.where[i, 0], tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3], tree.where[i, 1], tree.motion[i, 4])

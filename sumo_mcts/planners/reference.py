@@ -11,14 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.cost import PICK_UP, CostParams, meet, place_is_free, step_comfort, terminal
+from sumo_mcts.model.cost import PICK_UP, CostParams, meet, step_comfort, terminal
 from sumo_mcts.model.ego import COMMANDED, FOLLOW, EgoParams, begin_change, can_change
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.local import Local, State, index_at
+from sumo_mcts.model.local import Local, State, keep_state, kept_state
 from sumo_mcts.model.react import at_rest
 from sumo_mcts.model.route import LIMIT, Indices
 from sumo_mcts.planners.base import Situation, Task, local_of
-from sumo_mcts.planners.tree import ALIVE, LOST, Ply, SearchParams, entry_of, search_params, side_of, simulate
+from sumo_mcts.planners.tree import ALIVE, LOST, Ply, SearchParams, copy_pairs, entry_of, may_change, search_params, side_of, simulate
 from sumo_mcts.scene import Bools, Floats, Follow
 
 COST = CostParams(
@@ -121,7 +121,7 @@ def problem_of(task: Task, situation: Situation) -> Problem:
     ends = np.unique([max(1, math.floor(end / ego.step + 0.5)) for end in ENDS_S])
     q = search_params(ego.step, local.dt, ENDS_S[0], CHECK_S, len(ends), 0, 0.0, False)._replace(horizon=float(ends[-1]) * ego.step)
     actions = np.array([(accel, 0.0) for accel in KEEPING] + [(accel, side) for side in (1.0, -1.0) for accel in CHANGING])
-    possible = [side == 0.0 or _may_change(local, ego, state, int(side), 0) for side in actions[:, 1]]
+    possible = [side == 0.0 or may_change(local, ego, COST, state, int(side), 0.0) for side in actions[:, 1]]
     return Problem(task, local, state, at_rest(local, REACTIVE), q, ends, actions, actions[possible])
 
 
@@ -239,7 +239,7 @@ def _begin(work: Work, root: State, at_root: Floats, line: Floats, labels: Label
     local, p = work.local, work.ego
     meeting = meet(local, p, COST, root, at_root, local.followers, 0.0, 0)
     state, followers, gap, leader_v = root, meeting.followers, meeting.gap, meeting.leader_v
-    _set_pairs(work.moving, at_root)
+    copy_pairs(at_root, work.moving)
     cost, end, side = 0.0, ALIVE, side_of(line[0])
     if side != 0 and can_change(local, p, state, side):
         state = begin_change(local, p, state, side)
@@ -278,13 +278,13 @@ def _spread(work: Work, now: Labels, used: int, then: Labels, ply: int, best: Fl
         if now.bound[k] >= best[0]:
             continue
         for n in range(len(work.actions)):
-            state, side, cost = _state(now, k), int(work.actions[n, 1]), now.cost[k]
+            state, side, cost = kept_state(now.where, now.motion, k), int(work.actions[n, 1]), now.cost[k]
             if side != 0:
-                if not _may_change(local, p, state, side, at):
+                if not may_change(local, p, COST, state, side, at * p.step):
                     continue
                 state = begin_change(local, p, state, side)
                 cost += COST.lane_change
-            _set_pairs(work.moving, now.others[k])
+            copy_pairs(now.others[k], work.moving)
             _set(then.line[found], now.line[k])
             then.line[found, ply] = entry_of(work.actions[n, 0], work.actions[n, 1])
             step = _simulate(work, state, now.followers[k], now.leader[k, 0], now.leader[k, 1], work.actions[n, 0], at, end)
@@ -306,14 +306,20 @@ def _drive_on(work: Work, labels: Labels, i: int, ply: int, tail: Floats, best: 
     """From label i, at the end of `ply`, to the horizon by the entries of `tail`, with car following where there are none: a way that others have to be
     better than."""
     local, p = work.local, work.ego
-    state, followers, gap, leader_v, cost = _state(labels, i), labels.followers[i], labels.leader[i, 0], labels.leader[i, 1], labels.cost[i]
-    _set_pairs(work.moving, labels.others[i])
+    state, followers, gap, leader_v, cost = (
+        kept_state(labels.where, labels.motion, i),
+        labels.followers[i],
+        labels.leader[i, 0],
+        labels.leader[i, 1],
+        labels.cost[i],
+    )
+    copy_pairs(labels.others[i], work.moving)
     line, end = labels.line[i], ALIVE
     for k in range(ply + 1, len(work.ends)):
         at, entry = int(work.ends[k - 1]), FOLLOW if np.isnan(tail[k]) else tail[k]
         side = side_of(entry)
         accel = entry_of(entry, -side)
-        if side != 0 and _may_change(local, p, state, side, at):
+        if side != 0 and may_change(local, p, COST, state, side, at * p.step):
             state = begin_change(local, p, state, side)
             cost += COST.lane_change
         else:
@@ -420,19 +426,17 @@ def _mixed(low: int, high: int, number: int) -> tuple[int, int]:
 
 @kernel
 def _write(labels: Labels, k: int, state: State, followers: int, gap: float, leader_v: float, others: Floats, cost: float) -> None:
-    labels.where[k, 0], labels.where[k, 1] = state.node, state.other
-    labels.motion[k, 0], labels.motion[k, 1], labels.motion[k, 2] = state.s, state.v, state.a
-    labels.motion[k, 3], labels.motion[k, 4] = state.progress, state.turn
+    keep_state(labels.where, labels.motion, k, state)
     labels.followers[k], labels.cost[k] = followers, cost
     labels.leader[k, 0], labels.leader[k, 1] = gap, leader_v
-    _set_pairs(labels.others[k], others)
+    copy_pairs(others, labels.others[k])
 
 
 @kernel
 def _copy(source: Labels, i: int, target: Labels, k: int) -> None:
     _set(target.motion[k], source.motion[i])
     _set(target.line[k], source.line[i])
-    _set_pairs(target.others[k], source.others[i])
+    copy_pairs(source.others[i], target.others[k])
     target.where[k, 0], target.where[k, 1] = source.where[i, 0], source.where[i, 1]
     target.leader[k, 0], target.leader[k, 1] = source.leader[i, 0], source.leader[i, 1]
     target.followers[k], target.cost[k], target.bound[k], target.key[k] = source.followers[i], source.cost[i], source.bound[i], source.key[i]
@@ -443,21 +447,3 @@ def _set(target: Floats, source: Floats) -> None:
     """Copy a row: assigning slices would need an array in between."""
     for n in range(len(source)):
         target[n] = source[n]
-
-
-@kernel
-def _set_pairs(target: Floats, source: Floats) -> None:
-    for r in range(len(source)):
-        target[r, 0], target[r, 1] = source[r, 0], source[r, 1]
-
-
-@kernel
-def _state(labels: Labels, k: int) -> State:
-    m = labels.motion
-    return State(labels.where[k, 0], m[k, 0], m[k, 1], m[k, 2], m[k, 3], labels.where[k, 1], m[k, 4])
-
-
-@kernel
-def _may_change(local: Local, p: EgoParams, state: State, side: int, at: int) -> bool:
-    """Whether a lane change may begin at step `at`: the road allows it and the place is free."""
-    return can_change(local, p, state, side) and place_is_free(local, p, COST, begin_change(local, p, state, side), index_at(local, at * p.step))

@@ -9,7 +9,7 @@ from numpy.random import Generator
 from sumo_mcts.model.cost import CostParams, contact_cost, meet, place_is_free, step_comfort, step_passability, terminal
 from sumo_mcts.model.ego import COMMANDED, FOLLOW, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, obey, pose_of
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.local import Local, State, index_at
+from sumo_mcts.model.local import Local, State, index_at, keep_state, kept_state
 from sumo_mcts.model.react import react
 from sumo_mcts.model.route import LIMIT, Indices
 from sumo_mcts.scene import Bools, Floats
@@ -196,23 +196,16 @@ def _plant(tree: Tree, local: Local, p: EgoParams, c: CostParams, root: State) -
 
 @kernel
 def _store(tree: Tree, i: int, state: State, followers: int, gap: float, leader_v: float) -> None:
-    tree.where[i, 0], tree.where[i, 1] = state.node, state.other
-    tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2] = state.s, state.v, state.a
-    tree.motion[i, 3], tree.motion[i, 4] = state.progress, state.turn
+    keep_state(tree.where, tree.motion, i, state)
     tree.followers[i] = followers
     tree.leader[i, 0], tree.leader[i, 1] = gap, leader_v
 
 
 @kernel
-def _copy(source: Floats, target: Floats) -> None:
+def copy_pairs(source: Floats, target: Floats) -> None:
+    """Copy rows of two: assigning slices would need an array in between."""
     for r in range(source.shape[0]):
         target[r, 0], target[r, 1] = source[r, 0], source[r, 1]
-
-
-@kernel
-def state_of(tree: Tree, i: int) -> State:
-    """The ego's state in node i."""
-    return State(tree.where[i, 0], tree.motion[i, 0], tree.motion[i, 1], tree.motion[i, 2], tree.motion[i, 3], tree.where[i, 1], tree.motion[i, 4])
 
 
 @kernel
@@ -267,15 +260,15 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     if tree.level[node] > 0 and actions[k, 2] == 0.0:
         tree.child[node, k] = IMPOSSIBLE
         return IMPOSSIBLE
-    state, side = state_of(tree, node), int(actions[k, 1])
+    state, side = kept_state(tree.where, tree.motion, node), int(actions[k, 1])
     changed = 0.0
     if side != 0:
-        if not _may_change(local, p, c, state, side, tree.level[node] * q.ply * p.step):
+        if not may_change(local, p, c, state, side, tree.level[node] * q.ply * p.step):
             tree.child[node, k] = IMPOSSIBLE
             return IMPOSSIBLE
         state = begin_change(local, p, state, side)
         changed = c.lane_change
-    _copy(tree.others[node], tree.moving)
+    copy_pairs(tree.others[node], tree.moving)
     ply = simulate(
         local, p, c, q, state, tree.moving, tree.followers[node], tree.leader[node, 0], tree.leader[node, 1], actions[k, 0], tree.level[node] * q.ply
     )
@@ -291,7 +284,7 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     tree.used[0] += 1
     tree.child[node, k], tree.parent[i], tree.level[i] = i, node, tree.level[node] + 1
     _store(tree, i, ply.state, ply.followers, ply.gap, ply.leader_v)
-    _copy(tree.moving, tree.others[i])
+    copy_pairs(tree.moving, tree.others[i])
     tree.cost[i, 0] = tree.cost[node, 0] + ply.safety
     tree.cost[i, 1] = tree.cost[node, 1] + ply.comfort
     tree.cost[i, 2] = tree.cost[node, 2] + ply.passability
@@ -316,13 +309,13 @@ def _known(tree: Tree, node: int, action: int, state: State) -> bool:
 @kernel
 def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, node: int, line: Floats, rng: Generator) -> float:
     """J of a continuation to the horizon; `line` receives its accelerations."""
-    state, followers = state_of(tree, node), tree.followers[node]
+    state, followers = kept_state(tree.where, tree.motion, node), tree.followers[node]
     gap, leader_v = tree.leader[node, 0], tree.leader[node, 1]
     level, last = tree.level[node], q.look_ahead + q.rollout
     policy, turn, way = _continuation(tree, q, node, rng)
     line[:] = np.nan
     others = tree.moving
-    _copy(tree.others[node], others)
+    copy_pairs(tree.others[node], others)
     j = tree.cost[node].sum()
     for k in range(level, last):
         accel = FOLLOW
@@ -334,7 +327,7 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
             accel = p.max_accel
         line[k] = accel
         side = way if k == turn and way != 0 else _needed_side(local, state)
-        if side != 0 and _may_change(local, p, c, state, side, k * q.ply * p.step):
+        if side != 0 and may_change(local, p, c, state, side, k * q.ply * p.step):
             state = begin_change(local, p, state, side)
             line[k] = entry_of(accel, side)
             j += c.lane_change
@@ -376,7 +369,7 @@ def _needed_side(local: Local, state: State) -> int:
 
 
 @kernel
-def _may_change(local: Local, p: EgoParams, c: CostParams, state: State, side: int, time: float) -> bool:
+def may_change(local: Local, p: EgoParams, c: CostParams, state: State, side: int, time: float) -> bool:
     """Whether a lane change may begin at `time` (s from now): the road allows it and the place is free."""
     return can_change(local, p, state, side) and place_is_free(local, p, c, begin_change(local, p, state, side), index_at(local, time))
 
@@ -451,7 +444,7 @@ def replay(
     for at in range(len(line)):
         side = side_of(line[at])
         if side != 0:
-            if not _may_change(local, p, c, state, side, at * p.step):
+            if not may_change(local, p, c, state, side, at * p.step):
                 return at, IMPOSSIBLE
             state = begin_change(local, p, state, side)
             terms[3] += c.lane_change

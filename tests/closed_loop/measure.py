@@ -27,6 +27,7 @@ import sumolib
 
 from sumo_mcts import assets, config
 from sumo_mcts.episode import run_episode
+from sumo_mcts.regret import wilson
 from sumo_mcts.world.arguments import sumo_arguments
 from sumo_mcts.world.candidates import candidates
 from sumo_mcts.world.crowd import Cast
@@ -184,7 +185,7 @@ def table_row(name: str, pairs: Sequence[tuple[dict[str, Any], dict[str, Any]]])
     arrived = sum(e["outcome"] == "arrived" for e, _ in both)
     imposed = " ".join(f"{_count(egos, k)}:{_count(twins, k)}" for k in (2, 3, 4))
     return (
-        f"| {name} | {len(pairs)} | {outcomes} | {arrived}/{len(both)} {wilson(arrived, len(both))} | {sum(bool(e['at_fault']) for e in egos)} | "
+        f"| {name} | {len(pairs)} | {outcomes} | {arrived}/{len(both)} {span(arrived, len(both))} | {sum(bool(e['at_fault']) for e in egos)} | "
         f"{sum(e['red_lights_run'] or 0 for e in egos)} | {sum((e['speeding_share'] or 0) > 0 for e in egos)} | {ratio:.2f} | {imposed} | "
         f"{sum((e['hard_brakes'] or 0) > 0 for e in egos)} | {np.median([e['plan_ms_p50'] or 0 for e in egos]):.1f} |"
     )
@@ -196,7 +197,7 @@ def lone_row(name: str, egos: Sequence[dict[str, Any]]) -> str:
     arrived, collided = outcomes["arrived"], outcomes["collision"]
     times = [e["travel_time_s"] for e in egos if e["outcome"] == "arrived"]
     return (
-        f"| {name} | {n} | {', '.join(f'{k} {o}' for o, k in outcomes.items())} | {arrived}/{n} {wilson(arrived, n)} | {collided}/{n} {wilson(collided, n)} | "
+        f"| {name} | {n} | {', '.join(f'{k} {o}' for o, k in outcomes.items())} | {arrived}/{n} {span(arrived, n)} | {collided}/{n} {span(collided, n)} | "
         f"{sum(bool(e['at_fault']) for e in egos)} | {np.median(times) if times else math.nan:.1f} | {np.median([e['plan_ms_p50'] or 0 for e in egos]):.1f} |"
     )
 
@@ -205,13 +206,10 @@ def _count(rows: Iterable[dict[str, Any]], limit: int) -> int:
     return sum((row[f"imposed_brakes_{limit}"] or 0) > 0 for row in rows)
 
 
-def wilson(k: int, n: int) -> str:
+def span(k: int, n: int) -> str:
     """95 % interval of a rate, in percent."""
-    if n == 0:
-        return "(-)"
-    z, p = 1.96, k / n
-    middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return f"({max(0.0, 100 * (middle - half) / (1 + z * z / n)):.0f}..{100 * (middle + half) / (1 + z * z / n):.0f} %)"
+    interval = wilson(k, n)
+    return "(-)" if interval is None else f"({100 * interval[0]:.0f}..{100 * interval[1]:.0f} %)"
 
 
 if __name__ == "__main__":
