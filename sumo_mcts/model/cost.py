@@ -108,6 +108,8 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
                 gap, leader_v = to_rear, v
             if state.progress > 0.0 and _beside_in_lane(local, p, state, back, node, s, length):
                 return Meeting(True, rate, once, gap, leader_v, followers)
+            if state.progress > 0.0 and _leaves(local, i, now) >= 0:
+                to_ego = min(to_ego, chain_gap(local, _leaves(local, i, now), s, _target(state), state.s - back))
             if not behind and i < 63 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
                 price = _cut_in(c, to_ego - 2.0 * p.half_length, v, state.v)
                 if price >= 0.0:
@@ -147,15 +149,24 @@ def place_is_free(local: Local, p: EgoParams, c: CostParams, changed: State, ind
         node = int(local.agent[now, i, NODE])
         if node < 0 or local.trait[i, REACTS] == 0.0:
             continue
-        behind = chain_gap(local, node, local.agent[now, i, S], target, changed.s)
+        s, left = local.agent[now, i, S], _leaves(local, i, now)
+        behind = chain_gap(local, node, s, target, changed.s)
+        if left >= 0:
+            behind = min(behind, chain_gap(local, left, s, target, changed.s))
         if 0.0 <= behind < math.inf and _cut_in(c, behind - 2.0 * p.half_length, local.agent[now, i, V], changed.v) < 0.0:
             return False
-        ahead = chain_gap(local, target, changed.s, node, local.agent[now, i, S]) - 2.0 * local.trait[i, HALF_LENGTH]
+        ahead = chain_gap(local, target, changed.s, node, s) - 2.0 * local.trait[i, HALF_LENGTH]
         closing = max(0.0, changed.v - local.agent[now, i, V])
         beside = ahead < 0.5 <= ahead + 2.0 * local.trait[i, HALF_LENGTH]
         if beside or (behind == math.inf and closing * closing > 2.0 * p.comfort_decel * max(ahead - 0.5, 0.0)):
             return False
     return True
+
+
+@kernel
+def _target(state: State) -> int:
+    """The lane that the ego changes to."""
+    return state.other if state.progress < 0.5 and state.other >= 0 else state.node
 
 
 @kernel
@@ -170,10 +181,17 @@ def _gap_ahead(local: Local, state: State, back: float, node: int, s: float) -> 
 @kernel
 def _to_leaving(local: Local, state: State, back: float, i: int, s: float, now: int) -> float:
     """m from the ego's front to the rear of an agent that is ahead, in another lane already but not yet wholly out of the ego's; inf: it is not."""
-    if local.trait[i, BESIDE] < 0.0 or now > local.trait[i, UNTIL]:
+    left = _leaves(local, i, now)
+    if left < 0:
         return math.inf
-    gap = _gap_ahead(local, state, back, int(local.trait[i, BESIDE]), s) - 2.0 * local.trait[i, HALF_LENGTH]
+    gap = _gap_ahead(local, state, back, left, s) - 2.0 * local.trait[i, HALF_LENGTH]
     return gap if gap > 0.0 else math.inf
+
+
+@kernel
+def _leaves(local: Local, i: int, now: int) -> int:
+    """The node of the lane that an agent leaves and is not yet wholly out of; -1: none. Whoever moves in front of it there makes it brake."""
+    return int(local.trait[i, BESIDE]) if now <= local.trait[i, UNTIL] else -1
 
 
 @kernel
