@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.evaluation.referee import can_meet
-from sumo_mcts.model.cost import _late, meet, terminal
-from sumo_mcts.model.ego import FREE, OFF_END, advance, can_change
+from sumo_mcts.model.cost import _late, meet, place_is_free, terminal
+from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change
 from sumo_mcts.model.local import Local, State, _levels, apart, chain_gap
 from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.base import Task
@@ -174,6 +174,26 @@ def test_who_leaves_the_ego_s_lane_leads_until_its_whole_box_is_out_of_it(lane: 
     assert leads == list(range(min(times, 20)))
     if leads:
         assert gaps[0] == pytest.approx(20.0) and meet(local, task.ego, task.cost, state, NOBODY, 0, 0.0, 0).leader_v == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize(
+    ("lane", "d", "s", "v", "free"),
+    [
+        ("a_0", 1.7, 85.0, 13.0, False), ("a_0", 0.6, 85.0, 13.0, True), ("a_0", 1.7, 99.5, 5.0, False), ("a_0", 1.7, 108.0, 5.0, True),
+        ("a_0", 1.7, 78.0, 13.0, True), ("a_0", 1.7, 85.0, 3.0, True),
+    ],
+)  # fmt: skip
+def test_who_leaves_a_lane_is_not_cut_in_on_until_its_whole_box_is_out_of_it(lane: str, d: float, s: float, v: float, free: bool) -> None:
+    """The ego, at 3 m/s, wants to the right, where somebody moves over to the lane beyond."""
+    task, local, state = view(lanes_east(3, 900.0), "a_2", 105.0, 3.0, Agent("x", lane, s, v, d))
+    assert place_is_free(local, task.ego, task.cost, begin_change(local, task.ego, state, -1), 0) == free
+
+
+def test_moving_in_front_of_who_leaves_the_lane_has_its_price() -> None:
+    task, local, state = view(lanes_east(3, 900.0), "a_2", 105.0, 8.0, Agent("x", "a_0", 86.0, 12.0, 1.7))
+    changing = begin_change(local, task.ego, state, -1)._replace(progress=0.1)
+    prices = [meet(local, task.ego, task.cost, changing, NOBODY, 0, 0.0, k).once for k in range(8)]
+    assert min(prices[:5]) > 0.0 and max(prices[5:]) == 0.0
 
 
 def test_who_stands_beside_half_out_of_the_lane_leads_nobody() -> None:
