@@ -89,7 +89,7 @@ def situation_of(task: Task, scene: Scene, cleared: frozenset[int] = frozenset()
 def local_of(task: Task, scene: Scene, cleared: frozenset[int] = frozenset(), seconds: float = 10.0, reactive: int = 0) -> tuple[Local, State]:
     """What compiled code reads, and the ego's state in it."""
     situation = situation_of(task, scene, cleared, seconds)
-    return build_local(task.road, task.route, situation.state, scene, situation.forecast, 0, cleared, STOP_DECEL, reactive), situation.state
+    return build_local(task.road, task.route, situation.state, scene, situation.forecast, 0, cleared, STOP_DECEL, task.cost.claim_s, reactive), situation.state
 
 
 def half(params: EgoParams) -> float:

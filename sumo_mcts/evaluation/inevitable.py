@@ -71,7 +71,7 @@ class Hindsight:
         forecast = _forecast(self._futures(scene.time, ply * plies + 1), p.step, ply * plies + 1)
         # a stop sign holds nobody who has to get out of the way
         served = frozenset(np.flatnonzero(self._route.sign).tolist())
-        local = build_local(self._road, self._route, state, scene, forecast, 0, served, p.comfort_decel)
+        local = build_local(self._road, self._route, state, scene, forecast, 0, served, p.comfort_decel, 0.0)
         looks = max(1, round(p.step / CHECK_S))
         return len(way_out(local, p, state, actions(p), self._home, ply, plies, looks, CELL)) == 0
 

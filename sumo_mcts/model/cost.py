@@ -8,21 +8,27 @@ from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import (
     BESIDE,
+    CLAIM_SAMPLES,
     COS,
     DRIVEN,
+    EAST,
     ENTERS,
     GONE,
     HALF_LENGTH,
     HALF_WIDTH,
+    LATE,
     MERGES,
     NODE,
     NODE_OF,
+    NORTH,
     POLITE,
     REACTS,
     SIN,
     SLOT,
+    SOUTH,
     STRETCH_END,
     UNTIL,
+    WEST,
     WHO,
     Local,
     S,
@@ -37,11 +43,10 @@ from sumo_mcts.model.react import seen
 from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, REACH
 from sumo_mcts.scene import Floats
 
-CLAIM_SAMPLES = 2
-LATE = 0.4  # s that an agent may come later than its forecast
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
 SIGHT = 80.0  # m beyond which an agent is not looked at
+CLEAR, CLOSE, CONTACT = range(3)
 
 
 class CostParams(NamedTuple):
@@ -87,16 +92,20 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
     now = min(index, local.agent.shape[0] - 1)
     half_width = p.half_width + (local.aside if state.progress > 0.0 else 0.0)
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
+    own = p.half_length + p.half_width + c.margin_m + 0.5 * state.v * local.dt + 0.01
     for i in range(local.agent.shape[1]):
         node, moved = int(local.agent[now, i, NODE]), local.trait[i, SLOT] >= 0.0
         if node == GONE or abs(local.agent[now, i, X] - x) > SIGHT or abs(local.agent[now, i, Y] - y) > SIGHT:
+            continue
+        near = moved or _near(local, x, y, own, now, i)
+        if node < 0 and not near:
             continue
         bx, by, bc, bs = local.agent[now, i, X], local.agent[now, i, Y], local.agent[now, i, COS], local.agent[now, i, SIN]
         v, s, at = local.agent[now, i, V], local.agent[now, i, S], now
         if moved:
             bx, by, bc, bs, v, s, at = seen(local, others, i, now)
             node = int(local.agent[at, i, NODE])
-        length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
+        length = local.trait[i, HALF_LENGTH]
         if node >= 0:
             to_agent = _gap_ahead(local, state, back, node, s)
             to_ego = _gap_behind(local, state, back, node, s)
@@ -119,25 +128,55 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
                         continue
                 else:
                     rate += c.claim
-        close = p.half_length + length + p.half_width + width + c.margin_m + 0.5 * (state.v + v) * local.dt
-        if abs(bx - x) < close and abs(by - y) < close:
-            # Longer by what they drive until half-way to the next check: nobody slips through between two.
-            swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * v * local.dt
-            if boxes_touch(x, y, cs, sn, swept, half_width, bx, by, bc, bs, sweep, width):
-                if not apart(local, state.node, state.s, 2.0 * p.half_length, at, i):
-                    return Meeting(True, rate, once, gap, leader_v, followers)
-            elif boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
-                if not apart(local, state.node, state.s, 2.0 * p.half_length, at, i):
-                    rate += c.margin
+        if not near:
+            continue
+        touch = _touch(local, p, c, state, half_width, x, y, cs, sn, i, at, bx, by, bc, bs, v)
+        if touch == CONTACT:
+            return Meeting(True, rate, once, gap, leader_v, followers)
+        rate += c.margin * touch
         if not moved:
             rate += _late(local, p, c, state, x, y, cs, sn, now, i) + _claim(local, p, c, state, x, y, cs, sn, now, i)
     if local.node[state.node, INTERNAL] > 0.0:
         rate += _in_the_way(local, p, c, state, now)
-    wish = c.headway_gap + c.headway_s * state.v
-    if gap < wish:
-        missing = 1.0 - max(gap, 0.0) / wish
-        rate += c.headway * missing * missing
-    return Meeting(False, rate, once, gap, leader_v, followers)
+    return Meeting(False, rate + _headway(c, gap, state.v), once, gap, leader_v, followers)
+
+
+@kernel
+def _near(local: Local, x: float, y: float, own: float, now: int, i: int) -> bool:
+    """Whether the box of agent i, or what it claims, can be within `own` m of the ego: one look instead of several."""
+    reach = local.reach[now, i]
+    return reach[WEST] - own <= x <= reach[EAST] + own and reach[SOUTH] - own <= y <= reach[NORTH] + own
+
+
+@kernel
+def _headway(c: CostParams, gap: float, v: float) -> float:
+    """Cost per second of following too closely."""
+    wish = c.headway_gap + c.headway_s * v
+    if gap >= wish:
+        return 0.0
+    missing = 1.0 - max(gap, 0.0) / wish
+    return c.headway * missing * missing
+
+
+@kernel
+def _touch(
+    local: Local, p: EgoParams, c: CostParams, state: State, half_width: float, x: float, y: float, cs: float, sn: float, i: int, at: int,
+    bx: float, by: float, bc: float, bs: float, v: float,
+) -> int:  # fmt: skip
+    """CLEAR, CLOSE or CONTACT with agent i, whose box is at bx, by and who is where it was to be at forecast time `at`."""
+    length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
+    close = p.half_length + length + p.half_width + width + c.margin_m + 0.5 * (state.v + v) * local.dt
+    if abs(bx - x) >= close or abs(by - y) >= close:
+        return CLEAR
+    # Longer by what they drive until half-way to the next check: nobody slips through between two.
+    swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * v * local.dt
+    if boxes_touch(x, y, cs, sn, swept, half_width, bx, by, bc, bs, sweep, width):
+        found = CONTACT
+    elif boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
+        found = CLOSE
+    else:
+        return CLEAR
+    return CLEAR if apart(local, state.node, state.s, 2.0 * p.half_length, at, i) else found
 
 
 @kernel

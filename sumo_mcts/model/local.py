@@ -35,6 +35,7 @@ class Local(NamedTuple):
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
     trait: Floats  # [N, 7] HALF_LENGTH .. UNTIL below
+    reach: Floats  # [T, N, 4] least and greatest x, least and greatest y of what counts of an agent's box: just before, then, and in what it claims
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
@@ -53,6 +54,11 @@ HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL = range(7)
 # Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, what the agent drives until it enters the stretch (m), and 1 where
 # both lead into the same lane.
 NODE_OF, STRETCH_END, WHO, ENTERS, MERGES = range(5)
+# Columns of Local.reach.
+WEST, EAST, SOUTH, NORTH = range(4)
+
+CLAIM_SAMPLES = 2  # how often an agent's way ahead is looked at
+LATE = 0.4  # s that an agent may come later than its forecast
 
 
 class State(NamedTuple):
@@ -100,11 +106,12 @@ def _node_of(route: RouteMap, lane: int, first: int) -> int:
 
 def build_local(
     road: RoadMap, route: RouteMap, state: State, scene: Scene, forecast: Forecast, hypothesis: int, cleared: frozenset[int], stop_decel: float,
-    reactive: int = 0,
+    claim_s: float, reactive: int = 0,
 ) -> Local:  # fmt: skip
     """The search's view of this cycle, with at most `reactive` agents that the search is to move.
 
-    `cleared` holds the nodes at whose stop sign the ego has stood; `stop_decel` (m/s2) is the braking beyond which a yellow light is passed.
+    `cleared` holds the nodes at whose stop sign the ego has stood; `stop_decel` (m/s2) is the braking beyond which a yellow light is passed. An
+    agent's way ahead belongs to it for `claim_s`.
     """
     here = route.station[state.node] + state.s
     first, last = window(route, int(route.leg[state.node]), state.s)
@@ -130,6 +137,7 @@ def build_local(
             forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields[hypothesis], _slots(forecast, node, scene, reactive),
             *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt),
         ]),
+        _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width, forecast.dt, claim_s),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, followers), first, float(route.limit[state.node]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
         followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
@@ -189,6 +197,18 @@ def _reaching_in(road: RoadMap, agents: Agents, lane: Ints, half_width: Floats, 
     on_it = np.where((lane == first).all(axis=0), times, np.argmax(lane != first, axis=0))
     until = np.minimum(np.floor(seconds / dt), on_it - 1).astype(np.int32)
     return np.where((beside >= 0) & (seconds > 0.0), lane_node[beside], -1), until
+
+
+def _reach(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) -> Floats:
+    """Local.reach for centres [T, N, 2], speeds [T, N] and half sizes [N]: a superset, to tell at one look who is too far away to matter."""
+    last = len(where) - 1
+    swept = (half + 0.5 * v * dt)[..., None]
+    low, high = where - swept, where + swept
+    for shift in (-int(LATE / dt + 0.5), *(int(k * claim_s / CLAIM_SAMPLES / dt + 0.5) for k in range(1, CLAIM_SAMPLES + 1))):
+        then = where[np.clip(np.arange(last + 1) + shift, 0, last)]
+        np.fmin(low, then - half[:, None], out=low)
+        np.fmax(high, then + half[:, None], out=high)
+    return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=2)
 
 
 def _is_free(route: RouteMap, closed: NDArray[np.uint8], first: int, state: State, distance: float) -> bool:

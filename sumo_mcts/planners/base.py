@@ -36,7 +36,8 @@ class Situation(NamedTuple):
 def local_of(task: Task, situation: Situation, reactive: int = 0, hypothesis: int = 0) -> Local:
     """What one cycle's search reads, in one hypothesis (0 the likeliest) of the forecast; it may move at most `reactive` agents."""
     return build_local(
-        task.road, task.route, situation.state, situation.scene, situation.forecast, hypothesis, situation.cleared, STOP_DECEL, reactive
+        task.road, task.route, situation.state, situation.scene, situation.forecast, hypothesis, situation.cleared, STOP_DECEL, task.cost.claim_s,
+        reactive,
     )  # fmt: skip
 
 

@@ -323,7 +323,7 @@ def test_a_verified_manoeuvre_meets_nobody_within_the_bounds(those: Case, random
 
 def local_of(those: Case) -> Any:
     situation, task = those.situation, those.task
-    return build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL)
+    return build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL, task.cost.claim_s)
 
 
 def reach(those: Case, way: Way, at: float) -> tuple[float, float]:

@@ -40,7 +40,7 @@ class Erratic:
     def plan(self, situation: Situation) -> Decision:
         """A second of something."""
         task, state = self._task, situation.state
-        local = build_local(task.road, task.route, state, situation.scene, situation.forecast, 0, situation.cleared, 3.0)
+        local = build_local(task.road, task.route, state, situation.scene, situation.forecast, 0, situation.cleared, 3.0, task.cost.claim_s)
         needed = int(np.sign(task.route.changes[state.node]))
         side = needed if needed and self._rng.random() < 0.8 else int(self._rng.integers(-1, 2))
         side = side if side and can_change(local, task.ego, state, side) else 0
