@@ -16,7 +16,7 @@ from sumo_mcts.model.local import State, ego_state
 from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import LANES, Scripted, Told, TrafficParams, predict
-from sumo_mcts.planners.base import Planner, Situation, Task
+from sumo_mcts.planners.base import Planner, Remembering, Situation, Task
 from sumo_mcts.planners.baselines import ConstantPlanner, IdmParams, IdmPlanner, RandomPlanner, SumoPlanner
 from sumo_mcts.planners.effort import Effort, Timekeeper
 from sumo_mcts.planners.exhaustive import ExhaustivePlanner
@@ -24,7 +24,25 @@ from sumo_mcts.planners.failsafe import Assumed, FailSafe, nonsense
 from sumo_mcts.planners.mcts import MctsParams, MctsPlanner
 from sumo_mcts.planners.paper import PaperParams, PaperPlanner
 from sumo_mcts.planners.reference import horizon_s
-from sumo_mcts.scene import GREEN, IGNORING, Agents, Decision, EgoState, Floats, Follow, Forecast, Ints, Plan, Release, RoadMap, Scene, Signals
+from sumo_mcts.scene import (
+    GREEN,
+    IGNORING,
+    Agents,
+    Answers,
+    Decision,
+    EgoState,
+    Floats,
+    Follow,
+    Forecast,
+    Ints,
+    Memory,
+    Plan,
+    PlannerMemory,
+    Release,
+    RoadMap,
+    Scene,
+    Signals,
+)
 
 SEARCHING = ("mcts", "paper")  # planners that search a forecast
 FORECASTING = (*SEARCHING, "idm", "random", "exhaustive")  # planners that read one
@@ -76,6 +94,8 @@ class Thought(NamedTuple):
     forecast: Forecast | None
     plan_ms: float
     intervened: bool = False  # the fail-safe manoeuvre in place of what the planner decided; why: decision.reason
+    memory: Memory = Memory()  # of earlier decisions, on which this one rests
+    answers: Answers = Answers()  # of oracles
 
 
 class Driver:
@@ -102,26 +122,50 @@ class Driver:
         """Observe, predict, plan, check. Raises PlannerError where the planner failed too often in a row."""
         began = time.perf_counter()
         until = self._timekeeper.until(began)
+        memory, told = self._memory(), Told()
         self._keep_route(scene.ego)
         route, state = self._route, self._state(scene)
         if state is None or route is None:
             self._plan, self._command, self.question = None, Release(), None
             self._fail_safe.forget()
-            return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
+            return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began), memory=memory)
         self._note_stop(route, state, scene.time)
-        forecast = self._usual_forecast(scene, route, state) if self._planner.needs_forecast or self._config.failsafe.on else None
+        forecast: Forecast | None = None
+        if self._planner.needs_forecast or self._config.failsafe.on:
+            forecast, told = self._usual_forecast(scene, route, state)
         situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), frozenset(self._stood), until)
         self.question = (self._task, situation)
         decision, why = self._planned(situation)
         why = why or self._objection(situation, decision, _ms(began))
         if why:
             if forecast is None:
-                situation = situation._replace(forecast=self._usual_forecast(scene, route, state))
+                usual, told = self._usual_forecast(scene, route, state)
+                situation = situation._replace(forecast=usual)
             decision = self._fail_safe.fall_back(situation, why, decision)
         assert decision is not None, "whatever fails has a reason"
         self._plan, self._command, self._plan_time = decision.plan, decision.command, scene.time
         self._timekeeper.note(until, time.perf_counter())
-        return Thought(decision, forecast, _ms(began), why != "")
+        return Thought(decision, forecast, _ms(began), why != "", memory, _answers(told, len(scene.agents.ids)))
+
+    def _memory(self) -> Memory:
+        """What the next decision depends on, beside what it is given and the last one."""
+        if self._route is None:
+            return Memory(failures=self._failures)
+        planner = self._planner.memory() if isinstance(self._planner, Remembering) else PlannerMemory()
+        return Memory(self._edges, tuple(self._stood), tuple(self._stood.values()), self._failures, self._fail_safe.ready, planner)
+
+    def recall(self, ego: EgoState, memory: Memory, last: Decision | None, when: float) -> None:
+        """Go on after the decision `last`, taken at the time `when` (s), as if all before it had been decided here; `ego` as it is now."""
+        self._failures = memory.failures
+        if last is not None:
+            self._plan, self._command, self._plan_time = last.plan, last.command, when
+        if not memory.edges:
+            return
+        self._lay_out(ego, memory.edges)
+        self._stood = dict(zip(memory.stood, memory.stood_since, strict=True))
+        self._fail_safe.ready = memory.ready
+        if isinstance(self._planner, Remembering) and any(len(part) for part in memory.planner):
+            self._planner.recall(memory.planner)
 
     def _planned(self, situation: Situation) -> tuple[Decision | None, str]:
         """The planner's decision, or why there is none."""
@@ -154,16 +198,18 @@ class Driver:
         other = int((route.left if side > 0 else route.right)[state.node]) if side else -1
         if other >= 0:
             state = state._replace(progress=CENTRED, other=other)  # it is about to begin
-        return self._forecast(scene, route, state, name, seconds)
+        return self._forecast(scene, route, state, name, seconds, self._told(scene, name, seconds))
 
     def _state(self, scene: Scene) -> State | None:
         """Where the ego is on its route, if it is."""
         return None if self._route is None or scene.ego.lane < 0 else ego_state(self._route, as_seen(self._road, scene.ego))
 
-    def _usual_forecast(self, scene: Scene, route: RouteMap, state: State) -> Forecast:
-        """What the scenario's predictor says, as far as its planner looks."""
+    def _usual_forecast(self, scene: Scene, route: RouteMap, state: State) -> tuple[Forecast, Told]:
+        """What the scenario's predictor says, as far as its planner looks, and what an oracle told it."""
+        name, seconds = self._config.prediction.name, self._horizon()
         most = self._config.prediction.hypotheses if self._config.planner.name == "mcts" else 1
-        return self._forecast(scene, route, state, self._config.prediction.name, self._horizon(), most)
+        told = self._told(scene, name, seconds)
+        return self._forecast(scene, route, state, name, seconds, told, most), told
 
     def _keep_route(self, ego: EgoState) -> None:
         """Lay the route out when the ego is taken over, and again when SUMO gave it another one."""
@@ -172,9 +218,13 @@ class Driver:
         if not ego.route or -1 in ego.route:
             self._route = None
             return
+        self._lay_out(ego, ego.route)
+
+    def _lay_out(self, ego: EgoState, edges: tuple[int, ...]) -> None:
+        """Prepare everybody for a route, given by its edges."""
         params = ego_params(self._config, ego, self._physics)
-        self._edges, self._stood = ego.route, {}
-        self._route = route_map(self._road, ego.route, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
+        self._edges, self._stood = edges, {}
+        self._route = route_map(self._road, edges, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
         self._task = Task(self._road, self._route, params, cost_params(self._config))
         self._fail_safe.start(self._task)
         self._planner.start(self._task, self._seed)
@@ -195,13 +245,13 @@ class Driver:
         ply = max(1, round(config.planner.step_s / self._physics.step)) * self._physics.step
         return steps * ply + config.cost.claim_s + self._traffic.step
 
-    def _forecast(self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float, most: int = 1) -> Forecast:
+    def _forecast(self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float, told: Told, most: int = 1) -> Forecast:
         params = self._traffic._replace(interacting=name != "constant_velocity")
         stood_s = scene.time - self._stood.get(state.node, math.inf)
         nominal, lanes = self._nominal(scene.time), _ego_lanes(route, state)
         if name == "idm":
             return foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, most)
-        return predict(self._road, scene, lanes, nominal, params, seconds, self._told(scene, name, seconds), stood_s)
+        return predict(self._road, scene, lanes, nominal, params, seconds, told, stood_s)
 
     def _told(self, scene: Scene, name: str, seconds: float) -> Told:
         """What the oracle `name` tells, if it is one."""
@@ -365,6 +415,16 @@ def _ego_lanes(route: RouteMap, state: State) -> Ints:
         lanes.append(int(route.lane[node]))
         node = int(route.next[node])
     return np.array(lanes, np.int32)
+
+
+def _answers(told: Told, agents: int) -> Answers:
+    """What oracles told of so many agents, for the record."""
+    ways = tuple(told.ways.get(i, np.zeros(0, np.int32)) for i in range(agents)) if told.ways else ()
+    known = {**told.copies, **told.scripts}
+    if not known:
+        return Answers(ways)
+    columns = [np.stack(column) for column in zip(*known.values(), strict=True)]
+    return Answers(ways, np.array(list(known), np.int32), np.array([i in told.scripts for i in known], np.bool_), *columns)
 
 
 def no_forecast(dt: float) -> Forecast:
