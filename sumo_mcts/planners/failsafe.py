@@ -18,7 +18,7 @@ from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, apart, chain_gap
 from sumo_mcts.model.route import INTERNAL, LEFT_NODE, LENGTH, NEXT, RIGHT_NODE, Indices
 from sumo_mcts.planners.base import Situation, Task, local_of
-from sumo_mcts.scene import Decision, Floats, Follow, Manoeuvre, Plan, Release
+from sumo_mcts.scene import Agents, Decision, EgoState, Floats, Follow, Manoeuvre, Plan, Release
 
 LONGEST_S = 30.0  # a manoeuvre that has not come to its end by then is none
 CHECK_S = 0.25  # longest time between two checks
@@ -153,14 +153,20 @@ def _in_words(situation: Situation, obstacle: Obstacle) -> str:
     if obstacle.agent == NO_END:
         return "the ego would not come to a stop"
     ego, agents, i = situation.scene.ego, situation.scene.agents, obstacle.agent
-    dx, dy = agents.x[i] - ego.x, agents.y[i] - ego.y
-    across = abs(math.sin(agents.heading[i] - ego.heading)) > math.sin(math.acos(ALONG))
-    where = "ahead" if dx * math.cos(ego.heading) + dy * math.sin(ego.heading) > 0.0 else "behind"
-    how = "crossing" if across else where if math.cos(agents.heading[i] - ego.heading) > 0.0 else "oncoming"
+    away = math.hypot(agents.x[i] - ego.x, agents.y[i] - ego.y)
     return (
-        f"no stop and no way out that {agents.ids[i]} ({how}, {math.hypot(dx, dy):.0f} m away, {agents.v[i]:.1f} m/s) could not meet, "
+        f"no stop and no way out that {agents.ids[i]} ({coming(ego, agents, i)}, {away:.0f} m away, {agents.v[i]:.1f} m/s) could not meet, "
         f"the hardest stop in {obstacle.time:.1f} s"
     )
+
+
+def coming(ego: EgoState, agents: Agents, i: int) -> str:
+    """How agent i comes, seen from the ego: crossing, oncoming, or the same way ahead or behind."""
+    turned = agents.heading[i] - ego.heading
+    if abs(math.sin(turned)) > math.sin(math.acos(ALONG)):
+        return "crossing"
+    before = (agents.x[i] - ego.x) * math.cos(ego.heading) + (agents.y[i] - ego.y) * math.sin(ego.heading) > 0.0
+    return "oncoming" if math.cos(turned) <= 0.0 else "ahead" if before else "behind"
 
 
 # --- compiled ---

@@ -1,0 +1,353 @@
+"""Why the ego did what it did at one moment: from a trace, as plain data and as text for a terminal."""
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from sumo_mcts.model.geometry import box_distance
+from sumo_mcts.planners.failsafe import coming
+from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Setting, Trace, same
+from sumo_mcts.replan import recorded_config, replan
+from sumo_mcts.reporting.birdseye import action_words
+from sumo_mcts.scene import BRAKES, FORCES, TERMS, TURNS, Decision, Floats, Follow, Intent, RoadMap, RootChild
+
+SHOWN = 6  # agents in the text
+MATTERS = 30.0  # m: who comes no nearer is left out there
+
+REASONS = {
+    "search": "the lowest cost that was found",
+    "carried on": "the last plan, carried on, costs no more than what was found",
+    "exhaustive": "the optimum of the reference problem",
+    "random": "drawn",
+    "idm": "car following and gap acceptance; no action is weighed",
+    "constant": "the speed of the take-over is held; nobody is looked at",
+    "release": "SUMO's own driver drives",
+}
+LOST = "every sequence ends in a contact: the one that loses least"
+
+
+# --- as plain data ---
+
+
+def explain(trace: Trace, road: RoadMap | None, number: int) -> dict[str, Any]:
+    """What the ego knew, weighed and did in a cycle, and what came of it. Without `road` lanes go by their numbers."""
+    cycle = trace.cycles[number]
+    after = trace.cycles[number + 1] if number + 1 < len(trace.cycles) else None
+    config = _config(trace.setting)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "key": trace.key,
+        "scenario": trace.scenario,
+        "time_s": cycle.time,
+        "cycle": number + 1,
+        "cycles": len(trace.cycles),
+        "planner": config.get("planner", {}).get("name"),
+        "prediction": config.get("prediction", {}).get("name"),
+        **_thought(cycle, road, trace.setting),
+        "executed": {
+            "until_s": None if after is None else after.time,
+            "outcome": trace.outcome if after is None else None,
+            "commanded_mps": _known(cycle.commanded_speed),
+            "executed_mps": _known(cycle.executed_speed),
+            "commanded_lane": _lane(road, cycle.commanded_lane),
+            "executed_lane": _lane(road, cycle.executed_lane),
+            "deviation": cycle.deviation,
+        },
+    }
+
+
+def explain_again(trace: Trace, road: RoadMap, number: int, overrides: Sequence[str]) -> dict[str, Any]:
+    """The same of the decision taken again, from what is recorded, with some keys set otherwise. Raises ConfigError."""
+    cycle, config = trace.cycles[number], recorded_config(trace.setting, overrides)
+    thought = replan(trace, road, number, config)
+    forecast = thought.forecast if thought.forecast is not None else cycle.forecast
+    again = cycle._replace(decision=thought.decision, forecast=forecast, intervened=thought.intervened)
+    setting = trace.setting._replace(config=config.model_dump_json())
+    return {
+        "set": list(overrides),
+        "identical": same(Decision, thought.decision, cycle.decision),
+        "reproducible": config.planner.time_budget_ms is None and not config.planner.enforce_deadline,
+        **_thought(again, road, setting),
+    }
+
+
+def _thought(cycle: CycleRecord, road: RoadMap | None, setting: Setting) -> dict[str, Any]:
+    """What was known and weighed, and the decision."""
+    ego, decision, nearest = cycle.ego, cycle.decision, closest(cycle)
+    children = decision.children
+    chosen = children[decision.chosen] if decision.chosen >= 0 else None
+    order = sorted(range(len(children)), key=lambda i: (children[i].best, i))
+    return {
+        "ego": {
+            "id": ego.id, "lane": _lane(road, ego.lane), "s_m": ego.s, "v_mps": ego.v, "a_mps2": ego.a,
+            "changing_to": _lane(road, ego.change_to) if 0.0 < ego.changing < 1.0 else None,
+        },
+        "agents": sorted((_agent(cycle, nearest, i, road) for i in range(len(cycle.agents.ids))), key=lambda agent: agent["closest_m"]),
+        "hypotheses": [_hypothesis(cycle, nearest, h, road) for h in range(len(cycle.forecast.weight))] if cycle.agents.ids else [],
+        "actions": [{**_action(children, i, setting), "chosen": i == decision.chosen} for i in order],
+        "decision": {
+            "action": None if chosen is None else _name(children, decision.chosen, setting),
+            "words": action_words(cycle),
+            "accel_mps2": None if chosen is None else chosen.accel,
+            "lane_change": decision.command.lane_change if isinstance(decision.command, Follow) else 0,
+            "speeds_mps": decision.command.speeds.tolist() if isinstance(decision.command, Follow) else None,
+            "cost": None if chosen is None else _known(chosen.best),
+            "reason": decision.reason,
+            "fail_safe": cycle.intervened,
+            "iterations": decision.iterations,
+            "known": decision.known,
+        },
+    }  # fmt: skip
+
+
+def closest(cycle: CycleRecord) -> Floats:
+    """[H, N, 2] how near each agent comes to the ego, m between the boxes, if the plan is driven and the hypothesis is true, and when, s from now.
+
+    Boxes in the plane: on a bridge above the ego somebody comes near too. Without a plan: as it is now.
+    """
+    forecast, ego, plan = cycle.forecast, cycle.ego, cycle.decision.plan
+    hypotheses, times, agents = forecast.pose.shape[:3]
+    own = np.array([[ego.x, ego.y, math.cos(ego.heading), math.sin(ego.heading)]])
+    if plan is not None and len(plan.time):
+        last = min(times, int((plan.time[-1] + 1e-6) / forecast.dt) + 1)
+        own = np.concatenate([own, plan.pose[[int(np.argmin(np.abs(plan.time - t * forecast.dt))) for t in range(1, last)]]])
+    result = np.full((hypotheses, agents, 2), np.inf)
+    for h in range(hypotheses):
+        for i in range(agents):
+            size = float(forecast.half_length[i]), float(forecast.half_width[i])
+            gaps = [_gap(own[t], (ego.length / 2, ego.width / 2), forecast.pose[h, t, i], size) for t in range(len(own)) if forecast.valid[h, t, i]]
+            there = np.flatnonzero(forecast.valid[h, : len(own), i])
+            if gaps:
+                result[h, i] = min(gaps), there[int(np.argmin(gaps))] * forecast.dt
+    return result
+
+
+def _gap(pose: Floats, half: tuple[float, float], other: Floats, other_half: tuple[float, float]) -> float:
+    """m between two boxes, each given by its pose [4] and half its length and width."""
+    (x, y, c, s), (ox, oy, oc, os) = pose, other
+    return float(box_distance(x, y, c, s, half[0], half[1], ox, oy, oc, os, other_half[0], other_half[1]))
+
+
+def _agent(cycle: CycleRecord, nearest: Floats, i: int, road: RoadMap | None) -> dict[str, Any]:
+    agents, ego, forecast = cycle.agents, cycle.ego, cycle.forecast
+    known = i < nearest.shape[1]  # without a forecast nobody has a future
+    away = math.hypot(agents.x[i] - ego.x, agents.y[i] - ego.y)
+    worst = int(np.argmin(nearest[:, i, 0])) if known else 0
+    return {
+        "id": agents.ids[i],
+        "comes": coming(ego, agents, i),
+        "lane": _lane(road, int(agents.lane[i])),
+        "away_m": away,
+        "v_mps": float(agents.v[i]),
+        "closest_m": float(nearest[0, i, 0]) if known else away,
+        "closest_s": float(nearest[0, i, 1]) if known else 0.0,
+        "worst_m": float(nearest[worst, i, 0]) if known else away,
+        "worst_hypothesis": worst + 1,
+        "yields": known and bool(forecast.yields[0, i]),
+        "reacts": known and bool(forecast.reacts[i]),
+        "person": bool(agents.person[i]),
+    }
+
+
+def _hypothesis(cycle: CycleRecord, nearest: Floats, h: int, road: RoadMap | None) -> dict[str, Any]:
+    forecast = cycle.forecast
+    intent = forecast.intents[h] if h < len(forecast.intents) else None
+    searched = max((len(child.hypotheses) for child in cycle.decision.children), default=0)
+    about = cycle.agents.ids[intent.agent] if intent is not None and intent.agent >= 0 else None
+    return {
+        "weight": float(forecast.weight[h]),
+        "about": about,
+        "words": _intent_words(intent, about, road),
+        "closest_m": None if intent is None or about is None else _known(float(nearest[h, intent.agent, 0])),
+        "searched": h < max(searched, 1),
+    }
+
+
+def _intent_words(intent: Intent | None, about: str | None, road: RoadMap | None) -> str:
+    does = 0 if intent is None else intent.does
+    if intent is not None and does == TURNS:
+        return f"{about} takes another way, to {_lane(road, intent.way[-1])}"
+    return {FORCES: f"{about} does not let the ego pass", BRAKES: f"{about} brakes hard, to a stand"}.get(does, "everybody does what is likeliest")
+
+
+def _action(children: Sequence[RootChild], i: int, setting: Setting) -> dict[str, Any]:
+    child = children[i]
+    return {
+        "action": _name(children, i, setting),
+        "accel_mps2": child.accel,
+        "lane_change": child.lane_change,
+        "visits": child.visits,
+        "mean": _known(child.mean),
+        "best": _known(child.best),
+        "terms": {name: _known(float(value)) for name, value in zip(TERMS, child.terms, strict=True)},
+        "hypotheses": [{name: _known(float(value)) for name, value in zip(TERMS, terms, strict=True)} for terms in child.hypotheses],
+    }
+
+
+def _name(children: Sequence[RootChild], i: int, setting: Setting) -> str:
+    """What kind of action it is. In the search of `mcts` car following is always the first, and the last plan carried on comes last and was not visited."""
+    if _config(setting).get("planner", {}).get("name") != "mcts":
+        return "acceleration"
+    if children[i].visits == 0:
+        return "last plan, carried on"
+    return "car following" if i == 0 else "acceleration"
+
+
+def _config(setting: Setting) -> dict[str, Any]:
+    config: dict[str, Any] = json.loads(setting.config or "{}")
+    return config
+
+
+def _lane(road: RoadMap | None, lane: int) -> str | None:
+    if lane < 0:
+        return None
+    return f"lane {lane}" if road is None else road.lane_ids[lane]
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+# --- as text ---
+
+
+def text(told: dict[str, Any]) -> str:
+    """The explanation for a person."""
+    head = f"{told['key']}: decision {told['cycle']} of {told['cycles']}, at {told['time_s']:.1f} s; planner {told['planner'] or 'unknown'}"
+    parts = [[head], _ego_lines(told["ego"]), _agent_lines(told), _hypothesis_lines(told), _action_lines(told), _decision_lines(told), _executed_lines(told)]
+    if "replan" in told:
+        parts.append(_again_lines(told, told["replan"]))
+    return "\n\n".join("\n".join(part) for part in parts if part)
+
+
+def _ego_lines(ego: dict[str, Any]) -> list[str]:
+    changing = "" if ego["changing_to"] is None else f", changing to {ego['changing_to']}"
+    return [f"ego {ego['id']}: {ego['v_mps']:.1f} m/s, {ego['a_mps2']:+.1f} m/s2, on {ego['lane'] or 'no lane'} at {ego['s_m']:.1f} m{changing}"]
+
+
+def _agent_lines(told: dict[str, Any]) -> list[str]:
+    agents = told["agents"]
+    if not agents:
+        return ["others: nobody in sight"]
+    shown = [agent for agent in agents if min(agent["closest_m"], agent["worst_m"], agent["away_m"]) <= MATTERS][:SHOWN]
+    rest = f" ({len(agents) - len(shown)} more)" if len(agents) > len(shown) else ""
+    rows = [["", "comes", "away, m", "m/s", "nearest, m", "after, s", ""]]
+    rows += [[a["id"], a["comes"], f"{a['away_m']:.0f}", f"{a['v_mps']:.1f}", f"{a['closest_m']:.1f}", f"{a['closest_s']:.1f}", _marks(a)] for a in shown]
+    return [f"others, by how near they come to the plan{rest}:", *_table(rows)]
+
+
+def _marks(agent: dict[str, Any]) -> str:
+    words = ["has to let the ego pass"] if agent["yields"] else []
+    if agent["worst_m"] < agent["closest_m"] - 0.5:
+        words.append(f"{agent['worst_m']:.1f} m in hypothesis {agent['worst_hypothesis']}")
+    return ", ".join(words)
+
+
+def _hypothesis_lines(told: dict[str, Any]) -> list[str]:
+    hypotheses = told["hypotheses"]
+    if len(hypotheses) < 2:
+        return []
+    rows = [["", "weight", ""]]
+    for h, each in enumerate(hypotheses, 1):
+        rows.append([str(h), f"{each['weight']:.3f}", each["words"] + ("" if each["searched"] else " (too unlikely for the iterations: not searched)")])
+    return ["hypotheses about the others:", *_table(rows)]
+
+
+def _action_lines(told: dict[str, Any]) -> list[str]:
+    actions = told["actions"]
+    if not actions:
+        return []
+    several = max(len(action["hypotheses"]) for action in actions)
+    beyond = [f"J in {h}" for h in range(1, several + 1)]
+    rows = [["", "action", "m/s2", "lane", "visits", "mean J", "best J", *TERMS, *beyond]]
+    for action in actions:
+        totals = [_number(_total(terms)) for terms in action["hypotheses"]]
+        costs = [_number(action["mean"]), _number(action["best"]), *(_number(action["terms"][name]) for name in TERMS)]
+        rows.append([">" if action["chosen"] else "", *_label(action), str(action["visits"]), *costs, *totals])
+    of = ", terms in hypothesis 1" if several else ""
+    return [f"actions, the cheapest first{of}:", *_table(rows)]
+
+
+def _label(action: dict[str, Any]) -> list[str]:
+    return [action["action"], f"{action['accel_mps2']:+.1f}", {1: "left", -1: "right"}.get(action["lane_change"], "")]
+
+
+def _total(terms: dict[str, float | None]) -> float | None:
+    values = list(terms.values())
+    return None if None in values else sum(value for value in values if value is not None)
+
+
+def _decision_lines(told: dict[str, Any]) -> list[str]:
+    decision = told["decision"]
+    reason = decision["reason"]
+    if decision["fail_safe"]:
+        return [f"decision: {decision['words']}", f"  the fail-safe manoeuvre instead of what the planner decided; {reason.partition(': ')[2]}"]
+    why = REASONS.get(reason, LOST if reason == "brake" else reason)
+    effort = f", after {decision['iterations']} iterations and {decision['known']} passes to a known end" if decision["iterations"] or decision["known"] else ""
+    return [f"decision: {decision['words']}", f"  {why}{effort}"]
+
+
+def _executed_lines(told: dict[str, Any]) -> list[str]:
+    executed = told["executed"]
+    if executed["until_s"] is None:
+        return [f"in SUMO: {executed['outcome'].replace('_', ' ')} before the next decision"]
+    commanded = "nothing commanded" if executed["commanded_mps"] is None else f"commanded {executed['commanded_mps']:.2f} m/s on {executed['commanded_lane']}"
+    came = f"{executed['executed_mps']:.2f} m/s on {executed['executed_lane'] or 'no lane'}"
+    deviation = f" ({executed['deviation']})" if executed["deviation"] else ""
+    return [f"in SUMO at {executed['until_s']:.1f} s: {commanded}, was {came}{deviation}"]
+
+
+def _again_lines(told: dict[str, Any], again: dict[str, Any]) -> list[str]:
+    """The decision taken again, beside the recorded one where it is another."""
+    settings = f"with {', '.join(again['set'])}" if again["set"] else "with the same settings"
+    if again["identical"]:
+        return [f"taken again {settings}: the identical decision"]
+    doubt = "" if again["set"] or again["reproducible"] else "; a decision that a clock has a say in is not reproducible"
+    rows = [["", "recorded", "again"]]
+    for name, of in (("decision", "words"), ("reason", "reason"), ("iterations", "iterations"), ("best J", "cost")):
+        rows.append([name, *(_shown(each["decision"][of]) for each in (told, again))])
+    return [f"taken again {settings}: another decision{doubt}", *_table(rows), *_beside(told["actions"], again["actions"])]
+
+
+def _beside(recorded: list[dict[str, Any]], again: list[dict[str, Any]]) -> list[str]:
+    """The actions of both, joined by what they are."""
+    labels = dict.fromkeys(tuple(_label(action)) for action in (*recorded, *again))
+    if not labels:
+        return []
+    rows = [["action", "m/s2", "lane", "visits", "mean J", "best J", "visits", "mean J", "best J"]]
+    for label in labels:
+        cells = list(label)
+        for actions in (recorded, again):
+            found = next((action for action in actions if tuple(_label(action)) == label), None)
+            cells += (
+                ["", "", ""] if found is None else [str(found["visits"]), _number(found["mean"]), _number(found["best"]) + (" <" if found["chosen"] else "")]
+            )
+        rows.append(cells)
+    return ["", *_table(rows)]
+
+
+def _shown(value: object) -> str:
+    return "-" if value is None else f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def _number(value: float | None) -> str:
+    return "lost" if value is None else f"{value:.2f}"
+
+
+def _table(rows: list[list[str]]) -> list[str]:
+    """Cells in columns, indented: words to the left, numbers to the right."""
+    columns = list(zip(*rows, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    numeric = [all(_is_number(cell) for cell in column[1:]) for column in columns]
+    lines = []
+    for row in rows:
+        cells = [cell.rjust(width) if right else cell.ljust(width) for cell, width, right in zip(row, widths, numeric, strict=True)]
+        lines.append(("  " + "  ".join(cells)).rstrip())
+    return lines
+
+
+def _is_number(cell: str) -> bool:
+    return cell in ("", "lost") or cell.removesuffix(" <").lstrip("+-").replace(".", "", 1).isdigit()
