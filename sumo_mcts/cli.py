@@ -177,7 +177,7 @@ def export(
 @app.command()
 def explain(
     folder: Folder,
-    at: Annotated[float, typer.Option(metavar="SECONDS", help="When, in simulation time, as pictures and traces have it.")],
+    at: Annotated[Optional[float], typer.Option(metavar="SECONDS", help="When, in simulation time, as pictures and traces have it.")] = None,  # noqa: UP045
     episode: Episode = None,
     again: Annotated[bool, typer.Option("--replan", help="Take that decision again from the record, without SUMO.")] = False,
     assign: Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="... with another setting (repeatable; implies --replan).")] = None,  # noqa: UP045
@@ -186,14 +186,15 @@ def explain(
     """Tell why the ego did what it did at a moment of a recorded episode."""
     with _plain_errors():
         from sumo_mcts import recorded
+        from sumo_mcts.records import json_text
 
         key = recorded.chosen(folder, episode)
         if key is None:
             _list_recorded(folder, as_json)
             return
-        with _Voice(quiet=as_json or not sys.stderr.isatty()).progress("reading") as note:
+        with _Voice(quiet=as_json).progress("reading the trace") as note:
             told = recorded.explain(folder, key, at, again or bool(assign), tuple(assign or ()), note)
-        typer.echo(json.dumps(told, allow_nan=False) if as_json else recorded.explanation_text(told))
+        typer.echo(json_text(told, indent=None) if as_json else recorded.explanation_text(told))
 
 
 def _write_recorded(folder: Path, episode: str | None, form: str, out: Path | None, quiet: bool) -> None:

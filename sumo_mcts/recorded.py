@@ -109,11 +109,11 @@ def write(folder: Path, key: str, form: str, out: Path | None, note: Note) -> Pa
     return path
 
 
-def explain(folder: Path, key: str, at: float, again: bool, overrides: Sequence[str], note: Note) -> dict[str, Any]:
+def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Sequence[str], note: Note) -> dict[str, Any]:
     """Why the ego did what it did at a moment (simulation time, s); `again`: with the decision taken once more. Raises ConfigError."""
+    from sumo_mcts.model.kernel import is_compiled
     from sumo_mcts.reporting import explanation
 
-    note("reading the trace")
     trace = trace_of(folder, key)
     cycle = _cycle_at(trace, at)
     told = explanation.explain(trace, _map_if_there(folder, trace), cycle)
@@ -121,7 +121,8 @@ def explain(folder: Path, key: str, at: float, again: bool, overrides: Sequence[
         return told
     if not trace.setting.config:
         raise ConfigError(f"{folder}: --episode {key}: --replan: the trace does not hold the scenario it was recorded with")
-    note("deciding again")
+    if not is_compiled():
+        note("compiling the search, once for this version (about half a minute)")
     return {**told, "replan": explanation.explain_again(trace, map_of(folder, trace), cycle, overrides)}
 
 
@@ -136,12 +137,13 @@ def explanation_text(told: dict[str, Any]) -> str:
     return explanation.text(told)
 
 
-def _cycle_at(trace: Trace, at: float) -> int:
-    """The decision in force at a time. Raises ConfigError outside the episode."""
+def _cycle_at(trace: Trace, at: float | None) -> int:
+    """The decision in force at a time. Raises ConfigError outside the episode, or without a time."""
     times = [cycle.time for cycle in trace.cycles]
     period = json.loads(trace.setting.config)["planner"]["period_s"] if trace.setting.config else 0.0
-    if not times[0] - 1e-6 <= at <= times[-1] + period + 1e-6:
-        raise ConfigError(f"--at {at:g}: {trace.key} was driven from {times[0]:g} s to {times[-1] + period:g} s")
+    if at is None or not times[0] - 1e-6 <= at <= times[-1] + period + 1e-6:
+        given = "not given" if at is None else f"{at:g}"
+        raise ConfigError(f"--at: {given}; {trace.key} was driven from {times[0]:g} s to {times[-1] + period:g} s")
     return sum(time <= at + 1e-6 for time in times) - 1
 
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from sumo_mcts.model.geometry import box_distance
+from sumo_mcts.model.local import ego_state
+from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.failsafe import coming
 from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Setting, Trace, same
 from sumo_mcts.replan import recorded_config, replan
@@ -26,6 +28,7 @@ REASONS = {
     "constant": "the speed of the take-over is held; nobody is looked at",
     "release": "SUMO's own driver drives",
 }
+COLOURS = ("green", "yellow", "red")  # as scene.py numbers them
 LOST = "every sequence ends in a contact: the one that loses least"
 
 
@@ -69,6 +72,7 @@ def explain_again(trace: Trace, road: RoadMap, number: int, overrides: Sequence[
     return {
         "set": list(overrides),
         "identical": same(Decision, thought.decision, cycle.decision),
+        "same_command": _command(thought.decision) == _command(cycle.decision),
         "reproducible": config.planner.time_budget_ms is None and not config.planner.enforce_deadline,
         **_thought(again, road, setting),
     }
@@ -84,6 +88,7 @@ def _thought(cycle: CycleRecord, road: RoadMap | None, setting: Setting) -> dict
         "ego": {
             "id": ego.id, "lane": _lane(road, ego.lane), "s_m": ego.s, "v_mps": ego.v, "a_mps2": ego.a,
             "changing_to": _lane(road, ego.change_to) if 0.0 < ego.changing < 1.0 else None,
+            "stop_line": None if road is None else _stop_line(cycle, road),
         },
         "agents": sorted((_agent(cycle, nearest, i, road) for i in range(len(cycle.agents.ids))), key=lambda agent: agent["closest_m"]),
         "hypotheses": [_hypothesis(cycle, nearest, h, road) for h in range(len(cycle.forecast.weight))] if cycle.agents.ids else [],
@@ -101,6 +106,29 @@ def _thought(cycle: CycleRecord, road: RoadMap | None, setting: Setting) -> dict
             "known": decision.known,
         },
     }  # fmt: skip
+
+
+def _stop_line(cycle: CycleRecord, road: RoadMap) -> dict[str, Any] | None:
+    """The next light or stop sign on the ego's way."""
+    ego, edges = cycle.ego, cycle.memory.edges or cycle.ego.route
+    if ego.lane < 0 or not edges or -1 in edges or ego.route != edges[len(edges) - len(ego.route) :]:
+        return None
+    route = route_map(road, edges, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, ego.comfort_decel)
+    state = ego_state(route, ego)
+    node = -1 if state is None else state.node
+    distance = -ego.s
+    while node >= 0:
+        distance += route.length[node]
+        if route.stop[node]:
+            break
+        node = int(route.next[node])
+    if node < 0:
+        return None
+    signal, now = int(route.signal[node]), cycle.signals
+    if signal < 0:
+        return {"kind": "stop sign", "distance_m": float(distance), "shows": "stood there" if node in cycle.memory.stood else "to stop", "for_s": None}
+    shows = COLOURS[int(now.state[now.offset[signal] + int(route.link[node]), 0])]
+    return {"kind": "light", "distance_m": float(distance), "shows": shows, "for_s": _known(float(now.until[signal, 0]))}
 
 
 def closest(cycle: CycleRecord) -> Floats:
@@ -133,7 +161,7 @@ def _gap(pose: Floats, half: tuple[float, float], other: Floats, other_half: tup
 
 def _agent(cycle: CycleRecord, nearest: Floats, i: int, road: RoadMap | None) -> dict[str, Any]:
     agents, ego, forecast = cycle.agents, cycle.ego, cycle.forecast
-    known = i < nearest.shape[1]  # without a forecast nobody has a future
+    known = i < nearest.shape[1] and math.isfinite(nearest[0, i, 0])  # without a forecast nobody has a future
     away = math.hypot(agents.x[i] - ego.x, agents.y[i] - ego.y)
     worst = int(np.argmin(nearest[:, i, 0])) if known else 0
     return {
@@ -196,6 +224,11 @@ def _name(children: Sequence[RootChild], i: int, setting: Setting) -> str:
     return "car following" if i == 0 else "acceleration"
 
 
+def _command(decision: Decision) -> tuple[Any, ...]:
+    command = decision.command
+    return (*command.speeds.tolist(), command.lane_change) if isinstance(command, Follow) else ()
+
+
 def _config(setting: Setting) -> dict[str, Any]:
     config: dict[str, Any] = json.loads(setting.config or "{}")
     return config
@@ -225,7 +258,12 @@ def text(told: dict[str, Any]) -> str:
 
 def _ego_lines(ego: dict[str, Any]) -> list[str]:
     changing = "" if ego["changing_to"] is None else f", changing to {ego['changing_to']}"
-    return [f"ego {ego['id']}: {ego['v_mps']:.1f} m/s, {ego['a_mps2']:+.1f} m/s2, on {ego['lane'] or 'no lane'} at {ego['s_m']:.1f} m{changing}"]
+    line = f"ego {ego['id']}: {ego['v_mps']:.1f} m/s, {ego['a_mps2']:+.1f} m/s2, on {ego['lane'] or 'no lane'} at {ego['s_m']:.1f} m{changing}"
+    ahead = ego["stop_line"]
+    if ahead is None:
+        return [line]
+    lasts = "" if ahead["for_s"] is None else f", for {ahead['for_s']:.1f} s more"
+    return [line, f"  {ahead['kind']} in {ahead['distance_m']:.0f} m: {ahead['shows']}{lasts}"]
 
 
 def _agent_lines(told: dict[str, Any]) -> list[str]:
@@ -286,7 +324,7 @@ def _decision_lines(told: dict[str, Any]) -> list[str]:
     if decision["fail_safe"]:
         return [f"decision: {decision['words']}", f"  the fail-safe manoeuvre instead of what the planner decided; {reason.partition(': ')[2]}"]
     why = REASONS.get(reason, LOST if reason == "brake" else reason)
-    effort = f", after {decision['iterations']} iterations and {decision['known']} passes to a known end" if decision["iterations"] or decision["known"] else ""
+    effort = f", after {decision['iterations']} iterations" if decision["iterations"] else ""
     return [f"decision: {decision['words']}", f"  {why}{effort}"]
 
 
@@ -309,24 +347,31 @@ def _again_lines(told: dict[str, Any], again: dict[str, Any]) -> list[str]:
     rows = [["", "recorded", "again"]]
     for name, of in (("decision", "words"), ("reason", "reason"), ("iterations", "iterations"), ("best J", "cost")):
         rows.append([name, *(_shown(each["decision"][of]) for each in (told, again))])
-    return [f"taken again {settings}: another decision{doubt}", *_table(rows), *_beside(told["actions"], again["actions"])]
+    verdict = "the same command" if again["same_command"] else "another command"
+    return [f"taken again {settings}: {verdict}{doubt}", *_table(rows), *_beside(told["actions"], again["actions"])]
 
 
 def _beside(recorded: list[dict[str, Any]], again: list[dict[str, Any]]) -> list[str]:
     """The actions of both, joined by what they are."""
-    labels = dict.fromkeys(tuple(_label(action)) for action in (*recorded, *again))
-    if not labels:
+    kinds = {_kind(action): _label(action) for action in (*again, *recorded)}
+    if not kinds:
         return []
-    rows = [["action", "m/s2", "lane", "visits", "mean J", "best J", "visits", "mean J", "best J"]]
-    for label in labels:
-        cells = list(label)
+    rows = [["action", "m/s2", "lane", "", "visits", "mean J", "best J", "", "again: visits", "mean J", "best J"]]
+    for kind in dict.fromkeys(_kind(action) for action in (*recorded, *again)):
+        cells = kinds[kind]
         for actions in (recorded, again):
-            found = next((action for action in actions if tuple(_label(action)) == label), None)
-            cells += (
-                ["", "", ""] if found is None else [str(found["visits"]), _number(found["mean"]), _number(found["best"]) + (" <" if found["chosen"] else "")]
-            )
+            found = next((action for action in actions if _kind(action) == kind), None)
+            if found is None:
+                cells += ["", "", "", ""]
+            else:
+                cells += [">" if found["chosen"] else "", str(found["visits"]), _number(found["mean"]), _number(found["best"])]
         rows.append(cells)
     return ["", *_table(rows)]
+
+
+def _kind(action: dict[str, Any]) -> tuple[Any, ...]:
+    """What makes it the same action in two searches: car following may come to another acceleration."""
+    return action["action"], action["accel_mps2"] if action["action"] == "acceleration" else None, action["lane_change"]
 
 
 def _shown(value: object) -> str:
@@ -350,4 +395,4 @@ def _table(rows: list[list[str]]) -> list[str]:
 
 
 def _is_number(cell: str) -> bool:
-    return cell in ("", "lost") or cell.removesuffix(" <").lstrip("+-").replace(".", "", 1).isdigit()
+    return cell in ("", "lost") or cell.lstrip("+-").replace(".", "", 1).isdigit()
