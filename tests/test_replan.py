@@ -1,49 +1,19 @@
 """A decision taken again from its record is the decision that was taken, to the last bit, cycle by cycle over whole episodes."""
 
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-import sumo
+from helpers_recorded import keep, of_a_scene, of_a_user
 
-from sumo_mcts import assets, config
-from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts.config import ConfigError
 from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.records import Trace, load_map, load_trace, same, save_map, save_trace
+from sumo_mcts.records import TRACES, Trace, load_map, load_trace, same, save_map
 from sumo_mcts.replan import recorded_config, replan
 from sumo_mcts.scene import USUAL, Decision, Follow, Forecast, RoadMap
-
-FAST = "planner.iterations=200"
-TRAFFIC = """<routes>
-    <vType id="ego" length="4.6" decel="6" accel="2.2"/>
-    <flow id="east" begin="0" end="60" period="4" from="left1A1" to="C1right1" departLane="random"/>
-    <flow id="north" begin="0" end="60" period="5" from="bottom1B0" to="B2top1"/>
-    <flow id="turn" begin="0" end="60" period="7" from="top0A2" to="B0bottom1"/>
-    <trip id="me" type="ego" depart="20" from="left1A1" to="B0bottom1"/>
-</routes>"""
-GRID = ("--grid", "--grid.number", "3", "--grid.length", "90", "--grid.attach-length", "80", "--default.lanenumber", "2", "--no-turnarounds")
-RULES = ("--default-junction-type", "allway_stop", "--tls.set", "B1")
-
-
-def of_a_user(folder: Path) -> ScenarioConfig:
-    """A grid with a light and all-way stops, as somebody would bring it along, with flows and half a step of SUMO's default."""
-    binary = Path(sumo.SUMO_HOME) / "bin" / ("netgenerate.exe" if sys.platform == "win32" else "netgenerate")
-    subprocess.run([binary, *GRID, *RULES, "-o", folder / "grid.net.xml"], check=True, capture_output=True)
-    (folder / "grid.rou.xml").write_text(TRAFFIC)
-    (folder / "grid.sumocfg").write_text(
-        '<configuration><net-file value="grid.net.xml"/><route-files value="grid.rou.xml"/><step-length value="0.2"/><seed value="5"/></configuration>'
-    )
-    return config.build({"name": "grid", "sumo": {"sumocfg": str(folder / "grid.sumocfg")}, "egos": [{"id": "me"}]}, "test", (FAST,))
-
-
-def of_a_scene(name: str, *sets: str) -> ScenarioConfig:
-    return config.load(assets.scenario_path(name), (FAST, *sets))
-
 
 CASES = {
     "left turn": ("unprotected-left-turn",),
@@ -62,10 +32,8 @@ CASES = {
 
 def kept(folder: Path, result: EpisodeResult) -> tuple[Trace, RoadMap]:
     """What an episode leaves behind, as it comes back from disk."""
-    assert result.road is not None
-    save_trace(folder / "t.npz", result.traces[0])
-    save_map(folder, result.road)
-    trace = load_trace(folder / "t.npz")
+    keep(folder, result)
+    trace = load_trace(folder / TRACES / f"{result.traces[0].key}.npz")
     return trace, load_map(folder, trace.setting.map)
 
 

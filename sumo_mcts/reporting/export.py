@@ -20,7 +20,8 @@ def write_csv(path: Path, trace: Trace, road: RoadMap) -> None:
 
 
 def write_fcd(path: Path, trace: Trace, road: RoadMap) -> None:
-    """A time step for each cycle, positions as SUMO gives them: the middle of the front bumper, degrees clockwise from north. Raises OSError."""
+    """A time step for each cycle, as SUMO has it: the middle of the front bumper, degrees clockwise from north, and the time at which the step began that led
+    there. Raises OSError."""
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<fcd-export>", *(line for cycle in trace.cycles for line in _timestep(cycle, road)), "</fcd-export>"]
     write_whole(path, ("\n".join(lines) + "\n").encode())
 
@@ -48,7 +49,7 @@ def _agent_rows(cycle: CycleRecord, road: RoadMap) -> Iterator[Row]:
 
 def _timestep(cycle: CycleRecord, road: RoadMap) -> Iterator[str]:
     ego, agents = cycle.ego, cycle.agents
-    yield f'    <timestep time="{cycle.time:.2f}">'
+    yield f'    <timestep time="{cycle.time - cycle.step:.2f}">'
     yield _element("vehicle", ego.id, ego.x, ego.y, ego.heading, ego.length, ego.v, ego.a, _lane(road, ego.lane), ego.s)
     for i, name in enumerate(agents.ids):
         kind, lane = "person" if agents.person[i] else "vehicle", _lane(road, int(agents.lane[i]))
