@@ -28,6 +28,7 @@ def film(trace: Trace, path: Path, note: Note = silent) -> None:
     first = next(drawn)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.stem}.{os.getpid()}.mp4")
+    unfinished.touch()  # where nothing can be written this says so
     try:
         encoder = encoders.write_frames(
             str(unfinished), first.size, fps=FPS, quality=QUALITY, codec="libx264", macro_block_size=2, ffmpeg_log_level="error"
