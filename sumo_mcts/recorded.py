@@ -72,15 +72,15 @@ def map_of(folder: Path, trace: Trace) -> RoadMap:
 
 def format_of(wanted: str | None, out: Path | None, allowed: Sequence[str]) -> str:
     """The format that was asked for, by name or by the name of the file; else the first. Raises ConfigError."""
-    known = {SUFFIXES.get(name, f".{name}"): name for name in allowed}
-    if wanted is None:
-        meant = [name for suffix, name in known.items() if out is not None and out.name.endswith(suffix)]
-        if out is not None and not meant:
-            raise ConfigError(f"--out {out}: what is to be written? Give --format, or a name that ends in {', '.join(known)}")
-        return meant[0] if meant else allowed[0]
-    if wanted not in allowed:
+    if wanted is not None and wanted not in allowed:
         raise ConfigError(f"--format {wanted}: allowed: {', '.join(allowed)}")
-    return wanted
+    known = {SUFFIXES.get(name, f".{name}"): name for name in allowed}
+    meant = next((name for suffix, name in known.items() if out is not None and out.name.endswith(suffix)), None)
+    if out is not None and meant is None and wanted is None:
+        raise ConfigError(f"--out {out}: what is to be written? Give --format, or a name that ends in {', '.join(known)}")
+    if meant is not None and wanted not in (None, meant):
+        raise ConfigError(f"--format {wanted}: the name of --out {out} says {meant}")
+    return wanted or meant or allowed[0]
 
 
 def write(folder: Path, key: str, form: str, out: Path | None, note: Note) -> Path:
@@ -132,9 +132,9 @@ def _map_if_there(folder: Path, trace: Trace) -> RoadMap | None:
 
 def explanation_text(told: dict[str, Any]) -> str:
     """An explanation for a person."""
-    from sumo_mcts.reporting import explanation
+    from sumo_mcts.reporting.explanation_text import text
 
-    return explanation.text(told)
+    return text(told)
 
 
 def _cycle_at(trace: Trace, at: float | None) -> int:

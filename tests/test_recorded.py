@@ -172,6 +172,7 @@ def test_wrong_words_are_told_in_one_line(recorded: Path, several: Path, tmp_pat
         ("render", recorded, "--format", "webm"): "--format webm: allowed: png, gif, mp4",
         ("export", recorded, "--format", "png"): "--format png: allowed: csv, fcd",
         ("render", recorded, "--out", "film.webm"): "--out film.webm: what is to be written? Give --format, or a name that ends in .png, .gif, .mp4",
+        ("render", recorded, "--format", "gif", "--out", "a.png"): "--format gif: the name of --out a.png says png",
         ("export", recorded, "--out", "a.xml"): "Give --format, or a name that ends in .csv, .fcd.xml",
         ("export", several, "--episode", "crossing--mcts--8"): "no such file; crossing--mcts--8 refers to its lanes by the numbers that they have there",
         ("explain", recorded): f"--at: not given; {KEY} was driven from 0.1 s to 18.1 s",

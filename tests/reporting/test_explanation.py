@@ -13,7 +13,8 @@ from shapely import Polygon
 from sumo_mcts import records
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.records import CycleRecord
-from sumo_mcts.reporting.explanation import closest, explain, explain_again, text
+from sumo_mcts.reporting.explanation import closest, explain, explain_again
+from sumo_mcts.reporting.explanation_text import text
 from sumo_mcts.scene import Floats, RoadMap
 
 
@@ -113,6 +114,24 @@ def test_the_light_and_the_stop_signs_ahead_are_told(on_a_grid: EpisodeResult) -
     assert "stop sign in" in text(explain(trace, road, next(i for i, line in enumerate(ahead) if line is not None and line["kind"] == "stop sign")))
 
 
+def test_an_oracle_is_called_one_and_what_a_planner_does_not_read_is_not_named() -> None:
+    heads = {}
+    for planner, prediction in (("mcts", "idm"), ("mcts", "script"), ("sumo", "idm")):
+        sets = (f"planner.name={planner}", f"prediction.name={prediction}", "episode.stop_time_s=1")
+        result = run_episode(of_a_scene("straight-line-scripted", *sets), 4)
+        heads[planner, prediction] = text(explain(result.traces[0], result.road, 0)).splitlines()[0]
+    assert heads["mcts", "idm"].endswith("; planner mcts, forecast idm")
+    assert heads["mcts", "script"].endswith("; planner mcts, forecast script (an oracle)")
+    assert heads["sumo", "idm"].endswith("; planner sumo")
+
+
+def test_whoever_may_come_nearest_is_first() -> None:
+    agents = explain(braking().traces[0], braking().road, 8)["agents"]
+    assert [agent["worst_m"] for agent in agents] == sorted(agent["worst_m"] for agent in agents)
+    assert all(agent["worst_m"] <= agent["closest_m"] for agent in agents)
+    assert {agents[0]["id"], agents[1]["id"]} == {"ahead", "braking"}  # in a hypothesis, though not in the likeliest
+
+
 def test_without_its_map_lanes_go_by_numbers() -> None:
     told = explain(braking().traces[0], None, 8)
     assert re.fullmatch(r"lane \d+", told["ego"]["lane"])
@@ -146,7 +165,7 @@ def test_why_the_fail_safe_acted_is_told() -> None:
     number = next(i for i, cycle in enumerate(result.traces[0].cycles) if cycle.intervened)
     told = explain(result.traces[0], result.road, number)
     assert told["decision"]["fail_safe"]
-    assert "the fail-safe manoeuvre instead of what the planner decided; no stop and no way out that" in text(told)
+    assert "in place of what the planner decided; fail-safe: no stop and no way out that" in text(told)
 
 
 def test_the_same_settings_give_the_identical_decision_and_others_stand_beside() -> None:
