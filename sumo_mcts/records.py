@@ -306,7 +306,12 @@ _COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/p
 
 def save_trace(path: Path, trace: Trace) -> None:
     """Write a trace as one compressed npz. Raises OSError."""
-    _save(path, _columns(Trace, trace))
+    write_whole(path, trace_bytes(trace))
+
+
+def trace_bytes(trace: Trace) -> bytes:
+    """A trace as it stands in its file."""
+    return _packed(_columns(Trace, trace))
 
 
 def load_trace(path: Path) -> Trace:
@@ -323,16 +328,24 @@ def same(kind: type, one: Any, other: Any) -> bool:
 
 def map_name(road: RoadMap) -> str:
     """What the file of a network is called in maps/: a digest of its roads, whatever file they come from."""
-    return _digest(_columns(RoadMap, road))
+    content = hashlib.sha256()
+    for name, column in _columns(RoadMap, road).items():
+        content.update(name.encode())
+        content.update(np.ascontiguousarray(column).tobytes())
+    return content.hexdigest()[:16]
 
 
 def save_map(folder: Path, road: RoadMap) -> Path:
     """Write the roads that traces refer to into the maps/ of a folder, once a network. Raises OSError."""
-    columns = _columns(RoadMap, road)
-    path = folder / MAPS / f"{_digest(columns)}.npz"
+    path = folder / MAPS / f"{map_name(road)}.npz"
     if not path.exists():
-        _save(path, columns)
+        write_whole(path, map_bytes(road))
     return path
+
+
+def map_bytes(road: RoadMap) -> bytes:
+    """Roads as they stand in their file."""
+    return _packed(_columns(RoadMap, road))
 
 
 def load_map(folder: Path, name: str) -> RoadMap:
@@ -347,18 +360,10 @@ def _columns(kind: type, value: Any) -> Columns:
     return columns
 
 
-def _digest(columns: Columns) -> str:
-    content = hashlib.sha256()
-    for name, column in columns.items():
-        content.update(name.encode())
-        content.update(np.ascontiguousarray(column).tobytes())
-    return content.hexdigest()[:16]
-
-
-def _save(path: Path, columns: Columns) -> None:
+def _packed(columns: Columns) -> bytes:
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **columns)
-    write_whole(path, buffer.getvalue())
+    return buffer.getvalue()
 
 
 def _load(path: Path, kind: type, what: str) -> Any:

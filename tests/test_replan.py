@@ -11,6 +11,8 @@ from helpers_recorded import keep, of_a_scene, of_a_user
 
 from sumo_mcts.config import ConfigError
 from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.planners.base import Situation
+from sumo_mcts.planners.mcts import MctsPlanner
 from sumo_mcts.records import TRACES, Trace, load_map, load_trace, same, save_map
 from sumo_mcts.replan import recorded_config, replan
 from sumo_mcts.scene import USUAL, Decision, Follow, Forecast, RoadMap
@@ -141,3 +143,24 @@ def test_maps_are_written_once_and_told_by_their_roads(tmp_path: Path) -> None:
     assert save_map(tmp_path, road._replace(speed=road.speed + 1.0)) != first
     assert left_turn().traces[0].setting.map == first.stem
     assert same(RoadMap, load_map(tmp_path, first.stem), road)
+
+
+def test_a_planner_that_failed_fails_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The decisions that a bug report is about: the planner raises for a while, and the fail-safe drives."""
+    plan = MctsPlanner.plan
+
+    def failing(self: MctsPlanner, situation: Situation) -> Decision:
+        if 1.0 < situation.scene.time < 3.0:
+            raise ZeroDivisionError("for a while")
+        return plan(self, situation)
+
+    monkeypatch.setattr(MctsPlanner, "plan", failing)
+    trace, road = kept(tmp_path, run_episode(of_a_scene("straight-line", "episode.stop_time_s=5"), 3))
+    failed = [cycle for cycle in trace.cycles if cycle.intervened]
+    assert [cycle.memory.failures for cycle in failed] == [0, 1, 2, 3]
+    assert all("the planner failed: ZeroDivisionError: for a while" in cycle.decision.reason for cycle in failed)
+    assert list(differing(trace, road)) == []
+    monkeypatch.setattr(MctsPlanner, "plan", plan)
+    mended = replan(trace, road, trace.cycles.index(failed[0]), recorded_config(trace.setting))
+    assert not mended.intervened
+    assert mended.decision.reason in ("search", "carried on")

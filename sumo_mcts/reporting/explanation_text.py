@@ -54,6 +54,8 @@ def _agent_lines(told: dict[str, Any]) -> list[str]:
 
 def _marks(agent: dict[str, Any]) -> str:
     words = ["has to let the ego pass"] if agent["yields"] else []
+    if agent["comes"] == "behind" and agent["reacts"]:
+        words.append("brakes for the ego")
     if agent["worst_m"] < agent["closest_m"] - 0.5:
         words.append(f"{agent['worst_m']:.1f} m in hypothesis {agent['worst_hypothesis']}")
     return ", ".join(words)
