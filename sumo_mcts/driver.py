@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -61,6 +61,52 @@ class Oracles(NamedTuple):
     # scene, what its ego is to do, step (s), count: the coming states of its agents (index) in a copy of the simulation
 
 
+class Heard:
+    """Passes questions on to oracles and keeps their answers, so that a decision can be taken again without them."""
+
+    def __init__(self, oracles: Oracles | None) -> None:
+        self._ask = oracles
+        self.forget()
+
+    def forget(self) -> None:
+        """A new cycle begins."""
+        self._ways: dict[str, Ints] = {}
+        self._scripts: dict[str, Scripted] = {}
+        self._copies: dict[int, Scripted] = {}
+
+    def oracles(self) -> Oracles | None:
+        """To be asked in place of the true ones."""
+        return None if self._ask is None else Oracles(self._way, self._script, self._clone)
+
+    def answers(self, ids: Sequence[str]) -> Answers:
+        """What was told of the agents with these ids, in this cycle."""
+        ways = tuple(self._ways.get(vehicle, np.zeros(0, np.int32)) for vehicle in ids) if self._ways else ()
+        states = {**{i: self._scripts[vehicle] for i, vehicle in enumerate(ids) if vehicle in self._scripts}, **self._copies}
+        if not states:
+            return Answers(ways)
+        count = min(len(each.v) for each in states.values())
+        columns = [np.stack([column[:count] for column in field]) for field in zip(*states.values(), strict=True)]
+        return Answers(ways, np.array(list(states), np.int32), np.array([ids[i] in self._scripts for i in states], np.bool_), *columns)
+
+    def _way(self, vehicle: str, lane: int) -> Ints:
+        assert self._ask is not None
+        self._ways[vehicle] = self._ask.way(vehicle, lane)
+        return self._ways[vehicle]
+
+    def _script(self, vehicle: str, time: float, step: float, count: int) -> Scripted | None:
+        assert self._ask is not None
+        found = self._ask.script(vehicle, time, step, count)
+        if found is not None:
+            self._scripts[vehicle] = found
+        return found
+
+    def _clone(self, scene: Scene, command: Follow | Release, step: float, count: int) -> Mapping[int, Scripted]:
+        assert self._ask is not None
+        found = self._ask.clone(scene, command, step, count)
+        self._copies.update(found)
+        return found
+
+
 class Physics(NamedTuple):
     """How the running simulation moves vehicles."""
 
@@ -103,7 +149,8 @@ class Driver:
 
     def __init__(self, config: ScenarioConfig, road: RoadMap, physics: Physics, seed: int, oracles: Oracles | None = None) -> None:
         self._config, self._road, self._physics, self._seed = config, road, physics, seed
-        self._oracles = oracles
+        self._heard = Heard(oracles)
+        self._oracles = self._heard.oracles()
         self._planner = make_planner(config)
         self._period = max(1, round(config.planner.period_s / physics.step)) * physics.step
         self._fail_safe = FailSafe(assumed(config), self._period)
@@ -122,7 +169,8 @@ class Driver:
         """Observe, predict, plan, check. Raises PlannerError where the planner failed too often in a row."""
         began = time.perf_counter()
         until = self._timekeeper.until(began)
-        memory, told = self._memory(), Told()
+        memory = self._memory()
+        self._heard.forget()
         self._keep_route(scene.ego)
         route, state = self._route, self._state(scene)
         if state is None or route is None:
@@ -130,22 +178,19 @@ class Driver:
             self._fail_safe.forget()
             return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began), memory=memory)
         self._note_stop(route, state, scene.time)
-        forecast: Forecast | None = None
-        if self._planner.needs_forecast or self._config.failsafe.on:
-            forecast, told = self._usual_forecast(scene, route, state)
+        forecast = self._usual_forecast(scene, route, state) if self._planner.needs_forecast or self._config.failsafe.on else None
         situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), frozenset(self._stood), until)
         self.question = (self._task, situation)
         decision, why = self._planned(situation)
         why = why or self._objection(situation, decision, _ms(began))
         if why:
             if forecast is None:
-                usual, told = self._usual_forecast(scene, route, state)
-                situation = situation._replace(forecast=usual)
+                situation = situation._replace(forecast=self._usual_forecast(scene, route, state))
             decision = self._fail_safe.fall_back(situation, why, decision)
         assert decision is not None, "whatever fails has a reason"
         self._plan, self._command, self._plan_time = decision.plan, decision.command, scene.time
         self._timekeeper.note(until, time.perf_counter())
-        return Thought(decision, forecast, _ms(began), why != "", memory, _answers(told, len(scene.agents.ids)))
+        return Thought(decision, forecast, _ms(began), why != "", memory, self._heard.answers(scene.agents.ids))
 
     def _memory(self) -> Memory:
         """What the next decision depends on, beside what it is given and the last one."""
@@ -198,18 +243,16 @@ class Driver:
         other = int((route.left if side > 0 else route.right)[state.node]) if side else -1
         if other >= 0:
             state = state._replace(progress=CENTRED, other=other)  # it is about to begin
-        return self._forecast(scene, route, state, name, seconds, self._told(scene, name, seconds))
+        return self._forecast(scene, route, state, name, seconds)
 
     def _state(self, scene: Scene) -> State | None:
         """Where the ego is on its route, if it is."""
         return None if self._route is None or scene.ego.lane < 0 else ego_state(self._route, as_seen(self._road, scene.ego))
 
-    def _usual_forecast(self, scene: Scene, route: RouteMap, state: State) -> tuple[Forecast, Told]:
-        """What the scenario's predictor says, as far as its planner looks, and what an oracle told it."""
-        name, seconds = self._config.prediction.name, self._horizon()
+    def _usual_forecast(self, scene: Scene, route: RouteMap, state: State) -> Forecast:
+        """What the scenario's predictor says, as far as its planner looks."""
         most = self._config.prediction.hypotheses if self._config.planner.name == "mcts" else 1
-        told = self._told(scene, name, seconds)
-        return self._forecast(scene, route, state, name, seconds, told, most), told
+        return self._forecast(scene, route, state, self._config.prediction.name, self._horizon(), most)
 
     def _keep_route(self, ego: EgoState) -> None:
         """Lay the route out when the ego is taken over, and again when SUMO gave it another one."""
@@ -245,13 +288,13 @@ class Driver:
         ply = max(1, round(config.planner.step_s / self._physics.step)) * self._physics.step
         return steps * ply + config.cost.claim_s + self._traffic.step
 
-    def _forecast(self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float, told: Told, most: int = 1) -> Forecast:
+    def _forecast(self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float, most: int = 1) -> Forecast:
         params = self._traffic._replace(interacting=name != "constant_velocity")
         stood_s = scene.time - self._stood.get(state.node, math.inf)
         nominal, lanes = self._nominal(scene.time), _ego_lanes(route, state)
         if name == "idm":
             return foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, most)
-        return predict(self._road, scene, lanes, nominal, params, seconds, told, stood_s)
+        return predict(self._road, scene, lanes, nominal, params, seconds, self._told(scene, name, seconds), stood_s)
 
     def _told(self, scene: Scene, name: str, seconds: float) -> Told:
         """What the oracle `name` tells, if it is one."""
@@ -415,16 +458,6 @@ def _ego_lanes(route: RouteMap, state: State) -> Ints:
         lanes.append(int(route.lane[node]))
         node = int(route.next[node])
     return np.array(lanes, np.int32)
-
-
-def _answers(told: Told, agents: int) -> Answers:
-    """What oracles told of so many agents, for the record."""
-    ways = tuple(told.ways.get(i, np.zeros(0, np.int32)) for i in range(agents)) if told.ways else ()
-    known = {**told.copies, **told.scripts}
-    if not known:
-        return Answers(ways)
-    columns = [np.stack(column) for column in zip(*known.values(), strict=True)]
-    return Answers(ways, np.array(list(known), np.int32), np.array([i in told.scripts for i in known], np.bool_), *columns)
 
 
 def no_forecast(dt: float) -> Forecast:

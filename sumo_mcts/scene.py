@@ -233,7 +233,7 @@ class Answers(NamedTuple):
     ways: tuple[Ints, ...] = ()  # [N] the lanes that each agent is really going to take; empty: it was not asked
     agent: Ints = np.zeros(0, np.int32)  # [K] index
     scripted: Bools = np.zeros(0, np.bool_)  # [K] holds a script; else from a copy of the simulation
-    pose: Floats = np.zeros((0, 0, 4))  # [K, T, 4] at the forecast's times
+    pose: Floats = np.zeros((0, 0, 4))  # [K, T, 4] at the times that were asked for
     v: Floats = np.zeros((0, 0))  # [K, T]
     lane: Ints = np.zeros((0, 0), np.int32)  # [K, T]
     s: Floats = np.zeros((0, 0))  # [K, T]

@@ -115,6 +115,8 @@ def test_an_oracle_told_no_more_than_the_horizon() -> None:
     longer = recorded_config(result.traces[0].setting, ("planner.rollout_steps=6",))
     with pytest.raises(ConfigError, match=r"the oracle told \d+ states"):
         replan(result.traces[0], result.road, 2, longer)
+    with pytest.raises(ConfigError, match=r"prediction.step_s: the oracle told where the others are every 0.2 s, not every 0.4 s"):
+        replan(result.traces[0], result.road, 2, recorded_config(result.traces[0].setting, ("prediction.step_s=0.4",)))
     shorter = recorded_config(result.traces[0].setting, ("planner.rollout_steps=0",))
     assert isinstance(replan(result.traces[0], result.road, 2, shorter).decision.command, Follow)
 

@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from sumo_mcts.replan import ORACLES
 from sumo_mcts.scene import TERMS
 
-ORACLES = ("routes", "script", "clone")
 SHOWN = 6  # agents in the text
 MATTERS = 30.0  # m: who comes no nearer is left out there
 
