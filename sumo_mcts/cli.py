@@ -136,6 +136,94 @@ def regret(
         raise typer.Exit(FAILED)
 
 
+# --- recorded episodes ---
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="What `run --out` or `batch --out` left.")]
+Episode = Annotated[Optional[str], typer.Option(metavar="KEY", help="Which one; default: the only one, or a list of them.")]  # noqa: UP045
+Target = Annotated[Optional[Path], typer.Option(metavar="FILE", help="Where to; default: in DIR.")]  # noqa: UP045
+Silent = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+
+
+@app.command()
+def render(
+    folder: Folder,
+    episode: Episode = None,
+    form: Annotated[Optional[str], typer.Option("--format", help="png (storyboard; the default), gif, or mp4 (extra `video`).")] = None,  # noqa: UP045
+    out: Target = None,
+    quiet: Silent = False,
+) -> None:
+    """Draw a recorded episode from above."""
+    with _plain_errors():
+        from sumo_mcts import recorded
+
+        _write_recorded(folder, episode, recorded.format_of(form, out, recorded.PICTURES), out, quiet)
+
+
+@app.command()
+def export(
+    folder: Folder,
+    episode: Episode = None,
+    form: Annotated[Optional[str], typer.Option("--format", help="csv (the default), or fcd: SUMO's floating car data.")] = None,  # noqa: UP045
+    out: Target = None,
+    quiet: Silent = False,
+) -> None:
+    """Write a recorded episode for other programs: every vehicle in every decision period, as the planner saw them."""
+    with _plain_errors():
+        from sumo_mcts import recorded
+
+        _write_recorded(folder, episode, recorded.format_of(form, out, recorded.TABLES), out, quiet)
+
+
+@app.command()
+def explain(
+    folder: Folder,
+    at: Annotated[Optional[float], typer.Option(metavar="SECONDS", help="When, in simulation time, as pictures and traces have it.")] = None,  # noqa: UP045
+    episode: Episode = None,
+    again: Annotated[bool, typer.Option("--replan", help="Take that decision again from the record, without SUMO.")] = False,
+    assign: Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="... with another setting (repeatable; implies --replan).")] = None,  # noqa: UP045
+    as_json: AsJson = False,
+) -> None:
+    """Tell why the ego did what it did at a moment of a recorded episode."""
+    with _plain_errors():
+        from sumo_mcts import recorded
+        from sumo_mcts.records import json_text
+
+        key = recorded.chosen(folder, episode)
+        if key is None:
+            _list_recorded(folder, as_json)
+            return
+        with _Voice(quiet=as_json).progress("reading the trace") as note:
+            told = recorded.explain(folder, key, at, again or bool(assign), tuple(assign or ()), note)
+        typer.echo(json_text(told, indent=None) if as_json else recorded.explanation_text(told))
+
+
+def _write_recorded(folder: Path, episode: str | None, form: str, out: Path | None, quiet: bool) -> None:
+    from sumo_mcts import recorded
+
+    key = recorded.chosen(folder, episode)
+    if key is None:
+        _list_recorded(folder, False)
+        return
+    with _Voice(quiet=quiet).progress("reading the trace") as note:
+        path = recorded.write(folder, key, form, out, note)
+    if not quiet:
+        typer.echo(str(path))
+
+
+def _list_recorded(folder: Path, as_json: bool) -> None:
+    from sumo_mcts import recorded
+
+    found = recorded.choices(folder)
+    if as_json:
+        typer.echo(json.dumps([choice._asdict() for choice in found]))
+        return
+    typer.echo(f"Recorded episodes of {folder} (--episode KEY):")
+    typer.echo("\n".join(f"  {choice.key:60s} {choice.outcome}".rstrip() for choice in found))
+
+
+# ---
+
+
 @app.command()
 def scenarios(as_json: Annotated[bool, typer.Option("--json", help="A list of {name, description}.")] = False) -> None:
     """The built-in scenarios."""

@@ -217,6 +217,8 @@ def write(result: EpisodeResult, out: Path, command: Sequence[str], note: Note) 
     for row in result.rows:
         records.append_row(out, row)
     records.write_csv(out)
+    if result.traces and result.road is not None:
+        records.save_map(out, result.road)
     (out / "traces").mkdir(exist_ok=True)
     (out / "figures").mkdir(exist_ok=True)
     shown = []

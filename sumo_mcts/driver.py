@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ from sumo_mcts.model.local import State, ego_state
 from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import LANES, Scripted, Told, TrafficParams, predict
-from sumo_mcts.planners.base import Planner, Situation, Task
+from sumo_mcts.planners.base import Planner, Remembering, Situation, Task
 from sumo_mcts.planners.baselines import ConstantPlanner, IdmParams, IdmPlanner, RandomPlanner, SumoPlanner
 from sumo_mcts.planners.effort import Effort, Timekeeper
 from sumo_mcts.planners.exhaustive import ExhaustivePlanner
@@ -24,7 +24,25 @@ from sumo_mcts.planners.failsafe import Assumed, FailSafe, nonsense
 from sumo_mcts.planners.mcts import MctsParams, MctsPlanner
 from sumo_mcts.planners.paper import PaperParams, PaperPlanner
 from sumo_mcts.planners.reference import horizon_s
-from sumo_mcts.scene import GREEN, IGNORING, Agents, Decision, EgoState, Floats, Follow, Forecast, Ints, Plan, Release, RoadMap, Scene, Signals
+from sumo_mcts.scene import (
+    GREEN,
+    IGNORING,
+    Agents,
+    Answers,
+    Decision,
+    EgoState,
+    Floats,
+    Follow,
+    Forecast,
+    Ints,
+    Memory,
+    Plan,
+    PlannerMemory,
+    Release,
+    RoadMap,
+    Scene,
+    Signals,
+)
 
 SEARCHING = ("mcts", "paper")  # planners that search a forecast
 FORECASTING = (*SEARCHING, "idm", "random", "exhaustive")  # planners that read one
@@ -41,6 +59,52 @@ class Oracles(NamedTuple):
     script: Callable[[str, float, float, int], Scripted | None]  # vehicle, time (s), step (s), count: its coming states, if it holds a script
     clone: Callable[[Scene, Follow | Release, float, int], Mapping[int, Scripted]]
     # scene, what its ego is to do, step (s), count: the coming states of its agents (index) in a copy of the simulation
+
+
+class Heard:
+    """Passes questions on to oracles and keeps their answers, so that a decision can be taken again without them."""
+
+    def __init__(self, oracles: Oracles | None) -> None:
+        self._ask = oracles
+        self.forget()
+
+    def forget(self) -> None:
+        """A new cycle begins."""
+        self._ways: dict[str, Ints] = {}
+        self._scripts: dict[str, Scripted] = {}
+        self._copies: dict[int, Scripted] = {}
+
+    def oracles(self) -> Oracles | None:
+        """To be asked in place of the true ones."""
+        return None if self._ask is None else Oracles(self._way, self._script, self._clone)
+
+    def answers(self, ids: Sequence[str]) -> Answers:
+        """What was told of the agents with these ids, in this cycle."""
+        ways = tuple(self._ways.get(vehicle, np.zeros(0, np.int32)) for vehicle in ids) if self._ways else ()
+        states = {**{i: self._scripts[vehicle] for i, vehicle in enumerate(ids) if vehicle in self._scripts}, **self._copies}
+        if not states:
+            return Answers(ways)
+        count = min(len(each.v) for each in states.values())
+        columns = [np.stack([column[:count] for column in field]) for field in zip(*states.values(), strict=True)]
+        return Answers(ways, np.array(list(states), np.int32), np.array([ids[i] in self._scripts for i in states], np.bool_), *columns)
+
+    def _way(self, vehicle: str, lane: int) -> Ints:
+        assert self._ask is not None
+        self._ways[vehicle] = self._ask.way(vehicle, lane)
+        return self._ways[vehicle]
+
+    def _script(self, vehicle: str, time: float, step: float, count: int) -> Scripted | None:
+        assert self._ask is not None
+        found = self._ask.script(vehicle, time, step, count)
+        if found is not None:
+            self._scripts[vehicle] = found
+        return found
+
+    def _clone(self, scene: Scene, command: Follow | Release, step: float, count: int) -> Mapping[int, Scripted]:
+        assert self._ask is not None
+        found = self._ask.clone(scene, command, step, count)
+        self._copies.update(found)
+        return found
 
 
 class Physics(NamedTuple):
@@ -76,6 +140,8 @@ class Thought(NamedTuple):
     forecast: Forecast | None
     plan_ms: float
     intervened: bool = False  # the fail-safe manoeuvre in place of what the planner decided; why: decision.reason
+    memory: Memory = Memory()  # of earlier decisions, on which this one rests
+    answers: Answers = Answers()  # of oracles
 
 
 class Driver:
@@ -83,7 +149,8 @@ class Driver:
 
     def __init__(self, config: ScenarioConfig, road: RoadMap, physics: Physics, seed: int, oracles: Oracles | None = None) -> None:
         self._config, self._road, self._physics, self._seed = config, road, physics, seed
-        self._oracles = oracles
+        self._heard = Heard(oracles)
+        self._oracles = self._heard.oracles()
         self._planner = make_planner(config)
         self._period = max(1, round(config.planner.period_s / physics.step)) * physics.step
         self._fail_safe = FailSafe(assumed(config), self._period)
@@ -102,12 +169,14 @@ class Driver:
         """Observe, predict, plan, check. Raises PlannerError where the planner failed too often in a row."""
         began = time.perf_counter()
         until = self._timekeeper.until(began)
+        memory = self._memory()
+        self._heard.forget()
         self._keep_route(scene.ego)
         route, state = self._route, self._state(scene)
         if state is None or route is None:
             self._plan, self._command, self.question = None, Release(), None
             self._fail_safe.forget()
-            return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began))
+            return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began), memory=memory)
         self._note_stop(route, state, scene.time)
         forecast = self._usual_forecast(scene, route, state) if self._planner.needs_forecast or self._config.failsafe.on else None
         situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), frozenset(self._stood), until)
@@ -121,7 +190,27 @@ class Driver:
         assert decision is not None, "whatever fails has a reason"
         self._plan, self._command, self._plan_time = decision.plan, decision.command, scene.time
         self._timekeeper.note(until, time.perf_counter())
-        return Thought(decision, forecast, _ms(began), why != "")
+        return Thought(decision, forecast, _ms(began), why != "", memory, self._heard.answers(scene.agents.ids))
+
+    def _memory(self) -> Memory:
+        """What the next decision depends on, beside what it is given and the last one."""
+        if self._route is None:
+            return Memory(failures=self._failures)
+        planner = self._planner.memory() if isinstance(self._planner, Remembering) else PlannerMemory()
+        return Memory(self._edges, tuple(self._stood), tuple(self._stood.values()), self._failures, self._fail_safe.ready, planner)
+
+    def recall(self, ego: EgoState, memory: Memory, last: Decision | None, when: float) -> None:
+        """Go on after the decision `last`, taken at the time `when` (s), as if all before it had been decided here; `ego` as it is now."""
+        self._failures = memory.failures
+        if last is not None:
+            self._plan, self._command, self._plan_time = last.plan, last.command, when
+        if not memory.edges:
+            return
+        self._lay_out(ego, memory.edges)
+        self._stood = dict(zip(memory.stood, memory.stood_since, strict=True))
+        self._fail_safe.ready = memory.ready
+        if isinstance(self._planner, Remembering) and any(len(part) for part in memory.planner):
+            self._planner.recall(memory.planner)
 
     def _planned(self, situation: Situation) -> tuple[Decision | None, str]:
         """The planner's decision, or why there is none."""
@@ -172,9 +261,13 @@ class Driver:
         if not ego.route or -1 in ego.route:
             self._route = None
             return
+        self._lay_out(ego, ego.route)
+
+    def _lay_out(self, ego: EgoState, edges: tuple[int, ...]) -> None:
+        """Prepare everybody for a route, given by its edges."""
         params = ego_params(self._config, ego, self._physics)
-        self._edges, self._stood = ego.route, {}
-        self._route = route_map(self._road, ego.route, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
+        self._edges, self._stood = edges, {}
+        self._route = route_map(self._road, edges, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
         self._task = Task(self._road, self._route, params, cost_params(self._config))
         self._fail_safe.start(self._task)
         self._planner.start(self._task, self._seed)

@@ -22,7 +22,7 @@ from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.pilot import Pilot, World, running_world
 from sumo_mcts.recorder import Recorder
-from sumo_mcts.records import Row, Trace
+from sumo_mcts.records import Row, Setting, Trace
 from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Frame, Release, RoadMap, Scene
 from sumo_mcts.world import clone
 from sumo_mcts.world import gui as window
@@ -48,6 +48,7 @@ class EpisodeResult(NamedTuple):
     rows: tuple[Row, ...]
     traces: tuple[Trace, ...]
     manifest: dict[str, Any]
+    road: RoadMap | None = None  # to which the traces refer
 
 
 def run_episode(
@@ -82,8 +83,9 @@ def run_episode(
     name = variant or default_variant(config)
     wall = time.perf_counter() - began
     full = [_complete(row, config, seed, name, recorders[row["ego"]], loop.world.period, wall) for row in rows]
-    traces = [recorders[row["ego"]].trace(row["key"], config.name, row["outcome"], loop.world.road) for row in full]
-    return EpisodeResult(tuple(full), tuple(trace for trace in traces if trace is not None), _manifest(config, seed, loop))
+    road, setting = loop.world.road, _setting(config, seed, loop)
+    traces = [recorders[row["ego"]].trace(row["key"], config.name, row["outcome"], road, setting) for row in full]
+    return EpisodeResult(tuple(full), tuple(trace for trace in traces if trace is not None), _manifest(config, seed, loop), road)
 
 
 def _searches(config: ScenarioConfig) -> bool:
@@ -465,6 +467,13 @@ def _complete(row: Row, config: ScenarioConfig, seed: int | None, variant: str, 
         "realtime_factor": recorder.simulated(period) / wall if wall > 0 else None,
         "config_digest": digest(config),
     }
+
+
+def _setting(config: ScenarioConfig, seed: int | None, loop: Loop) -> Setting:
+    physics = loop.world.physics
+    return Setting(
+        config.model_dump_json(), streams(seed).search, physics.step, physics.ballistic, physics.change_duration, records.map_name(loop.world.road)
+    )  # fmt: skip
 
 
 def _manifest(config: ScenarioConfig, seed: int | None, loop: Loop) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import Thought, deadline_s, no_forecast
-from sumo_mcts.records import CycleRecord, Trace, lanes_around
+from sumo_mcts.records import CycleRecord, Setting, Trace, lanes_around
 from sumo_mcts.scene import Plan, RoadMap, Scene
 
 DRAWN = 90.0  # m around the ego's way within which lanes go into the trace
@@ -49,14 +49,14 @@ class Recorder:
         """Seconds of simulation that the decisions cover."""
         return self._scenes[-1].time - self._scenes[0].time + period if self._scenes else 0.0
 
-    def trace(self, key: str, scenario: str, outcome: str, road: RoadMap) -> Trace | None:
+    def trace(self, key: str, scenario: str, outcome: str, road: RoadMap, setting: Setting) -> Trace | None:
         """All cycles with the roads around them; None without any."""
         if not self._scenes:
             return None
         where = np.array([[scene.ego.x, scene.ego.y] for scene in self._scenes])
         following = [*self._scenes[1:], None]
         cycles = tuple(_cycle(*cycle) for cycle in zip(self._scenes, self._thoughts, following, strict=True))
-        return Trace(key, scenario, outcome, lanes_around(road, self._scenes[0].ego.route, where, DRAWN), cycles)
+        return Trace(key, scenario, outcome, lanes_around(road, self._scenes[0].ego.route, where, DRAWN), cycles, setting)
 
 
 def _cycle(scene: Scene, thought: Thought, after: Scene | None) -> CycleRecord:
@@ -68,7 +68,7 @@ def _cycle(scene: Scene, thought: Thought, after: Scene | None) -> CycleRecord:
     deviation = "" if after is None or math.isnan(speed) else _deviation(speed, lane, *executed)
     return CycleRecord(
         scene.time, scene.step, scene.ego, scene.agents, scene.signals, forecast, decision, thought.plan_ms, speed, executed[0], lane, executed[1], deviation,
-        decision.reason,
+        decision.reason, thought.intervened, thought.memory, thought.answers,
     )  # fmt: skip
 
 

@@ -20,11 +20,12 @@ from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.scene import YIELD, Agents, Bools, Decision, EgoState, Floats, Forecast, Ints, RoadMap, Signals
+from sumo_mcts.scene import YIELD, Agents, Answers, Bools, Decision, EgoState, Floats, Forecast, Ints, Memory, RoadMap, Signals
 
 SCHEMA_VERSION = 1
 
 MANIFEST, ROWS, TABLE = "manifest.json", "episodes.jsonl", "episodes.csv"
+TRACES, MAPS = "traces", "maps"
 
 # The row, in the order of docs/measures.md.
 ROW_KEYS = (
@@ -60,6 +61,9 @@ class CycleRecord(NamedTuple):
     executed_lane: int  # -1 for the last cycle
     deviation: str  # why the executed state differs from the commanded one; "" it does not
     note: str
+    intervened: bool = False  # the fail-safe manoeuvre in place of what the planner decided; why: decision.reason
+    memory: Memory = Memory()  # of earlier decisions, beside the last one
+    answers: Answers = Answers()  # of oracles
 
 
 class Lanes(NamedTuple):
@@ -74,6 +78,17 @@ class Lanes(NamedTuple):
     stop_lines: Floats  # [S, 4] x and y of both ends, m
 
 
+class Setting(NamedTuple):
+    """What all decisions of an episode rest on."""
+
+    config: str = ""  # the resolved scenario, JSON; "": unknown
+    seed: int = 0  # of the search
+    step: float = math.nan  # of the simulation, s
+    ballistic: bool = False  # how the simulation integrates
+    change_duration: float = math.nan  # of a lane change, s
+    map: str = ""  # maps/MAP.npz holds the roads, by the indices of which lanes are named
+
+
 class Trace(NamedTuple):
     """One episode of one ego, cycle by cycle."""
 
@@ -82,6 +97,7 @@ class Trace(NamedTuple):
     outcome: str
     lanes: Lanes
     cycles: tuple[CycleRecord, ...]
+    setting: Setting = Setting()
 
 
 # --- rows and manifest ---
@@ -278,36 +294,88 @@ def _stop_line(road: RoadMap, lane: int) -> Floats:
     return np.concatenate([end + across, end - across])
 
 
-# --- traces: every field of the tuples becomes a column over all cycles ---
+# --- traces and maps: every field of the tuples becomes a column over all cycles ---
 
-_FORMAT = 2
+_FORMAT = 3
 Columns = dict[str, NDArray[Any]]
 
 _SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}
 # Large columns that are drawn and not computed with: single precision (0.5 mm at 5 km).
-_COARSE = ("forecast/pose", "forecast/v", "forecast/s", "plan/pose", "children/poses")
+_COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/poses")
 
 
 def save_trace(path: Path, trace: Trace) -> None:
     """Write a trace as one compressed npz. Raises OSError."""
-    columns: Columns = {"format": np.array(_FORMAT)}
-    _encode(Trace, [trace], "trace", columns)
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, **columns)
-    write_whole(path, buffer.getvalue())
+    write_whole(path, trace_bytes(trace))
+
+
+def trace_bytes(trace: Trace) -> bytes:
+    """A trace as it stands in its file."""
+    return _packed(_columns(Trace, trace))
 
 
 def load_trace(path: Path) -> Trace:
     """Read a trace. Raises TraceError where the file is broken or of another format, OSError where it cannot be read."""
+    trace: Trace = _load(path, Trace, "trace")
+    return trace
+
+
+def same(kind: type, one: Any, other: Any) -> bool:
+    """Whether two values of this kind leave the same record, to the last bit that is kept."""
+    before, after = _columns(kind, one), _columns(kind, other)
+    return before.keys() == after.keys() and all(column.tobytes() == after[name].tobytes() for name, column in before.items())
+
+
+def map_name(road: RoadMap) -> str:
+    """What the file of a network is called in maps/: a digest of its roads, whatever file they come from."""
+    content = hashlib.sha256()
+    for name, column in _columns(RoadMap, road).items():
+        content.update(name.encode())
+        content.update(np.ascontiguousarray(column).tobytes())
+    return content.hexdigest()[:16]
+
+
+def save_map(folder: Path, road: RoadMap) -> Path:
+    """Write the roads that traces refer to into the maps/ of a folder, once a network. Raises OSError."""
+    path = folder / MAPS / f"{map_name(road)}.npz"
+    if not path.exists():
+        write_whole(path, map_bytes(road))
+    return path
+
+
+def map_bytes(road: RoadMap) -> bytes:
+    """Roads as they stand in their file."""
+    return _packed(_columns(RoadMap, road))
+
+
+def load_map(folder: Path, name: str) -> RoadMap:
+    """Read roads from the maps/ of a folder. Raises TraceError where the file is broken, OSError where it cannot be read."""
+    road: RoadMap = _load(folder / MAPS / f"{name}.npz", RoadMap, "map")
+    return road
+
+
+def _columns(kind: type, value: Any) -> Columns:
+    columns: Columns = {"format": np.array(_FORMAT)}
+    _encode(kind, [value], kind.__name__.lower(), columns)
+    return columns
+
+
+def _packed(columns: Columns) -> bytes:
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **columns)
+    return buffer.getvalue()
+
+
+def _load(path: Path, kind: type, what: str) -> Any:
+    """The value of this kind in a file; `what` it is in messages."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             columns = {name: archive[name] for name in archive.files}
         if int(columns["format"]) != _FORMAT:
-            raise TraceError(f"{path}: written in trace format {int(columns['format'])}, this version reads {_FORMAT}")
-        trace: Trace = _decode(Trace, 1, "trace", columns)[0]
+            raise TraceError(f"{path}: written in {what} format {int(columns['format'])}, this version reads {_FORMAT}")
+        return _decode(kind, 1, kind.__name__.lower(), columns)[0]
     except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, TypeError, KeyError, IndexError) as error:
-        raise TraceError(f"{path}: not a whole trace: {' '.join(str(error).split())}") from None
-    return trace
+        raise TraceError(f"{path}: not a whole {what}: {' '.join(str(error).split())}") from None
 
 
 def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> None:

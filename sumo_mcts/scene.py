@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Bools = NDArray[np.bool_]
+Words = NDArray[np.uint64]
 
 # How a connection is entered (RoadMap.rule), in the order of growing duty.
 PRIORITY, YIELD, ZIPPER, STOP, ALLWAY = range(5)
@@ -19,6 +20,8 @@ PRIORITY, YIELD, ZIPPER, STOP, ALLWAY = range(5)
 STRAIGHT, LEFT, RIGHT, TURN = range(4)
 # What a signal shows to a link (Signals.state).
 GREEN, YELLOW, RED = range(3)
+# What an agent is taken to do (Intent.does).
+USUAL, TURNS, FORCES, BRAKES = range(4)
 
 
 class RoadMap(NamedTuple):
@@ -127,6 +130,14 @@ class Scene(NamedTuple):
     signals: Signals
 
 
+class Intent(NamedTuple):
+    """What one agent is taken to do, where it is not what is likeliest (see model/intentions.py)."""
+
+    agent: int
+    does: int  # TURNS: takes `way`; FORCES: does not let the ego pass; BRAKES: hard, to a stand
+    way: tuple[int, ...] = ()  # lanes, the present one first
+
+
 class Forecast(NamedTuple):
     """The forward-predicted copy of the traffic. H hypotheses, T times, N agents (order of Scene.agents). Time 0 is now."""
 
@@ -141,6 +152,7 @@ class Forecast(NamedTuple):
     half_width: Floats  # [N]
     reacts: Bools  # [N] brakes for an ego in front of it: contact from behind is imposed braking
     yields: Bools  # [H, N] has to let the ego pass where their paths meet, and can do so comfortably
+    intents: tuple[Intent, ...] = ()  # [H] what each hypothesis is about; empty: everybody does what is likeliest
 
 
 class Plan(NamedTuple):
@@ -174,6 +186,7 @@ class RootChild(NamedTuple):
     best: float  # lowest total cost seen, or the risk where several hypotheses are weighed; inf: every continuation is lost
     terms: Floats  # [5] of the best in the likeliest hypothesis: safety, comfort, passability, other, loss
     poses: Floats  # [M, 4] of its best continuation
+    hypotheses: Floats = np.zeros((0, 5))  # [H, 5] terms of the best in each hypothesis that was searched; empty: there is one
 
 
 class Decision(NamedTuple):
@@ -186,6 +199,45 @@ class Decision(NamedTuple):
     reason: str  # "search", "brake" (nothing is free), "release", ...
     iterations: int
     known: int  # passes that ended in a known terminal node
+
+
+class Manoeuvre(NamedTuple):
+    """What the ego does from some time on, step by step, until it stands or is at its goal."""
+
+    time: float  # simulation time, s
+    plan: Plan
+    verified: bool
+
+
+class PlannerMemory(NamedTuple):
+    """What a planner carries from one decision to the next."""
+
+    numbers: Floats = np.zeros(0)  # their meaning is the planner's own affair
+    generator: Words = np.zeros(0, np.uint64)  # the state of its random generator; empty: it draws nothing
+
+
+class Memory(NamedTuple):
+    """What a driver carries from one decision to the next, beside that decision."""
+
+    edges: tuple[int, ...] = ()  # the route as it was laid out, from where the ego was then; empty: not yet
+    stood: tuple[int, ...] = ()  # nodes of the route at whose stop sign the ego has stood ...
+    stood_since: tuple[float, ...] = ()  # ... and when, s
+    failures: int = 0  # of the planner, in a row
+    ready: Manoeuvre | None = None  # the fail-safe's, verified last
+    planner: PlannerMemory = PlannerMemory()
+
+
+class Answers(NamedTuple):
+    """What oracles told in one cycle: nothing, unless a scenario asks for one. K agents whose coming T states were told."""
+
+    ways: tuple[Ints, ...] = ()  # [N] the lanes that each agent is really going to take; empty: it was not asked
+    agent: Ints = np.zeros(0, np.int32)  # [K] index
+    scripted: Bools = np.zeros(0, np.bool_)  # [K] holds a script; else from a copy of the simulation
+    pose: Floats = np.zeros((0, 0, 4))  # [K, T, 4] at the times that were asked for
+    v: Floats = np.zeros((0, 0))  # [K, T]
+    lane: Ints = np.zeros((0, 0), np.int32)  # [K, T]
+    s: Floats = np.zeros((0, 0))  # [K, T]
+    valid: Bools = np.zeros((0, 0), np.bool_)  # [K, T]
 
 
 SAFETY, COMFORT, PASSABILITY, OTHER, LOSS = range(5)

@@ -224,7 +224,8 @@ def test_outcomes(case: str, command: Command, tmp_path: Path) -> None:
     assert answer.status == (1 if outcome == "error" else 0)
     assert error in (row["error"] or "")
     assert answer.err.splitlines() == ([f"error: {row['scenario']}: ego {row['ego']}: {row['error']}"] if error else [])
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["episodes.csv", "episodes.jsonl", "figures", "manifest.json", "traces"]
+    roads = ["maps"] if any((tmp_path / "out" / "traces").iterdir()) else []
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["episodes.csv", "episodes.jsonl", "figures", "manifest.json", *roads, "traces"]
 
 
 # --- what a user without an ego in mind sees ---

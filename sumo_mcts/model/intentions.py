@@ -12,8 +12,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.traffic import BRAKES, FORCES, TURNS, Intent, Paths, Told, TrafficParams, changing, conflicts_of, likely_paths, predict
-from sumo_mcts.scene import LEFT, RIGHT, STRAIGHT, VEHICLE_CLASSES, Agents, Bools, Floats, Forecast, Ints, RoadMap, Scene
+from sumo_mcts.model.traffic import Paths, Told, TrafficParams, changing, conflicts_of, likely_paths, predict
+from sumo_mcts.scene import (
+    BRAKES,
+    FORCES,
+    LEFT,
+    RIGHT,
+    STRAIGHT,
+    TURNS,
+    VEHICLE_CLASSES,
+    Agents,
+    Bools,
+    Floats,
+    Forecast,
+    Intent,
+    Ints,
+    RoadMap,
+    Scene,
+)
 
 OF_HYPOTHESES = ("pose", "v", "lane", "s", "valid", "yields")  # what a Forecast has for each
 LEAST = 0.005  # odds below which an alternative is not worth a search of its own
@@ -61,12 +77,12 @@ def together(found: Sequence[Forecast], odds: Sequence[float]) -> Forecast:
     order = np.argsort(-np.array(odds), kind="stable")
     weight = np.array(odds)[order] / np.sum(odds)
     columns: dict[str, Any] = {name: np.concatenate([getattr(found[h], name) for h in order]) for name in OF_HYPOTHESES}
-    return found[0]._replace(weight=weight, **columns)
+    return found[0]._replace(weight=weight, intents=tuple(intent for h in order for intent in found[h].intents), **columns)
 
 
 def likeliest(forecast: Forecast) -> Forecast:
     """Its first hypothesis alone."""
-    return forecast._replace(weight=np.ones(1), **{name: getattr(forecast, name)[:1] for name in OF_HYPOTHESES})
+    return forecast._replace(weight=np.ones(1), intents=forecast.intents[:1], **{name: getattr(forecast, name)[:1] for name in OF_HYPOTHESES})
 
 
 def alternatives(road: RoadMap, scene: Scene, ego_lanes: Ints, usual: Forecast, params: TrafficParams) -> list[Alternative]:

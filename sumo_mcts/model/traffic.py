@@ -15,7 +15,27 @@ from sumo_mcts.model.geometry import chord, point_at, swung
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import SIDEWAYS, signal_states
 from sumo_mcts.model.route import Indices
-from sumo_mcts.scene import ALLWAY, GREEN, LEFT, RIGHT, STOP, STRAIGHT, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene
+from sumo_mcts.scene import (
+    ALLWAY,
+    BRAKES,
+    FORCES,
+    GREEN,
+    LEFT,
+    RIGHT,
+    STOP,
+    STRAIGHT,
+    TURNS,
+    USUAL,
+    Agents,
+    Bools,
+    EgoState,
+    Floats,
+    Forecast,
+    Intent,
+    Ints,
+    RoadMap,
+    Scene,
+)
 
 LANES = 14  # lanes of a path at most
 PATH = 200.0  # m of a path at most
@@ -29,9 +49,6 @@ STOPS = 5.0  # m/s2 with which somebody stops for red or for who has the right o
 AT_SIGN = 9.0  # m/s2 likewise at a stop sign, at which everybody stops
 FOES = 24  # conflicts looked at for each agent
 HARD = 4.5  # m/s2 with which an agent is taken to brake where it is taken to brake for no reason
-
-# What an agent may be taken to do (Intent.does).
-USUAL, TURNS, FORCES, BRAKES = range(4)
 
 
 class TrafficParams(NamedTuple):
@@ -54,14 +71,6 @@ class Paths(NamedTuple):
     lane: Ints  # [N, LANES] -1 beyond the end
     offset: Floats  # [N, LANES+1] where each lane begins, m from the start of the first
     count: Ints  # type: ignore[assignment]  # [N] (tuple.count is not missed)
-
-
-class Intent(NamedTuple):
-    """What one agent is taken to do, where it is not what is likeliest (see model/intentions.py)."""
-
-    agent: int
-    does: int  # TURNS: takes `way`; FORCES: does not let the ego pass; BRAKES: as hard as HARD, to a stand
-    way: tuple[int, ...] = ()  # lanes, the present one first
 
 
 NOBODY = Intent(-1, USUAL)
@@ -99,7 +108,7 @@ def predict(
         reacts[i], polite[i] = False, False
     return Forecast(
         params.step, np.ones(1), pose[None], v[:, 1:][None].copy(), lane[None], s[None], valid[None], agents.length / 2, agents.width / 2, reacts,
-        polite[None],
+        polite[None], (intent,),
     )  # fmt: skip
 
 

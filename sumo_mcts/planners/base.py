@@ -1,7 +1,7 @@
 """What every planner is given, and what it has to return."""
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from sumo_mcts.model.cost import CostParams
 from sumo_mcts.model.ego import EgoParams
 from sumo_mcts.model.local import Local, State, build_local
 from sumo_mcts.model.route import RouteMap
-from sumo_mcts.scene import Decision, Forecast, RoadMap, Scene
+from sumo_mcts.scene import Decision, Forecast, PlannerMemory, RoadMap, Scene, Words
 
 STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow (measures: yellow_run)
 
@@ -53,6 +53,17 @@ class Planner(Protocol):
         """Decide for the coming decision period."""
 
 
+@runtime_checkable
+class Remembering(Protocol):
+    """A planner whose decisions depend on earlier ones. Who is none has nothing to remember."""
+
+    def memory(self) -> PlannerMemory:
+        """What the next decision depends on, beside the situation; asked after `start`."""
+
+    def recall(self, memory: PlannerMemory) -> None:
+        """Go on from there; told after `start`."""
+
+
 class Drawing:
     """What the planners have in common that look into a forecast and draw."""
 
@@ -62,3 +73,31 @@ class Drawing:
         """Take the ego over."""
         self._task = task
         self._rng = np.random.Generator(np.random.PCG64(seed))
+
+    def memory(self) -> PlannerMemory:
+        """What it has drawn so far."""
+        return PlannerMemory(generator=_words(self._rng))
+
+    def recall(self, memory: PlannerMemory) -> None:
+        """Go on drawing from there."""
+        self._rng = _generator(memory.generator)
+
+
+_LOW = (1 << 64) - 1
+
+
+def _words(rng: np.random.Generator) -> Words:
+    """[6] the state of a PCG64 generator: state and increment, high and low, and what is left of the last draw."""
+    kept: Any = rng.bit_generator.state
+    state, increment = kept["state"]["state"], kept["state"]["inc"]
+    return np.array([state >> 64, state & _LOW, increment >> 64, increment & _LOW, kept["has_uint32"], kept["uinteger"]], np.uint64)
+
+
+def _generator(words: Words) -> np.random.Generator:
+    """The generator with this state."""
+    high, low, increment_high, increment_low, has, left = (int(word) for word in words)
+    bits = np.random.PCG64(0)
+    bits.state = {
+        "bit_generator": "PCG64", "state": {"state": high << 64 | low, "inc": increment_high << 64 | increment_low}, "has_uint32": has, "uinteger": left,
+    }  # fmt: skip
+    return np.random.Generator(bits)

@@ -14,7 +14,7 @@ from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, Indices, lane_
 from sumo_mcts.planners.base import STOP_DECEL, Drawing, Situation, Task, local_of
 from sumo_mcts.planners.mcts import MctsParams, actions_of, follow_line, in_steps
 from sumo_mcts.planners.tree import entry_of
-from sumo_mcts.scene import Decision, Floats, Follow, Plan, Release
+from sumo_mcts.scene import Decision, Floats, Follow, Plan, PlannerMemory, Release
 
 LOOK = 1.0  # m between the places on the way ahead at which others are looked for
 VIEW_S = 6.0  # s of driving ahead for which they are
@@ -47,6 +47,14 @@ class ConstantPlanner:
         """Take the ego over."""
         self._task = task
         self._speed = -1.0
+
+    def memory(self) -> PlannerMemory:
+        """The speed that it holds."""
+        return PlannerMemory(np.array([self._speed]))
+
+    def recall(self, memory: PlannerMemory) -> None:
+        """Hold it on."""
+        self._speed = float(memory.numbers[0])
 
     def plan(self, situation: Situation) -> Decision:
         """Hold the speed."""

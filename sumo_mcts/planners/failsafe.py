@@ -18,7 +18,7 @@ from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, apart, chain_gap
 from sumo_mcts.model.route import INTERNAL, LEFT_NODE, LENGTH, NEXT, RIGHT_NODE, Indices
 from sumo_mcts.planners.base import Situation, Task, local_of
-from sumo_mcts.scene import Decision, Floats, Follow, Plan, Release
+from sumo_mcts.scene import Agents, Decision, EgoState, Floats, Follow, Manoeuvre, Plan, Release
 
 LONGEST_S = 30.0  # a manoeuvre that has not come to its end by then is none
 CHECK_S = 0.25  # longest time between two checks
@@ -41,14 +41,6 @@ class Assumed(NamedTuple):
     horizon: float
 
 
-class Manoeuvre(NamedTuple):
-    """What the ego does from some time on, step by step, until it stands or is at its goal."""
-
-    time: float  # simulation time, s
-    plan: Plan
-    verified: bool
-
-
 class Obstacle(NamedTuple):
     """What is in the way of a manoeuvre."""
 
@@ -61,31 +53,31 @@ class FailSafe:
 
     def __init__(self, assumed: Assumed, period_s: float) -> None:
         self._assumed, self._period = assumed, period_s
-        self._ready: Manoeuvre | None = None  # the last one verified
+        self.ready: Manoeuvre | None = None  # the last one verified
 
     def start(self, task: Task) -> None:
         """Take the ego over."""
-        self._task, self._ready = task, None
+        self._task, self.ready = task, None
 
     def forget(self) -> None:
         """What was verified is no longer what the ego does."""
-        self._ready = None
+        self.ready = None
 
     def objection(self, situation: Situation, command: Follow) -> str:
         """Why the command must not be executed; "" where it may, and then the manoeuvre after it is the one to fall back on."""
         manoeuvre, obstacle = self._search(situation, command)
         if manoeuvre is None:
             return _in_words(situation, obstacle)
-        self._ready = manoeuvre
+        self.ready = manoeuvre
         return ""
 
     def fall_back(self, situation: Situation, why: str, replaced: Decision | None) -> Decision:
         """The last manoeuvre verified, from where it is now; without one the first that can be verified from here; else the strongest braking in the
         lane. `replaced`: what the planner decided, if anything."""
         now, nothing = situation.scene.time, Follow(np.zeros(0), 0)
-        if self._ready is None:
-            self._ready, _ = self._search(situation, nothing)
-        manoeuvre = self._ready
+        if self.ready is None:
+            self.ready, _ = self._search(situation, nothing)
+        manoeuvre = self.ready
         if manoeuvre is None:
             plan, _ = self._drive(local_of(self._task, situation), situation, nothing, BRAKE, self._task.ego.max_decel)
             manoeuvre = Manoeuvre(now, plan, False)
@@ -161,14 +153,20 @@ def _in_words(situation: Situation, obstacle: Obstacle) -> str:
     if obstacle.agent == NO_END:
         return "the ego would not come to a stop"
     ego, agents, i = situation.scene.ego, situation.scene.agents, obstacle.agent
-    dx, dy = agents.x[i] - ego.x, agents.y[i] - ego.y
-    across = abs(math.sin(agents.heading[i] - ego.heading)) > math.sin(math.acos(ALONG))
-    where = "ahead" if dx * math.cos(ego.heading) + dy * math.sin(ego.heading) > 0.0 else "behind"
-    how = "crossing" if across else where if math.cos(agents.heading[i] - ego.heading) > 0.0 else "oncoming"
+    away = math.hypot(agents.x[i] - ego.x, agents.y[i] - ego.y)
     return (
-        f"no stop and no way out that {agents.ids[i]} ({how}, {math.hypot(dx, dy):.0f} m away, {agents.v[i]:.1f} m/s) could not meet, "
+        f"no stop and no way out that {agents.ids[i]} ({coming(ego, agents, i)}, {away:.0f} m away, {agents.v[i]:.1f} m/s) could not meet, "
         f"the hardest stop in {obstacle.time:.1f} s"
     )
+
+
+def coming(ego: EgoState, agents: Agents, i: int) -> str:
+    """How agent i comes, seen from the ego: crossing, oncoming, or the same way ahead or behind."""
+    turned = agents.heading[i] - ego.heading
+    if abs(math.sin(turned)) > math.sin(math.acos(ALONG)):
+        return "crossing"
+    before = (agents.x[i] - ego.x) * math.cos(ego.heading) + (agents.y[i] - ego.y) * math.sin(ego.heading) > 0.0
+    return "oncoming" if math.cos(turned) <= 0.0 else "ahead" if before else "behind"
 
 
 # --- compiled ---

@@ -13,7 +13,7 @@ from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
 from sumo_mcts.planners.effort import Effort, budget, next_passes, next_passes_in_time, part
 from sumo_mcts.planners.risk import risk, shares
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, LOST, SearchParams, Tree, entry_of, new_tree, replay, search, search_params, side_of
-from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
+from sumo_mcts.scene import Decision, Floats, Follow, Plan, PlannerMemory, RootChild
 
 
 class MctsParams(NamedTuple):
@@ -55,6 +55,15 @@ class MctsPlanner(Drawing):
         super().start(task, seed)
         self._line, self._line_time = np.zeros(0), 0.0
 
+    def memory(self) -> PlannerMemory:
+        """The last sequence, after when it began."""
+        return super().memory()._replace(numbers=np.array([self._line_time, *self._line]))
+
+    def recall(self, memory: PlannerMemory) -> None:
+        """Go on from there."""
+        super().recall(memory)
+        self._line_time, self._line = float(memory.numbers[0]), memory.numbers[1:]
+
     def plan(self, situation: Situation) -> Decision:
         """Search from the present state; where the last plan, carried on, is no worse than what was found, it goes on."""
         p, task = self._params, self._task
@@ -81,17 +90,19 @@ class MctsPlanner(Drawing):
     def _weighed(self, situation: Situation, q: SearchParams, found: list[Way], share: Floats) -> tuple[list[Way], int, int]:
         """The ways with the risk over all hypotheses as their cost; the others are searched here. And the passes that took."""
         p, task, state = self._params, self._task, situation.state
-        cost = np.empty((len(found), len(share)))
-        cost[:, 0] = [way.child.best for way in found]
+        cost, terms = np.empty((len(found), len(share))), np.empty((len(found), len(share), 5))
+        cost[:, 0], terms[:, 0] = [way.child.best for way in found], [way.child.terms for way in found]
         done = known = 0
         for h in range(1, len(share)):
             local = local_of(task, situation, p.reactive, h)
             tree, *more = self._search(local, q, situation, share[h:], math.inf)
             done, known = done + more[0], known + more[1]
-            cost[:, h] = [_cost_in(tree, local, task, q, self._actions, state, way) for way in found]
+            for i, way in enumerate(found):
+                cost[i, h], terms[i, h] = _cost_in(tree, local, task, q, self._actions, state, way)
         weight = situation.forecast.weight[: len(share)]
         worth = risk(cost, weight / weight.sum(), p.worst_share)
-        return [way._replace(child=way.child._replace(best=float(value))) for way, value in zip(found, worth, strict=True)], done, known
+        children = [way.child._replace(best=float(value), hypotheses=each) for way, value, each in zip(found, worth, terms, strict=True)]
+        return [way._replace(child=child) for way, child in zip(found, children, strict=True)], done, known
 
     def _search(self, local: Local, q: SearchParams, situation: Situation, share: Floats, beat: float) -> tuple[Tree, int, int]:
         """A tree with the first `share` of the effort, of those that are left; its passes to the horizon, and to a known terminal node.
@@ -152,17 +163,22 @@ def _children(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Fl
     return result
 
 
-def _cost_in(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Floats, state: State, way: Way) -> float:
-    """What a way costs in another hypothesis, of which the tree is: driven to its end, or else begun only and gone on with as is best there.
+def _cost_in(tree: Tree, local: Local, task: Task, q: SearchParams, actions: Floats, state: State, way: Way) -> tuple[float, Floats]:
+    """What a way costs in another hypothesis, of which the tree is: driven to its end, or else begun only and gone on with as is best there. And its terms.
 
     That is the best below the root's child that comes nearest to the way's first action, as if it were known by then what the others do (QMDP).
     """
     v = float(way.plan.v[min(q.ply, len(way.plan.v)) - 1])
-    alike = [i for i, action in zip(tree.child[0], actions, strict=True) if i >= 0 and int(action[1]) == way.child.lane_change]
-    begun = min(((abs(tree.motion[i, 1] - v), float(tree.best[i])) for i in alike), default=(0.0, task.cost.contact))[1]
+    alike = [(k, i) for k, i in enumerate(tree.child[0]) if i >= 0 and int(actions[k, 1]) == way.child.lane_change]
+    _, begun, k = min(((abs(tree.motion[i, 1] - v), float(tree.best[i]), k) for k, i in alike), default=(0.0, task.cost.contact, -1))
     _, terms, end = follow_line(local, task, q, state, tree.others[0], way.line)
     whole = end in (LOST, ARRIVED) or (end == ALIVE and len(way.line) >= round(q.horizon / task.ego.step))
-    return min(begun, float(terms.sum())) if whole else begun
+    if whole and terms.sum() <= begun:
+        return float(terms.sum()), terms
+    if k < 0:
+        return begun, np.array([0.0, 0.0, 0.0, 0.0, begun])
+    line = _steps(tree.plan[k], actions[k], int(tree.end[tree.child[0, k]]), q.ply)
+    return begun, follow_line(local, task, q, state, tree.others[0], line)[1]
 
 
 def _carried(local: Local, task: Task, q: SearchParams, state: State, others: Floats, line: Floats, period_s: float) -> Way | None:

@@ -6,6 +6,7 @@ Everything is drawn with Pillow at twice the size and scaled down. Sizes named `
 import io
 import math
 from collections import defaultdict
+from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +20,7 @@ from sumo_mcts.records import CycleRecord, Lanes, Trace, write_whole
 from sumo_mcts.scene import Agents, Decision, Floats, Follow, RootChild
 
 Colour = tuple[int, int, int]
+Note = Callable[[str], object]  # is told what takes long
 
 PAPER: Colour = (255, 255, 255)
 LAND: Colour = (240, 241, 236)
@@ -67,6 +69,10 @@ class Shot(NamedTuple):
     others: Floats  # [N, 3] x, y, heading; the agents of the cycle
 
 
+def silent(text: str) -> None:
+    """A note that nobody reads."""
+
+
 # --- what people call ---
 
 
@@ -82,11 +88,11 @@ def storyboard(trace: Trace, path: Path, moments: int = 6) -> None:
     write_whole(path, _png(page.reduce(SS)))
 
 
-def animation(trace: Trace, path: Path, width: int = 720) -> None:
+def animation(trace: Trace, path: Path, width: int = 720, note: Note = silent) -> None:
     """Write a GIF of the whole episode in real time. Raises ValueError where there is no cycle, OSError where it cannot be written."""
-    content = _gif(trace, width, FPS)
+    content = _gif(trace, width, FPS, note)
     if len(content) > GIF_BYTES * max(1.0, (trace.cycles[-1].time - trace.cycles[0].time) / 20.0):  # a moving camera leaves no pixel as it was
-        content = _gif(trace, width, FPS // 2)
+        content = _gif(trace, width, FPS // 2, note)
     write_whole(path, content)
 
 
@@ -596,22 +602,27 @@ def frame_times(trace: Trace, fps: int = FPS) -> Floats:
     return first + np.arange(round((last - first) * fps) + 1) / fps
 
 
-def _gif(trace: Trace, width: int, fps: int) -> bytes:
-    """The encoded animation."""
+def frames(trace: Trace, width: int, fps: int, note: Note = silent) -> Iterator[Image.Image]:
+    """The whole episode, so many frames a second. Raises ValueError where there is no cycle."""
     shots = [shot_at(trace, float(time)) for time in frame_times(trace, fps)]
     _, aspect = _arrangement(shots)
     height = round(width / (0.75 * STRIP if aspect == STRIP else 1.5))
     views = _views(shots, (width, height), largest=145.0)  # a camera that stays is worth smaller vehicles
-    palette = _palette()
-    frames, ground, shown = [], None, None
-    for shot, view in zip(shots, views, strict=True):
+    ground, shown = None, None
+    for number, (shot, view) in enumerate(zip(shots, views, strict=True), 1):
         if view != shown:
             ground, shown = _ground(trace.lanes, view), view
-        ended = trace.outcome if shot is shots[-1] else ""
-        frames.append(_frame(_panel(trace.lanes, shot, view, ground), shot, ended).quantize(palette=palette, dither=Image.Dither.NONE))
-    durations = [1000 // fps] * (len(frames) - 1) + [HOLD_MS]
+        note(f"drawing the film  frame {number} of {len(shots)}")
+        yield _frame(_panel(trace.lanes, shot, view, ground), shot, trace.outcome if number == len(shots) else "")
+
+
+def _gif(trace: Trace, width: int, fps: int, note: Note) -> bytes:
+    """The encoded animation."""
+    palette = _palette()
+    drawn = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames(trace, width, fps, note)]
+    durations = [1000 // fps] * (len(drawn) - 1) + [HOLD_MS]
     buffer = io.BytesIO()
-    frames[0].save(buffer, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, disposal=1, optimize=False)
+    drawn[0].save(buffer, format="GIF", save_all=True, append_images=drawn[1:], duration=durations, loop=0, disposal=1, optimize=False)
     return buffer.getvalue()
 
 

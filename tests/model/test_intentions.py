@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_mcts.model.intentions import LEAST, alternatives, braking_odds, forcing_odds, foresee, likeliest, signal_worth, way_worth
-from sumo_mcts.model.traffic import BRAKES, FORCES, HARD, TURNS, Intent, Told, predict
-from sumo_mcts.scene import LEFT, RIGHT, STRAIGHT, VEHICLE_CLASSES, EgoState, Forecast, RoadMap, Scene
+from sumo_mcts.model.traffic import HARD, Told, predict
+from sumo_mcts.scene import BRAKES, FORCES, LEFT, RIGHT, STRAIGHT, TURNS, VEHICLE_CLASSES, EgoState, Forecast, Intent, RoadMap, Scene
 
 
 def _crossing() -> RoadMap:

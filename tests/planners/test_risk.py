@@ -16,12 +16,12 @@ from sumo_mcts.config import load
 from sumo_mcts.driver import make_planner
 from sumo_mcts.episode import run_episode
 from sumo_mcts.model.intentions import together
-from sumo_mcts.model.traffic import FORCES, Intent, Told, predict
+from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.risk import risk, shares
 from sumo_mcts.records import load_trace, save_trace
 from sumo_mcts.reporting.birdseye import storyboard
-from sumo_mcts.scene import Decision, Floats, Follow
+from sumo_mcts.scene import FORCES, Decision, Floats, Follow, Intent
 
 ROAD = crossing(bridge=False)
 

@@ -1,0 +1,59 @@
+"""One recorded decision taken again: from the trace and its map alone, without SUMO, with the recorded settings or with others."""
+
+import json
+from collections.abc import Sequence
+
+from sumo_mcts.config import ConfigError, ScenarioConfig, build
+from sumo_mcts.driver import Driver, Oracles, Physics, Thought
+from sumo_mcts.model.traffic import Scripted
+from sumo_mcts.records import CycleRecord, Setting, Trace
+from sumo_mcts.scene import Follow, Ints, PlannerMemory, Release, RoadMap, Scene
+
+ORACLES = ("routes", "script", "clone")
+
+
+def recorded_config(setting: Setting, overrides: Sequence[str] = ()) -> ScenarioConfig:
+    """The scenario that a trace was recorded with, with some keys set otherwise. Raises ConfigError."""
+    return build(json.loads(setting.config), "the trace's scenario", tuple(overrides))
+
+
+def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> Thought:
+    """The decision of a cycle, taken again from what is recorded. Raises ConfigError where another oracle would have to be asked."""
+    now, setting, before = trace.cycles[cycle], trace.setting, json.loads(trace.setting.config)
+    physics = Physics(setting.step, setting.ballistic, setting.change_duration)
+    memory = now.memory if config.planner.name == before["planner"]["name"] else now.memory._replace(planner=PlannerMemory())
+    driver = Driver(config, road, physics, setting.seed, _witness(now, before["prediction"]["name"], config.prediction.name))
+    last = trace.cycles[cycle - 1] if cycle else None
+    driver.recall(now.ego, memory, None if last is None else last.decision, 0.0 if last is None else last.time)
+    return driver.decide(Scene(now.time, now.step, now.ego, now.agents, now.signals))
+
+
+def _witness(now: CycleRecord, recorded: str, asked: str) -> Oracles:
+    """Answers what the oracles answered. Raises ConfigError where they were not asked."""
+    if asked in ORACLES and asked != recorded:
+        allowed = ", ".join(dict.fromkeys((recorded, "idm", "constant_velocity")))
+        raise ConfigError(f"prediction.name: {asked} is an oracle that this episode did not ask; allowed: {allowed}")
+    told = now.answers
+    states = [Scripted(told.pose[k], told.v[k], told.lane[k], told.s[k], told.valid[k]) for k in range(len(told.agent))]
+    of = {now.agents.ids[i]: k for k, i in enumerate(told.agent.tolist())}
+
+    def way(vehicle: str, lane: int) -> Ints:
+        return told.ways[now.agents.ids.index(vehicle)]
+
+    def script(vehicle: str, time: float, step: float, count: int) -> Scripted | None:
+        k = of.get(vehicle)
+        return None if k is None or not told.scripted[k] else _as_far(states[k], now.forecast.dt, step, count)
+
+    def clone(scene: Scene, command: Follow | Release, step: float, count: int) -> dict[int, Scripted]:
+        return {int(i): _as_far(states[k], now.forecast.dt, step, count) for k, i in enumerate(told.agent)}
+
+    return Oracles(way, script, clone)
+
+
+def _as_far(states: Scripted, told_step: float, step: float, count: int) -> Scripted:
+    """The first `count` states, `step` s apart. Raises ConfigError where they are not told."""
+    if step != told_step:
+        raise ConfigError(f"prediction.step_s: the oracle told where the others are every {told_step:g} s, not every {step:g} s; it stays as it was")
+    if count > len(states.v):
+        raise ConfigError(f"the oracle told {len(states.v)} states of the others, and {count} would be needed: the horizon cannot grow")
+    return Scripted(states.pose[:count], states.v[:count], states.lane[:count], states.s[:count], states.valid[:count])

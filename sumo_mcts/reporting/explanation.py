@@ -1,0 +1,237 @@
+"""Why the ego did what it did at one moment: from a trace, as plain data. `explanation_text.py` puts it in words."""
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from sumo_mcts.driver import FORECASTING, no_forecast
+from sumo_mcts.model.geometry import box_distance
+from sumo_mcts.model.local import ego_state
+from sumo_mcts.model.route import route_map
+from sumo_mcts.planners.failsafe import coming
+from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Setting, Trace, same
+from sumo_mcts.replan import recorded_config, replan
+from sumo_mcts.reporting.birdseye import action_words
+from sumo_mcts.scene import BRAKES, FORCES, TERMS, TURNS, Decision, Floats, Follow, Intent, RoadMap, RootChild
+
+COLOURS = ("green", "yellow", "red")  # as scene.py numbers them
+
+
+def explain(trace: Trace, road: RoadMap | None, number: int) -> dict[str, Any]:
+    """What the ego knew, weighed and did in a cycle, and what came of it. Without `road` lanes go by their numbers."""
+    cycle = trace.cycles[number]
+    after = trace.cycles[number + 1] if number + 1 < len(trace.cycles) else None
+    config = _config(trace.setting)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "key": trace.key,
+        "scenario": trace.scenario,
+        "time_s": cycle.time,
+        "cycle": number + 1,
+        "cycles": len(trace.cycles),
+        "planner": config.get("planner", {}).get("name"),
+        "prediction": config.get("prediction", {}).get("name") if config.get("planner", {}).get("name") in FORECASTING else None,
+        **_thought(cycle, road, trace.setting),
+        "executed": {
+            "until_s": None if after is None else after.time,
+            "outcome": trace.outcome if after is None else None,
+            "commanded_mps": _known(cycle.commanded_speed),
+            "executed_mps": _known(cycle.executed_speed),
+            "commanded_lane": _lane(road, cycle.commanded_lane),
+            "executed_lane": _lane(road, cycle.executed_lane),
+            "deviation": cycle.deviation,
+        },
+    }
+
+
+def explain_again(trace: Trace, road: RoadMap, number: int, overrides: Sequence[str]) -> dict[str, Any]:
+    """The same of the decision taken again, from what is recorded, with some keys set otherwise. Raises ConfigError."""
+    cycle, config = trace.cycles[number], recorded_config(trace.setting, overrides)
+    thought = replan(trace, road, number, config)
+    forecast = thought.forecast if thought.forecast is not None else no_forecast(cycle.step)
+    again = cycle._replace(decision=thought.decision, forecast=forecast, intervened=thought.intervened)
+    setting = trace.setting._replace(config=config.model_dump_json())
+    return {
+        "set": list(overrides),
+        "identical": same(Decision, thought.decision, cycle.decision),
+        "same_command": _command(thought.decision) == _command(cycle.decision),
+        "reproducible": config.planner.time_budget_ms is None and not config.planner.enforce_deadline,
+        **_thought(again, road, setting),
+    }
+
+
+def _thought(cycle: CycleRecord, road: RoadMap | None, setting: Setting) -> dict[str, Any]:
+    """What was known and weighed, and the decision."""
+    ego, decision, nearest = cycle.ego, cycle.decision, closest(cycle)
+    children = decision.children
+    chosen = children[decision.chosen] if decision.chosen >= 0 else None
+    order = sorted(range(len(children)), key=lambda i: (children[i].best, i))
+    return {
+        "ego": {
+            "id": ego.id, "lane": _lane(road, ego.lane), "s_m": ego.s, "v_mps": ego.v, "a_mps2": ego.a,
+            "changing_to": _lane(road, ego.change_to) if 0.0 < ego.changing < 1.0 else None,
+            "stop_line": None if road is None else _stop_line(cycle, road),
+        },
+        "agents": sorted((_agent(cycle, nearest, i, road) for i in range(len(cycle.agents.ids))), key=_urgency),
+        "hypotheses": [_hypothesis(cycle, nearest, h, road) for h in range(len(cycle.forecast.weight))] if cycle.agents.ids else [],
+        "actions": [{**_action(children, i, setting), "chosen": i == decision.chosen} for i in order],
+        "decision": {
+            "action": None if chosen is None else _name(children, decision.chosen, setting),
+            "words": action_words(cycle),
+            "accel_mps2": None if chosen is None else chosen.accel,
+            "lane_change": decision.command.lane_change if isinstance(decision.command, Follow) else 0,
+            "speeds_mps": decision.command.speeds.tolist() if isinstance(decision.command, Follow) else None,
+            "cost": None if chosen is None else _known(chosen.best),
+            "reason": decision.reason,
+            "fail_safe": cycle.intervened,
+            "iterations": decision.iterations,
+            "known": decision.known,
+        },
+    }  # fmt: skip
+
+
+def _urgency(agent: dict[str, Any]) -> tuple[float, float]:
+    """Whoever may come nearest is first, then whoever is likely to."""
+    return agent["worst_m"], agent["closest_m"]
+
+
+def _stop_line(cycle: CycleRecord, road: RoadMap) -> dict[str, Any] | None:
+    """The next light or stop sign on the ego's way."""
+    ego, edges = cycle.ego, cycle.memory.edges
+    kept = len(edges) > 0 and ego.route == edges[len(edges) - len(ego.route) :]
+    if not kept:  # a new route begins here
+        edges = ego.route
+    if ego.lane < 0 or not edges or -1 in edges:
+        return None
+    route = route_map(road, edges, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, ego.comfort_decel)
+    state = ego_state(route, ego)
+    node = -1 if state is None else state.node
+    distance = -ego.s
+    while node >= 0:
+        distance += route.length[node]
+        if route.stop[node]:
+            break
+        node = int(route.next[node])
+    if node < 0:
+        return None
+    signal, now = int(route.signal[node]), cycle.signals
+    if signal < 0:
+        return {"kind": "stop sign", "distance_m": float(distance), "shows": "stood there" if kept and node in cycle.memory.stood else "to stop", "for_s": None}
+    shows = COLOURS[int(now.state[now.offset[signal] + int(route.link[node]), 0])]
+    return {"kind": "light", "distance_m": float(distance), "shows": shows, "for_s": _known(float(now.until[signal, 0]))}
+
+
+def closest(cycle: CycleRecord) -> Floats:
+    """[H, N, 2] how near each agent comes to the ego, m between the boxes, if the plan is driven and the hypothesis is true, and when, s from now.
+
+    Boxes in the plane: on a bridge above the ego somebody comes near too. Without a plan: as it is now.
+    """
+    forecast, ego, plan = cycle.forecast, cycle.ego, cycle.decision.plan
+    hypotheses, times, agents = forecast.pose.shape[:3]
+    own = np.array([[ego.x, ego.y, math.cos(ego.heading), math.sin(ego.heading)]])
+    if plan is not None and len(plan.time):
+        last = min(times, int((plan.time[-1] + 1e-6) / forecast.dt) + 1)
+        own = np.concatenate([own, plan.pose[[int(np.argmin(np.abs(plan.time - t * forecast.dt))) for t in range(1, last)]]])
+    result = np.full((hypotheses, agents, 2), np.inf)
+    for h in range(hypotheses):
+        for i in range(agents):
+            size = float(forecast.half_length[i]), float(forecast.half_width[i])
+            gaps = [_gap(own[t], (ego.length / 2, ego.width / 2), forecast.pose[h, t, i], size) for t in range(len(own)) if forecast.valid[h, t, i]]
+            there = np.flatnonzero(forecast.valid[h, : len(own), i])
+            if gaps:
+                result[h, i] = min(gaps), there[int(np.argmin(gaps))] * forecast.dt
+    return result
+
+
+def _gap(pose: Floats, half: tuple[float, float], other: Floats, other_half: tuple[float, float]) -> float:
+    """m between two boxes, each given by its pose [4] and half its length and width."""
+    (x, y, c, s), (ox, oy, oc, os) = pose, other
+    return float(box_distance(x, y, c, s, half[0], half[1], ox, oy, oc, os, other_half[0], other_half[1]))
+
+
+def _agent(cycle: CycleRecord, nearest: Floats, i: int, road: RoadMap | None) -> dict[str, Any]:
+    agents, ego, forecast = cycle.agents, cycle.ego, cycle.forecast
+    known = i < nearest.shape[1] and math.isfinite(nearest[0, i, 0])  # without a forecast nobody has a future
+    away = math.hypot(agents.x[i] - ego.x, agents.y[i] - ego.y)
+    worst = int(np.argmin(nearest[:, i, 0])) if known else 0
+    return {
+        "id": agents.ids[i],
+        "comes": coming(ego, agents, i),
+        "lane": _lane(road, int(agents.lane[i])),
+        "away_m": away,
+        "v_mps": float(agents.v[i]),
+        "closest_m": float(nearest[0, i, 0]) if known else away,
+        "closest_s": float(nearest[0, i, 1]) if known else 0.0,
+        "worst_m": float(nearest[worst, i, 0]) if known else away,
+        "worst_hypothesis": worst + 1,
+        "yields": known and bool(forecast.yields[0, i]),
+        "reacts": known and bool(forecast.reacts[i]),
+        "person": bool(agents.person[i]),
+    }
+
+
+def _hypothesis(cycle: CycleRecord, nearest: Floats, h: int, road: RoadMap | None) -> dict[str, Any]:
+    forecast = cycle.forecast
+    intent = forecast.intents[h] if h < len(forecast.intents) else None
+    searched = max((len(child.hypotheses) for child in cycle.decision.children), default=0)
+    about = cycle.agents.ids[intent.agent] if intent is not None and intent.agent >= 0 else None
+    return {
+        "weight": float(forecast.weight[h]),
+        "about": about,
+        "words": _intent_words(intent, about, road),
+        "closest_m": None if intent is None or about is None else _known(float(nearest[h, intent.agent, 0])),
+        "searched": h < max(searched, 1),
+    }
+
+
+def _intent_words(intent: Intent | None, about: str | None, road: RoadMap | None) -> str:
+    does = 0 if intent is None else intent.does
+    if intent is not None and does == TURNS:
+        return f"{about} takes another way, to {_lane(road, intent.way[-1])}"
+    return {FORCES: f"{about} does not let the ego pass", BRAKES: f"{about} brakes hard, to a stand"}.get(does, "everybody does what is likeliest")
+
+
+def _action(children: Sequence[RootChild], i: int, setting: Setting) -> dict[str, Any]:
+    child = children[i]
+    return {
+        "action": _name(children, i, setting),
+        "accel_mps2": child.accel,
+        "lane_change": child.lane_change,
+        "visits": child.visits,
+        "mean": _known(child.mean),
+        "best": _known(child.best),
+        "terms": {name: _known(float(value)) for name, value in zip(TERMS, child.terms, strict=True)},
+        "hypotheses": [{name: _known(float(value)) for name, value in zip(TERMS, terms, strict=True)} for terms in child.hypotheses],
+    }
+
+
+def _name(children: Sequence[RootChild], i: int, setting: Setting) -> str:
+    """What kind of action it is. In the search of `mcts` car following is always the first, and the last plan carried on comes last and was not visited."""
+    if _config(setting).get("planner", {}).get("name") != "mcts":
+        return "acceleration"
+    if children[i].visits == 0:
+        return "last plan, carried on"
+    return "car following" if i == 0 else "acceleration"
+
+
+def _command(decision: Decision) -> tuple[Any, ...]:
+    command = decision.command
+    return (*command.speeds.tolist(), command.lane_change) if isinstance(command, Follow) else ()
+
+
+def _config(setting: Setting) -> dict[str, Any]:
+    config: dict[str, Any] = json.loads(setting.config or "{}")
+    return config
+
+
+def _lane(road: RoadMap | None, lane: int) -> str | None:
+    if lane < 0:
+        return None
+    return f"lane {lane}" if road is None else road.lane_ids[lane]
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
