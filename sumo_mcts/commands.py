@@ -239,7 +239,7 @@ class Report(NamedTuple):
     """What `report` made."""
 
     document: dict[str, Any]  # what --json prints
-    text: str  # the tables, as Markdown
+    text: str  # the first tables, as Markdown; report.md has them all
     files: tuple[Path, ...]  # what a person wants to open
 
 
@@ -255,12 +255,12 @@ def report(folders: Sequence[Path], out: Path, command: Sequence[str], note: Not
     replays, problems = page.replays(looks, found.traces, note)
     found = found._replace(notes=(*found.notes, *problems))
     note("writing the page")
-    text = tables.report_markdown(found, made, looks)
-    records.write_whole(out / "report.md", text.encode())
+    records.write_whole(out / "report.md", tables.report_markdown(found, made, looks).encode(errors="replace"))
     for table in made:
         records.write_table(out / "tables" / f"{table.name}.csv", *tables.flat(table))
     written = page.page(found, made, looks, of, replays, " ".join(["sumo-mcts", *command]))
     records.write_whole(out / "report.html", written.encode(errors="replace"))
+    text = "\n".join([*(tables.markdown(table) for table in made[:2] if table.rows), *(f"note: {line}" for line in found.notes)])
     return Report(tables.report_document(found, made, looks, of), text, (out / "report.html", out / "report.md", out / "tables"))
 
 

@@ -12,7 +12,7 @@ from sumo_mcts.records import TraceError, load_trace
 from sumo_mcts.reporting.plots import Measure, planner_class, spread_figure, sweep_figure, sweeps, twin_figure
 from sumo_mcts.reporting.replay import packed
 from sumo_mcts.reporting.results import Results, planner_rank
-from sumo_mcts.reporting.tables import NOT_WORSE, Cell, Column, Look, Table, labelled, number, signed, spread, text
+from sumo_mcts.reporting.tables import EACH, NOT_WORSE, Cell, Column, Look, Table, labelled, number, signed, spread, text
 
 _MEASURES = (
     (Measure("min_ttc_s", "Closest calls: time to collision", "s", logarithmic=True), "The smallest of each episode; none where nobody was about to collide."),
@@ -254,11 +254,11 @@ def _figure(title: str, about: str, drawn: str) -> str:
 
 def _about(looks: Sequence[Look], of: int) -> str:
     if not looks:
-        return "None: everybody arrived, nothing came close, nobody had to brake hard, no fail-safe intervened."
-    shown = f"{len(looks)} of the {of} episodes" if of > len(looks) else f"{_counted(of, 'episode')}"
+        return "None: everybody arrived, nobody came close, and no fail-safe intervened."
+    shown = f"{len(looks)} of {of} episodes" if of > len(looks) else _counted(of, "episode")
     return (
-        f"{shown} with a collision or another outcome than arrived, with a fail-safe intervention, a TTC below 1.5 s, a PET below 1 s, or braking imposed "
-        "beyond 4 m/s²: the gravest of every variant first."
+        f"{shown}: collisions, other outcomes than arrived, fail-safe interventions; and of each scenario and variant the {EACH} smallest TTC, the {EACH} smallest "
+        f"PET and the {EACH} hardest decelerations imposed on others. SUMO's own driver is left out."
     )
 
 

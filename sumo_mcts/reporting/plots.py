@@ -91,7 +91,7 @@ def sweeps(rows: Sequence[Row]) -> dict[str, list[Swept]]:
         budgets = {row["iterations_per_decision"] for row in those if row["iterations_per_decision"] is not None}
         if len(budgets) == 1:
             budget = budgets.pop()
-            family = re.sub(rf"[-_=, ]*(?<![\d.]){budget:g}(?![\d.])", "", variant)
+            family = re.sub(rf"(-iterations)?[-_=, ]*(?<![\d.]){budget:g}(?![\d.])", "", variant)
             found[scenario][those[0]["planner"] or "", family].setdefault(budget, []).extend(those)
     result = {}
     for scenario, families in found.items():

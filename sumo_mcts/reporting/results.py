@@ -3,7 +3,7 @@
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ class Results(NamedTuple):
 
     name: str  # of the experiment, else of the folder
     description: str
-    rows: tuple[Row, ...]  # every key of ROW_KEYS; by scenario, planner, variant, seed, ego
+    rows: tuple[Row, ...]  # every key of ROW_KEYS; by scenario, variant, seed, ego
     traces: dict[str, Path]  # by the key of the row; only those that exist
     versions: dict[str, str]  # of the first folder that tells
     notes: tuple[str, ...]  # what a reader has to know about missing or broken things
@@ -43,7 +43,8 @@ def gather(folders: Sequence[Path]) -> Results:
     if not rows:
         raise ConfigError(notes[0] if notes else f"{folders[0]}: {records.ROWS}: no episode in it")
     manifests = [_manifest_of(folder, notes) for folder in folders]
-    ordered = tuple(sorted(rows.values(), key=_order))
+    scenarios, variants = (_order_in(manifests, key) for key in ("scenarios", "variants"))
+    ordered = tuple(sorted(rows.values(), key=lambda row: _order(row, scenarios, variants)))
     return Results(*_title(folders, manifests), ordered, traces, _versions(manifests), (*notes, *_doubts(ordered)))
 
 
@@ -53,8 +54,11 @@ def planner_rank(planner: str | None) -> int:
     return _ORDER.index(name) if name in _ORDER else len(_ORDER) + 1 + _LAST.index(name) if name in _LAST else len(_ORDER)
 
 
-def _order(row: Row) -> tuple[Any, ...]:
-    return row["scenario"], planner_rank(row["planner"]), _natural(row["variant"]), row["seed"] if row["seed"] is not None else -1, row["ego"] or "", row["key"]
+def _order(row: Row, scenarios: Mapping[str, int], variants: Mapping[str, int]) -> tuple[Any, ...]:
+    """As the experiment names them; what no experiment names comes after, by planner and name."""
+    place_of = scenarios.get(row["scenario"], len(scenarios)), row["scenario"], variants.get(row["variant"], len(variants))
+    who = planner_rank(row["planner"]), _natural(row["variant"])
+    return *place_of, *who, row["seed"] if row["seed"] is not None else -1, row["ego"] or "", row["key"]
 
 
 def _natural(text: str) -> tuple[Any, ...]:
@@ -122,6 +126,12 @@ def _manifest_of(folder: Path, notes: list[str]) -> dict[str, Any]:
         notes.append(f"{folder}: {records.MANIFEST}: not a manifest, and left out")
         return {}
     return manifest
+
+
+def _order_in(manifests: Iterable[dict[str, Any]], key: str) -> dict[str, int]:
+    """The number of each name under a key of the manifests, in the order in which they stand there."""
+    names = dict.fromkeys(name for manifest in manifests if isinstance(manifest.get(key), dict) for name in manifest[key])
+    return {name: i for i, name in enumerate(names)}
 
 
 def _title(folders: Sequence[Path], manifests: Iterable[dict[str, Any]]) -> tuple[str, str]:

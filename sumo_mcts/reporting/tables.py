@@ -29,8 +29,7 @@ from sumo_mcts.records import SCHEMA_VERSION
 from sumo_mcts.reporting.results import Results, planner_rank
 
 NOT_WORSE = 1.0  # so many more episodes in a hundred than the twin's are allowed
-CLOSE_TTC_S, CLOSE_PET_S, HARD_MPS2 = 1.5, 1.0, 4.0  # an episode beyond one of these is worth a look
-EACH = 3  # of them of one scenario and variant for one reason
+EACH = 3  # hard moments of one kind, of a scenario and variant, that are worth a look
 ORACLES = ("routes", "script", "clone")  # forecasts that know what no sensor sees
 
 Cell = Rate | Estimate | Contrast | float | int | str | None
@@ -269,24 +268,37 @@ def _mean(rows: Iterable[Row], key: str) -> float | None:
 # --- episodes worth a look ---
 
 
+_Reason = tuple[int, float, str]  # how grave the kind (0: gravest), how grave within it (lower is graver), in words
+
+
 def worth_a_look(rows: Iterable[Row], most: int) -> tuple[list[Look], int]:
-    """The gravest episodes, at most so many and EACH of a scenario and variant for the same reason, and how many there were to choose from. The gravest of
-    everyone come before the second gravest of anyone, drivers that do not search after those that do, and SUMO's own driver not at all."""
-    looks = [(min(found), row, found) for row in rows if row["planner"] != TWIN and (found := _reasons(row))]
-    looks.sort(key=lambda look: look[0])
-    ranks: Counter[tuple[str, str, int]] = Counter()
-    ordered = []
-    for (gravity, _, _), row, found in looks:
-        ranks[row["scenario"], row["variant"], gravity] += 1
-        rank, planner = ranks[row["scenario"], row["variant"], gravity], planner_rank(row["planner"])
-        ordered.append(((planner > planner_rank(""), rank, gravity, planner), (gravity, planner, rank), Look(row, tuple(text for _, _, text in sorted(found)))))
-    chosen = sorted((look for look in ordered if look[0][1] <= EACH), key=lambda look: look[0])[:most]
-    return [look for _, _, look in sorted(chosen, key=lambda look: look[1])], len(looks)
+    """Episodes in which something went wrong, and EACH of the hardest moments of every kind, for each scenario and variant; at most so many in all, and of how
+    many. In turns, the gravest of everyone first, so that one bad driver does not fill the list; drivers that do not search after those that do, and SUMO's
+    own driver not at all."""
+    found: list[tuple[tuple[Any, ...], tuple[Any, ...], Look]] = []  # when it is chosen, where it stands
+    for those in grouped(row for row in rows if row["planner"] != TWIN).values():
+        reasons = {row["key"]: _reasons(row) for row in those}
+        ranks = {
+            reason: rank for kind in range(_KINDS) for rank, reason in enumerate(sorted((r, key) for key in reasons for r in reasons[key] if r[0] == kind))
+        }
+        for row in those:
+            ranked = [(ranks[reason, row["key"]], *reason) for reason in reasons[row["key"]]]
+            worth = [(rank, gravity, words) for rank, gravity, _, words in ranked if gravity <= _WRONG or rank < EACH]
+            if worth:
+                planner, gravity = planner_rank(row["planner"]), min(gravity for _, gravity, _ in worth)
+                turn, rank = min((rank // EACH if gravity <= _WRONG else rank, rank) for rank, gravity, _ in worth)
+                look = Look(row, tuple(words for _, _, words in worth))
+                found.append(((planner > planner_rank(""), turn, gravity, rank, planner), (gravity, planner, rank), look))
+    chosen = sorted(found, key=lambda each: each[0])[:most]
+    return [look for _, _, look in sorted(chosen, key=lambda each: each[1])], len(found)
 
 
-def _reasons(row: Row) -> list[tuple[int, float, str]]:
-    """Why an episode is worth a look: how grave the kind (0: gravest), how grave within it (lower is graver), in words."""
-    found: list[tuple[int, float, str]] = []
+_KINDS, _WRONG = 7, 3  # kinds of reasons; up to this one something went wrong, beyond it are hard moments
+
+
+def _reasons(row: Row) -> list[_Reason]:
+    """Why an episode may be worth a look."""
+    found: list[_Reason] = []
     if collided(row):
         found.append((0, 0.0, "collision at fault") if at_fault(row) else (1, 0.0, "collision, not at fault"))
     elif not arrived(row):
@@ -294,11 +306,11 @@ def _reasons(row: Row) -> list[tuple[int, float, str]]:
     if count := row["failsafe_interventions"]:
         found.append((3, -count, f"{count:g} fail-safe intervention{'s' if count > 1 else ''}"))
     ttc, pet, imposed = row["min_ttc_s"], row["min_pet_s"], row["imposed_max_decel_mps2"]
-    if ttc is not None and ttc < CLOSE_TTC_S and not collided(row):
+    if ttc is not None and not collided(row):
         found.append((4, ttc, f"TTC {ttc:.2f} s"))
-    if pet is not None and pet < CLOSE_PET_S and not collided(row):
+    if pet is not None and not collided(row):
         found.append((5, pet, f"PET {pet:.2f} s"))
-    if imposed is not None and imposed > HARD_MPS2:
+    if imposed:
         found.append((6, -imposed, f"imposed braking {imposed:.1f} m/s²"))
     return found
 
@@ -369,13 +381,11 @@ def _numeric(cell: Cell) -> bool:
 def report_markdown(results: Results, found: Sequence[Table], looks: Sequence[Look]) -> str:
     """The whole report in Markdown."""
     head = [f"# {results.name}", *([results.description] if results.description else [])]
-    notes = "\n".join(f"- {note}" for note in results.notes)
-    parts = [
-        *head,
-        *(markdown(table) for table in found if table.rows),
-        *([looks_markdown(looks)] if looks else []),
-        *([f"## Notes\n\n{notes}"] if notes else []),
-    ]
+    parts = [*head, *(markdown(table) for table in found if table.rows)]
+    if looks:
+        parts.append(looks_markdown(looks))
+    if results.notes:
+        parts.append("\n".join(["## Notes", "", *(f"- {note}" for note in results.notes)]))
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
@@ -398,7 +408,7 @@ def report_document(results: Results, found: Sequence[Table], looks: Sequence[Lo
 def flat(table: Table) -> tuple[list[str], list[Row]]:
     """Columns and rows for CSV: a rate is KEY_k, KEY_n, KEY_low and KEY_high, and so on; infinite is `inf`."""
     rows = [{name: value for cell, column in zip(row, table.columns, strict=True) for name, value in _parts(cell, column.key)} for row in table.rows]
-    return list(dict.fromkeys(name for row in rows for name in row)), rows
+    return list(dict.fromkeys(name for row in rows for name in row)) or [column.key for column in table.columns], rows
 
 
 def _parts(cell: Cell, key: str) -> Iterator[tuple[str, Any]]:
