@@ -247,7 +247,6 @@ def report(folders: Sequence[Path], out: Path, command: Sequence[str], note: Not
     """Tables and a page over all episodes of the folders, into `out`. Raises ConfigError where there is none, OSError."""
     from sumo_mcts.reporting import page, results, tables  # quick, but no other command needs them
 
-    note("reading the episodes")
     found = results.gather(folders)
     note("counting")
     made = tables.tables(found.rows)

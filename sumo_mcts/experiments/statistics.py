@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_mcts.scene import Floats
 
@@ -118,7 +117,7 @@ def contrast(both: Sequence[Pair], happened: Callable[[Row], bool]) -> Contrast 
         return None
     ones, others = ([happened(row) for row in rows] for rows in zip(*both, strict=True))
     difference = np.array(ones, dtype=np.float64) - np.array(others, dtype=np.float64)
-    low, high = interval(difference, _means)
+    low, high = interval(resampled_means(difference))
     return Contrast(sum(ones), sum(others), len(both), 100 * float(difference.mean()), 100 * low, 100 * high)
 
 
@@ -132,36 +131,38 @@ def median(values: Floats) -> Estimate | None:
     """The median of [n] values, some of which may be infinite; None of none."""
     if not len(values):
         return None
-    low, high = interval(values, _medians)
-    return Estimate(float(_medians(np.sort(values), np.ones((1, len(values)), dtype=np.int64))[0]), low, high, len(values))
+    ordered, n = np.sort(values), len(values)
+    return Estimate(float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2, *interval(resampled_medians(values)), n)
 
 
 def _travelled(row: Row) -> float:
     return float(row["travel_time_s"]) if arrived(row) and row["travel_time_s"] is not None else math.inf
 
 
-# --- the bootstrap ---
-
-Resampled = Callable[[Floats, NDArray[np.int64]], Floats]  # a statistic of each resample: values [U] ascending, how often each was drawn [B, U] -> [B]
+# --- the bootstrap (Efron 1979): the statistic of RESAMPLES samples, each of n values drawn from the n with replacement ---
 
 
-def interval(values: Floats, statistic: Resampled) -> tuple[float, float]:
-    """The 95 % percentile interval of a statistic of [n] values, n > 0 (Efron 1979). To draw n of them with replacement is to draw how often each
-    distinct value occurs."""
-    levels, counts = np.unique(values, return_counts=True)
-    drawn = np.random.default_rng(SEED).multinomial(len(values), counts / len(values), size=RESAMPLES)
-    low, high = np.percentile(statistic(levels, drawn), [2.5, 97.5], method="nearest")  # no means of finite and infinite ones
+def interval(statistics: Floats) -> tuple[float, float]:
+    """The middle 95 % of a statistic's resamples."""
+    low, high = np.percentile(statistics, [2.5, 97.5], method="nearest")  # between a finite and an infinite one there is nothing
     return float(low), float(high)
 
 
-def _means(levels: Floats, drawn: NDArray[np.int64]) -> Floats:
-    means: Floats = drawn @ levels / drawn.sum(axis=1)
+def resampled_means(values: Floats) -> Floats:
+    """[RESAMPLES] means. To draw values is to draw how often each distinct one occurs."""
+    levels, counts = np.unique(values, return_counts=True)
+    drawn = np.random.default_rng(SEED).multinomial(len(values), counts / len(values), size=RESAMPLES)
+    means: Floats = drawn @ levels / len(values)
     return means
 
 
-def _medians(levels: Floats, drawn: NDArray[np.int64]) -> Floats:
-    """The middle value of each resample; between two, their mean."""
-    upto, n = drawn.cumsum(axis=1), int(drawn[0].sum())
-    lower, upper = (levels[(upto > position).argmax(axis=1)] for position in ((n - 1) // 2, n // 2))
-    medians: Floats = (lower + upper) / 2
+def resampled_medians(values: Floats) -> Floats:
+    """[RESAMPLES] medians. The k-th smallest of n draws lies where the k-th smallest of n uniform numbers does, which has a beta distribution; so nothing
+    but the middle one is drawn, or the middle two."""
+    ordered, n, rng = np.sort(values), len(values), np.random.default_rng(SEED)
+    k = (n + 1) // 2
+    lower = rng.beta(k, n - k + 1, RESAMPLES)
+    upper = lower if n % 2 else lower + (1 - lower) * rng.beta(1, n - k, RESAMPLES)
+    one, other = (ordered[np.minimum((n * share).astype(np.int64), n - 1)] for share in (lower, upper))
+    medians: Floats = (one + other) / 2
     return medians

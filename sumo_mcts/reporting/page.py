@@ -202,7 +202,7 @@ def _cell(cell: Cell, column: Column, table: str, planners: Mapping[str, str | N
 def _number(value: str, shown: str, interval: str = "", bar: str = "") -> str:
     """A cell that sorts by `value`; unknown is ""."""
     drawn = f'<span class="kn">{shown}</span>{bar}' if bar else shown
-    told = f'<span class="iv">{interval}</span>' if interval else ""
+    told = f' <span class="iv">{interval}</span>' if interval else ""
     return f'<td class="n{" rate" if bar else ""}" data-v="{value}">{drawn}{told}</td>'
 
 
@@ -257,8 +257,8 @@ def _about(looks: Sequence[Look], of: int) -> str:
         return "None: everybody arrived, nobody came close, and no fail-safe intervened."
     shown = f"{len(looks)} of {of} episodes" if of > len(looks) else _counted(of, "episode")
     return (
-        f"{shown}: collisions, other outcomes than arrived, fail-safe interventions; and of each scenario and variant the {EACH} smallest TTC, the {EACH} smallest "
-        f"PET and the {EACH} hardest decelerations imposed on others. SUMO's own driver is left out."
+        f"{shown}: collisions, other outcomes than arrived, fail-safe interventions; and of each scenario and variant the {EACH} smallest TTC, "
+        f"the {EACH} smallest PET and the {EACH} hardest decelerations imposed on others. SUMO's own driver is left out."
     )
 
 

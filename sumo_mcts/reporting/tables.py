@@ -278,9 +278,8 @@ def worth_a_look(rows: Iterable[Row], most: int) -> tuple[list[Look], int]:
     found: list[tuple[tuple[Any, ...], tuple[Any, ...], Look]] = []  # when it is chosen, where it stands
     for those in grouped(row for row in rows if row["planner"] != TWIN).values():
         reasons = {row["key"]: _reasons(row) for row in those}
-        ranks = {
-            reason: rank for kind in range(_KINDS) for rank, reason in enumerate(sorted((r, key) for key in reasons for r in reasons[key] if r[0] == kind))
-        }
+        known = sorted((reason, key) for key, found_here in reasons.items() for reason in found_here)
+        ranks = {each: rank for kind in range(_KINDS) for rank, each in enumerate(each for each in known if each[0][0] == kind)}
         for row in those:
             ranked = [(ranks[reason, row["key"]], *reason) for reason in reasons[row["key"]]]
             worth = [(rank, gravity, words) for rank, gravity, _, words in ranked if gravity <= _WRONG or rank < EACH]
