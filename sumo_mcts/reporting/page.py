@@ -20,6 +20,7 @@ _MEASURES = (
     (Measure("plan_ms_p50", "Decision time, typical", "ms", logarithmic=True), "The median of each episode's decisions, from scene to decision."),
     (Measure("plan_ms_p99", "Decision time, slowest", "ms", logarithmic=True), "What one in a hundred of an episode's decisions exceeded."),
 )
+_WORSE = f"More than {NOT_WORSE:g} in a hundred more than SUMO&#39;s driver"
 _QUANTILES = "Thin: nine tenths of the episodes; thick: half of them; dot and number: the median."
 _FOOTER = (
     "Written by {}. Rates with the 95 % Wilson interval; medians and paired differences with a 95 % bootstrap interval over episodes. "
@@ -43,7 +44,7 @@ def page(results: Results, found: Sequence[Table], looks: Sequence[Look], of: in
         "over": escape(_over(rows)),
         "tiles": "".join(_tiles(variant, [row for row in rows if row["variant"] == variant], rows) for variant in _variants(rows)),
         "summary": _table(found[0], rows, bars=True),
-        "scenes": _select("scene", {scenario: scenario for scenario in scenarios}),
+        "scenes": _select("scene", {scenario: scenario for scenario in scenarios}, told="Scenario"),
         "legend": _legend(rows),
         "figures": "".join(_figures(scenario, those) for scenario, those in scenarios.items()),
         "looks_about": escape(_about(looks, of)),
@@ -108,10 +109,11 @@ def _counted(count: int, noun: str) -> str:
     return f"{count:,} {noun}{'' if count == 1 else 's'}".replace(",", "\u2009")
 
 
-def _select(name: str, options: Mapping[str, str], chosen: str = "") -> str:
-    """A choice among values, each with its label."""
+def _select(name: str, options: Mapping[str, str], chosen: str = "", told: str = "") -> str:
+    """A choice among values, each with its label; `told`: what it is, where no label beside it says so."""
     entries = (f'<option value="{escape(value)}"{" selected" if value == chosen else ""}>{escape(label)}</option>' for value, label in options.items())
-    return f'<select id="{name}" aria-label="{name}">{"".join(entries)}</select>'
+    label = f' aria-label="{told}"' if told else ""
+    return f'<select id="{name}"{label}>{"".join(entries)}</select>'
 
 
 # --- the summary ---
@@ -178,7 +180,7 @@ def _header(table: Table, i: int) -> str:
     hint = f' data-tip="{escape(column.about)}"' if column.about else ""
     label = f"{column.label}, {column.unit}" if column.unit else column.label
     kind = "n" if any(row[i] is not None and not isinstance(row[i], str) for row in table.rows) else ""
-    return f'<th scope="col" class="{kind}{" rate" if isinstance(table.rows[0][i], Rate) else ""}"><button type="button"{hint}>{escape(label)}</button></th>'
+    return f'<th scope="col" class="{kind}{" share" if isinstance(table.rows[0][i], Rate) else ""}"><button type="button"{hint}>{escape(label)}</button></th>'
 
 
 def _cell(cell: Cell, column: Column, table: str, planners: Mapping[str, str | None]) -> str:
@@ -189,10 +191,10 @@ def _cell(cell: Cell, column: Column, table: str, planners: Mapping[str, str | N
         return _number("", "-")
     if isinstance(cell, Rate):
         value = f"{cell.k / cell.n:.6f}" if cell.n else ""
-        return _number(value, f"{cell.k}/{cell.n}", _bare(cell), _bar(cell, bad=column.key in _LOWER_IS_BETTER))
+        return _number(value, f"{cell.k}/{cell.n}", _bare(cell), "" if column.key == "at_fault" else _bar(cell, bad=column.key in _LOWER_IS_BETTER))
     if isinstance(cell, Contrast):
         worse = table == "twin" and cell.per_hundred > NOT_WORSE
-        mark = f'<span class="worse" data-tip="More than {NOT_WORSE:g} in a hundred more than SUMO&#39;s driver">▲ </span>' if worse else ""
+        mark = f'<span class="worse" role="img" aria-label="worse" data-tip="{_WORSE}">▲ </span>' if worse else ""
         return _number(f"{cell.per_hundred:.4f}", f"{mark}{cell.k} : {cell.other}", f"{signed(cell.per_hundred)}{spread(cell)}")
     if isinstance(cell, Estimate):
         return _number(_sortable(cell.value), number(cell.value, column.digits), _bare(cell))
@@ -201,9 +203,9 @@ def _cell(cell: Cell, column: Column, table: str, planners: Mapping[str, str | N
 
 def _number(value: str, shown: str, interval: str = "", bar: str = "") -> str:
     """A cell that sorts by `value`; unknown is ""."""
-    drawn = f'<span class="kn">{shown}</span>{bar}' if bar else shown
+    drawn = f'<span class="kn">{shown}</span>{bar}' if interval else shown
     told = f' <span class="iv">{interval}</span>' if interval else ""
-    return f'<td class="n{" rate" if bar else ""}" data-v="{value}">{drawn}{told}</td>'
+    return f'<td class="n{" share" if interval else ""}" data-v="{value}">{drawn}{told}</td>'
 
 
 def _sortable(value: float) -> str:
@@ -254,46 +256,40 @@ def _figure(title: str, about: str, drawn: str) -> str:
 
 def _about(looks: Sequence[Look], of: int) -> str:
     if not looks:
-        return "None: everybody arrived, nobody came close, and no fail-safe intervened."
+        return "None: SUMO's own driver is left out."
     shown = f"{len(looks)} of {of} episodes" if of > len(looks) else _counted(of, "episode")
     return (
         f"{shown}: collisions, other outcomes than arrived, fail-safe interventions; and of each scenario and variant the {EACH} smallest TTC, "
-        f"the {EACH} smallest PET and the {EACH} hardest decelerations imposed on others. SUMO's own driver is left out."
+        f"the {EACH} smallest PET and the {EACH} hardest decelerations imposed on others, or else its first episode. SUMO's own driver is left out."
     )
 
 
-_LOOK_HEAD = (
-    ("Scenario", ""),
-    ("Variant", ""),
-    ("Seed", "n"),
-    ("Why", ""),
-    ("TTC, s", "n"),
-    ("PET, s", "n"),
-    ("Imposed, m/s²", "n"),
-    ("Travel time, s", "n"),
-    ("Replay", ""),
-)
+_LOOK_NUMBERS = (("seed", "Seed", 0), ("min_ttc_s", "TTC, s", 2), ("min_pet_s", "PET, s", 2), ("imposed_max_decel_mps2", "Imposed, m/s²", 1))
 
 
-def _looks(looks: Sequence[Look], replays: Mapping[str, str]) -> str:
+def _looks(looks: Sequence[Look], replayed: Mapping[str, str]) -> str:
+    """The list; egos are named where there are several."""
     if not looks:
         return ""
-    head = "".join(f'<th scope="col" class="{kind}"><button type="button">{name}</button></th>' for name, kind in _LOOK_HEAD)
-    body = "".join(_look(look, look.row["key"] in replays) for look in looks)
+    several = len({look.row["ego"] for look in looks}) > 1
+    named = ["Replay", "Scenario", "Variant", *(["Ego"] if several else []), "Why", *(label for _, label, _ in _LOOK_NUMBERS)]
+    numbers = {label for _, label, _ in _LOOK_NUMBERS}
+    head = "".join(f'<th scope="col"{" class=n" if name in numbers else ""}><button type="button">{name}</button></th>' for name in named)
+    body = "".join(_look(look, look.row["key"] in replayed, several) for look in looks)
     return f'<div class="scroll"><table class="sortable looks"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _look(look: Look, replayed: bool) -> str:
+def _look(look: Look, replayed: bool, several: bool) -> str:
     row, reasons = look
+    opened = '<button type="button" class="open">▶ Replay</button>' if replayed else '<span class="muted">no trace</span>'
     chips = "".join(f'<span class="chip{" grave" if i == 0 and not arrived(row) else ""}">{escape(reason)}</span>' for i, reason in enumerate(reasons))
     error = f' data-tip="{escape(row["error"])}" tabindex="0"' if row["error"] else ""
-    numbers = [_number("" if row[key] is None else str(row[key]), "-" if row[key] is None else number(row[key], digits)) for key, digits in
-               (("seed", 0), ("min_ttc_s", 2), ("min_pet_s", 2), ("imposed_max_decel_mps2", 1), ("travel_time_s", 1))]  # fmt: skip
-    opened = '<button type="button" class="open">Replay</button>' if replayed else '<span class="muted">no trace</span>'
-    return (
-        f'<tr data-key="{escape(row["key"])}" data-why="{escape("; ".join(reasons))}"><td>{escape(row["scenario"])}</td>'
-        f"<td>{_swatch(row['planner'])}{escape(labelled(row))}</td>{numbers[0]}<td{error}>{chips}</td>{''.join(numbers[1:])}<td>{opened}</td></tr>"
-    )
+    cells = [f"<td>{opened}</td><td>{escape(row['scenario'])}</td><td>{_swatch(row['planner'])}{escape(labelled(row))}</td>"]
+    cells += [f"<td>{escape(row['ego'] or '-')}</td>"] if several else []
+    cells += [f"<td{error}>{chips}</td>"]
+    known = [(row[key], digits) for key, _, digits in _LOOK_NUMBERS]
+    cells += [_number("", "-") if value is None else _number(str(value), number(value, digits)) for value, digits in known]
+    return f'<tr data-key="{escape(row["key"])}" data-why="{escape("; ".join(reasons))}">{"".join(cells)}</tr>'
 
 
 def _notes(notes: Sequence[str]) -> str:

@@ -154,7 +154,12 @@ def spread_figure(rows: Sequence[Row], measure: Measure) -> str:
     values = {label: np.array([row[measure.key] for row in those if row[measure.key] is not None], dtype=np.float64) for label, those in groups.items()}
     quantiles = {label: np.percentile(those, (5, 25, 50, 75, 95)) for label, those in values.items()}
     low, high = min(q[0] for q in quantiles.values()), max(q[4] for q in quantiles.values())
-    low, high = (max(low, SMALLEST) / 1.2, max(high, 2 * SMALLEST) * 1.2) if measure.logarithmic else (min(0.0, low), max(high * 1.05, low + 1e-9))
+    if measure.logarithmic:
+        low, high = max(low, SMALLEST), max(high, SMALLEST)
+        room = max(1.2, math.sqrt(10.0 * low / high))  # a decade at least
+        low, high = low / room, high * room
+    else:
+        low, high = min(0.0, low), max(1.05 * high, low + 1e-9)
     name_width = 14 + 6.6 * max(map(len, groups))
     width, line, top = max(WIDTH, name_width + 300.0), 24.0, 8.0
     height = top + line * len(groups) + 34

@@ -22,7 +22,7 @@ _LAST = ("idm", "random", "constant", TWIN)  # and these at the end
 class Results(NamedTuple):
     """Episodes and what is known about them."""
 
-    name: str  # of the experiment, else of the folder
+    name: str  # of the experiment or the only scenario, else of the folder
     description: str
     rows: tuple[Row, ...]  # every key of ROW_KEYS; by scenario, variant, seed, ego
     traces: dict[str, Path]  # by the key of the row; only those that exist
@@ -45,7 +45,7 @@ def gather(folders: Sequence[Path]) -> Results:
     manifests = [_manifest_of(folder, notes) for folder in folders]
     scenarios, variants = (_order_in(manifests, key) for key in ("scenarios", "variants"))
     ordered = tuple(sorted(rows.values(), key=lambda row: _order(row, scenarios, variants)))
-    return Results(*_title(folders, manifests), ordered, traces, _versions(manifests), (*notes, *_doubts(ordered)))
+    return Results(*_title(folders, manifests, ordered), ordered, traces, _versions(manifests), (*notes, *_doubts(ordered)))
 
 
 def planner_rank(planner: str | None) -> int:
@@ -134,12 +134,14 @@ def _order_in(manifests: Iterable[dict[str, Any]], key: str) -> dict[str, int]:
     return {name: i for i, name in enumerate(names)}
 
 
-def _title(folders: Sequence[Path], manifests: Iterable[dict[str, Any]]) -> tuple[str, str]:
-    """Name and description: of the experiment, else the folder's name."""
+def _title(folders: Sequence[Path], manifests: Iterable[dict[str, Any]], rows: Iterable[Row]) -> tuple[str, str]:
+    """Name and description: of the experiment, of the only scenario, else the folder's name."""
+    scenarios = {row["scenario"] for row in rows}
     for manifest in manifests:
-        experiment = manifest.get("experiment")
-        if isinstance(experiment, dict) and isinstance(experiment.get("name"), str):
-            return experiment["name"], str(experiment.get("description") or "")
+        for key in ("experiment", "scenario"):
+            told = manifest.get(key)
+            if isinstance(told, dict) and isinstance(told.get("name"), str) and (key == "experiment" or scenarios == {told["name"]}):
+                return told["name"], str(told.get("description") or "")
     return ", ".join(dict.fromkeys(folder.resolve().name for folder in folders)), ""
 
 

@@ -272,9 +272,9 @@ _Reason = tuple[int, float, str]  # how grave the kind (0: gravest), how grave w
 
 
 def worth_a_look(rows: Iterable[Row], most: int) -> tuple[list[Look], int]:
-    """Episodes in which something went wrong, and EACH of the hardest moments of every kind, for each scenario and variant; at most so many in all, and of how
-    many. In turns, the gravest of everyone first, so that one bad driver does not fill the list; drivers that do not search after those that do, and SUMO's
-    own driver not at all."""
+    """Episodes in which something went wrong, and EACH of the hardest moments of every kind, for each scenario and variant, else its first episode; at most so
+    many in all, and of how many. In turns, the gravest of everyone first, so that one bad driver does not fill the list; drivers that do not search after
+    those that do, and SUMO's own driver not at all."""
     found: list[tuple[tuple[Any, ...], tuple[Any, ...], Look]] = []  # when it is chosen, where it stands
     for those in grouped(row for row in rows if row["planner"] != TWIN).values():
         reasons = {row["key"]: _reasons(row) for row in those}
@@ -288,6 +288,9 @@ def worth_a_look(rows: Iterable[Row], most: int) -> tuple[list[Look], int]:
                 turn, rank = min((rank // EACH if gravity <= _WRONG else rank, rank) for rank, gravity, _ in worth)
                 look = Look(row, tuple(words for _, _, words in worth))
                 found.append(((planner > planner_rank(""), turn, gravity, rank, planner), (gravity, planner, rank), look))
+        if not known:
+            planner = planner_rank(those[0]["planner"])
+            found.append(((planner > planner_rank(""), 0, _KINDS, 0, planner), (_KINDS, planner, 0), Look(those[0], ("nothing happened",))))
     chosen = sorted(found, key=lambda each: each[0])[:most]
     return [look for _, _, look in sorted(chosen, key=lambda each: each[1])], len(found)
 

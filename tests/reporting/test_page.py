@@ -181,7 +181,7 @@ def test_what_is_missing_is_told(context: BrowserContext, path: Path) -> None:
     assert "no replay of exit--mcts-idm-100--0" in notes[0]
     assert "not a whole trace" in notes[0]
     assert "trace format 99" in notes[1]
-    assert page.locator('tr[data-key="left--paper--3"]').inner_text().endswith("no trace")
+    assert page.locator('tr[data-key="left--paper--3"]').inner_text().startswith("no trace")
 
 
 def test_a_narrow_window_scrolls_within_its_tables(browser: Browser, path: Path) -> None:

@@ -39,6 +39,12 @@ def test_without_an_experiment_planners_have_an_order_and_numbers_count_as_numbe
     assert found.name == "mine"
 
 
+def test_a_run_is_called_by_its_scenario(tmp_path: Path) -> None:
+    manifest = {"scenario": {"name": "left", "description": "Turn left."}}
+    assert gather([write_rows(tmp_path / "a", [made_row()], manifest)])[:2] == ("left", "Turn left.")
+    assert gather([write_rows(tmp_path / "b", [made_row(), made_row("exit")], manifest)])[:2] == ("b", "")
+
+
 def test_torn_lines_and_foreign_values_are_told(tmp_path: Path) -> None:
     folder = write_rows(tmp_path, [made_row(seed=1), {**made_row(seed=2), "min_ttc_s": "near", "at_fault": 1, "rms_jerk_mps3": float("nan")}, {"key": "alone"}])
     with (folder / ROWS).open("a") as file:

@@ -112,6 +112,11 @@ def test_one_bad_driver_does_not_fill_the_list() -> None:
     assert len(tables.worth_a_look(rows, 150)[0]) == 150
 
 
+def test_where_nothing_happened_there_is_still_something_to_see() -> None:
+    looks, of = tables.worth_a_look([made_row(seed=seed, min_ttc_s=None) for seed in (4, 5)], 50)
+    assert ([(look.row["seed"], look.reasons) for look in looks], of) == ([(4, ("nothing happened",))], 1)
+
+
 def test_the_twin_is_not_worth_a_look() -> None:
     assert tables.worth_a_look([crashed(made_row(variant="sumo"))], 50) == ([], 0)
 

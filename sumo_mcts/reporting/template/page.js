@@ -189,6 +189,17 @@ class Road {
     return path;
   }
 
+  /** A smooth line through points (Catmull and Rom's). */
+  curve(points) {
+    const path = new Path2D();
+    points.forEach((b, i) => {
+      if (!i) { path.moveTo(...b); return; }
+      const a = points[i - 1], before = points[i - 2] || a, after = points[i + 1] || b;
+      path.bezierCurveTo(a[0] + (b[0] - before[0]) / 6, a[1] + (b[1] - before[1]) / 6, b[0] - (after[0] - a[0]) / 6, b[1] - (after[1] - a[1]) / 6, ...b);
+    });
+    return path;
+  }
+
   /** The area of each junction: the hull of the lanes inside it. */
   junctions() {
     const inside = new Map();
@@ -256,7 +267,7 @@ class Road {
     c.lineWidth = 0.25;
     for (const { share, way: points } of cycle.forecast) {
       c.globalAlpha = 0.12 + 0.28 * share;
-      c.stroke(this.path(points));
+      c.stroke(this.curve(points));
       points.slice(1).forEach(([x, y], k) => {
         c.globalAlpha = (0.3 + 0.6 * share) * (1 - 0.13 * k);
         dot(c, x, y, 0.6);
@@ -273,7 +284,7 @@ class Road {
       c.strokeStyle = c.fillStyle = this.colour.ego;
       c.globalAlpha = i === marked ? 1 : 0.2 + 0.4 * Math.sqrt(child.visits / most);
       c.lineWidth = i === marked ? 0.6 : 0.22;
-      c.stroke(this.path(child.way));
+      c.stroke(this.curve(child.way));
       const [x, y] = child.way[child.way.length - 1];
       dot(c, x, y, i === marked ? 0.8 : 0.4);
     });
@@ -285,7 +296,7 @@ class Road {
     if (!ahead.length) return;
     c.strokeStyle = this.colour.ego;
     c.lineWidth = 0.55;
-    c.stroke(this.path([[ego.x, ego.y], ...ahead]));
+    c.stroke(this.curve([[ego.x, ego.y], ...ahead]));
     cycle.plan.forEach(([x, y], k) => {
       if (k % 2 === 0 || (k + 1) / 2 <= elapsed || Math.hypot(x - ego.x, y - ego.y) < 1.5) return;
       c.fillStyle = this.colour.ego;
@@ -518,7 +529,7 @@ class Player {
     const weight = (child) => child.terms.reduce((sum, term) => sum + Math.abs(term ?? 0), 0);
     const largest = Math.max(1e-9, ...cycle.tried.map(weight));
     const order = cycle.tried.map((_, i) => i).sort((a, b) => (cycle.tried[a].best ?? Infinity) - (cycle.tried[b].best ?? Infinity) || a - b);
-    const head = [["action", "What was tried first, m/s²; an arrow is a lane change."], ["visits", "How often the search went there."], ["mean", "Mean cost of all passes."], ["best", "Cost of the best way found. Planner mcts takes the lowest, paper the lowest mean."], ["made of", "The terms of the best way's cost."]];
+    const head = [["action", "What was tried first, m/s²; an arrow is a lane change."], ["visits", "How often the search went there."], ["mean", "Mean cost of all passes."], ["best", "Cost of the best way found. Planner mcts takes the lowest, paper the lowest mean."], ["made of", "The terms of the best way's cost, in the likeliest hypothesis."]];
     const rows = order.map((i) => {
       const child = cycle.tried[i];
       const row = element("tr", { class: [i === cycle.chosen ? "chosen" : "", child.best === null || child.terms[4] > 0 ? "lost" : ""].join(" ").trim(), tabindex: "0" },
