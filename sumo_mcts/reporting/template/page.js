@@ -72,7 +72,7 @@ function chooser(select, apply) {
 
 chooser($("focus"), (variant) => {
   for (const tiles of all(".tiles")) tiles.hidden = tiles.dataset.variant !== variant;
-  for (const row of all("tr[data-variant]")) row.classList.toggle("focus", row.dataset.variant === variant);
+  for (const row of all("tr[data-variant]:not([data-against])")) row.classList.toggle("focus", row.dataset.variant === variant);
 });
 chooser($("scene"), (scene) => {
   for (const figures of all(".figures")) figures.hidden = figures.dataset.scene !== scene;
@@ -513,7 +513,7 @@ class Player {
     this.marked = -1;
     const cycle = this.data.cycles[k], { ego } = this.data, last = k === this.data.cycles.length - 1;
     $("does").textContent = cycle.does;
-    $("why").textContent = cycle.failsafe ? "decided by the fail-safe" : cycle.released ? "SUMO's own driver: nothing was searched" : `decided by: ${cycle.why || "?"}`;
+    $("why").textContent = cycle.failsafe ? "" : cycle.released ? "SUMO's own driver: nothing was searched" : `decided by: ${cycle.why || "?"}`;
     $("failsafe").hidden = !cycle.failsafe;
     $("failsafe").textContent = cycle.failsafe ? cycle.why : "";
     const facts = [["decision", `${k + 1} of ${this.data.cycles.length}`], ["speed", `${ego.v[k].toFixed(1)} m/s`], ["acceleration", `${signed(ego.a[k], 1)} m/s²`],
