@@ -26,8 +26,7 @@ _FOOTER = (
     "Written by {}. Rates with the 95 % Wilson interval; medians and paired differences with a 95 % bootstrap interval over episodes. "
     "Where no pair differs, resampling pairs knows no spread: the number of pairs says what such a result is worth."
 )
-_LOWER_IS_BETTER = ("collisions", "at_fault", "red_lights_run", "yellow_run", "speeding", "deadline_misses", "imposed_brakes_2", "imposed_brakes_3",
-                    "imposed_brakes_4", "hard_brakes", "failsafe", "inevitable")  # fmt: skip
+_BARS = {"arrived": "", "collisions": " bad"}  # rates that are drawn, and how
 
 
 def page(results: Results, found: Sequence[Table], looks: Sequence[Look], of: int, replayed: Mapping[str, str], command: str) -> str:
@@ -43,7 +42,7 @@ def page(results: Results, found: Sequence[Table], looks: Sequence[Look], of: in
         "focus": _select("focus", _variants(rows), _foremost(rows)),
         "over": escape(_over(rows)),
         "tiles": "".join(_tiles(variant, [row for row in rows if row["variant"] == variant], rows) for variant in _variants(rows)),
-        "summary": _table(found[0], rows, bars=True),
+        "summary": _table(found[0], rows),
         "scenes": _select("scene", {scenario: scenario for scenario in scenarios}, told="Scenario"),
         "legend": _legend(rows),
         "figures": "".join(_figures(scenario, those) for scenario, those in scenarios.items()),
@@ -124,8 +123,8 @@ def _tiles(variant: str, those: Sequence[Row], rows: Sequence[Row]) -> str:
     both = pairs(those, (row for row in rows if row["planner"] == TWIN)) if those[0]["planner"] != TWIN else []
     ended, crashed, faults = rate(map(arrived, those)), rate(map(collided, those)), sum(map(at_fault, those))
     tiles = [
-        _tile("Arrived", f"{ended.k}<small>of {ended.n}</small>", _bare(ended), _bar(ended)),
-        _tile("Collisions", f"{crashed.k}<small>of {crashed.n}</small>", f"{_bare(crashed)}, {faults} at fault", _bar(crashed, bad=True)),
+        _tile("Arrived", f"{ended.k}<small>of {ended.n}</small>", _bare(ended), _bar(ended, _BARS["arrived"])),
+        _tile("Collisions", f"{crashed.k}<small>of {crashed.n}</small>", f"{_bare(crashed)}, {faults} at fault", _bar(crashed, _BARS["collisions"])),
     ]
     ratio, imposed = time_ratio(both), contrast(both, some("imposed_brakes_3"))
     if ratio is not None:
@@ -153,8 +152,8 @@ def _tile(label: str, big: str, sub: str, bar: str = "") -> str:
 # --- tables ---
 
 
-def _table(table: Table, rows: Sequence[Row], *, bars: bool = False) -> str:
-    """A table whose columns sort it; variants can be picked out. `bars`: with rates drawn."""
+def _table(table: Table, rows: Sequence[Row]) -> str:
+    """A table whose columns sort it; where two variants are compared, one can be picked out."""
     planners = {labelled(row): row["planner"] for row in rows}
     variants = {labelled(row): str(row["variant"]) for row in rows}
     names = [i for i, column in enumerate(table.columns) if column.key in ("variant", "against")]
@@ -170,7 +169,7 @@ def _table(table: Table, rows: Sequence[Row], *, bars: bool = False) -> str:
         picker = f'<div class="chooser"><label for="with">Those with</label> {_select("with", {"": "any variant", **involved}, _foremost(rows))}</div>'
     return (
         f'<section aria-label="{escape(table.title)}"><h2>{escape(table.title)}</h2><p class="about">{escape(table.about)}</p>{picker}'
-        f'<div class="scroll"><table class="sortable grouped{" bars" if bars else ""}" id="table-{table.name}">'
+        f'<div class="scroll"><table class="sortable grouped" id="table-{table.name}">'
         f"<thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div></section>"
     )
 
@@ -191,7 +190,7 @@ def _cell(cell: Cell, column: Column, table: str, planners: Mapping[str, str | N
         return _number("", "-")
     if isinstance(cell, Rate):
         value = f"{cell.k / cell.n:.6f}" if cell.n else ""
-        return _number(value, f"{cell.k}/{cell.n}", _bare(cell), "" if column.key == "at_fault" else _bar(cell, bad=column.key in _LOWER_IS_BETTER))
+        return _number(value, f"{cell.k}/{cell.n}", _bare(cell), _bar(cell, _BARS[column.key]) if column.key in _BARS else "")
     if isinstance(cell, Contrast):
         worse = table == "twin" and cell.per_hundred > NOT_WORSE
         mark = f'<span class="worse" role="img" aria-label="worse" data-tip="{_WORSE}">▲ </span>' if worse else ""
@@ -212,12 +211,12 @@ def _sortable(value: float) -> str:
     return str(value).replace("inf", "Infinity")
 
 
-def _bar(cell: Rate, *, bad: bool = False) -> str:
+def _bar(cell: Rate, kind: str) -> str:
     """The share and its interval, drawn."""
     if cell.interval is None:
         return ""
     low, high = (f"{100 * share:.1f}%" for share in cell.interval)
-    return f'<i class="bar{" bad" if bad else ""}" style="--low:{low};--high:{high};--at:{100 * cell.k / cell.n:.1f}%"></i>'
+    return f'<i class="bar{kind}" style="--low:{low};--high:{high};--at:{100 * cell.k / cell.n:.1f}%"></i>'
 
 
 # --- figures ---

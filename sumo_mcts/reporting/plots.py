@@ -6,7 +6,7 @@ Each figure is drawn at the size at which it is shown, so that its letters are t
 import math
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 from typing import NamedTuple
 
@@ -120,27 +120,24 @@ def sweep_figure(title: str, swept: Sequence[Swept]) -> str:
     parts.append(_label((across.begin + across.end) / 2, height - 5, "iterations a decision", "middle"))
     for i, family in enumerate(swept):
         shift = 5.0 * (i - (len(swept) - 1) / 2)  # so that intervals of several families stand side by side
-        for which, name in ((1, "arrived"), (2, "collided")):
-            parts.append(_swept_line(family, which, name, lambda budget, shift=shift: across.at(budget) + shift, up))  # type: ignore[misc]
+        places = [across.at(budget) + shift for budget, _, _ in family.points]
+        lines = "".join(_swept_line(family, which, places, up) for which in ("arrived", "collided"))
+        parts.append(f'<g class="{planner_class(family.planner)}">{lines}</g>')
     return svg(width, height, f"{title}: arrivals and collisions over iterations", parts)
 
 
-def _swept_line(family: Swept, which: int, name: str, across: Callable[[float], float], up: Axis) -> str:
-    points = [(across(point[0]), point[0], point[which]) for point in family.points]
-    parts = []
-    shares = [(x, up.at(100 * cell.k / cell.n)) for x, _, cell in points]  # type: ignore[union-attr]
-    parts.append(f'<polyline class="line {name}" points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in shares)}"/>')
-    for (x, y), (_, budget, cell) in zip(shares, points, strict=True):
-        assert isinstance(cell, Rate), "a budget has its rates"
+def _swept_line(family: Swept, which: str, places: Sequence[float], up: Axis) -> str:
+    """One of the two rates at these places across, with its intervals."""
+    cells = [(budget, ended if which == "arrived" else crashed) for budget, ended, crashed in family.points]
+    heights = [up.at(100 * cell.k / cell.n) for _, cell in cells]
+    parts = [f'<polyline class="line {which}" points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in zip(places, heights, strict=True))}"/>']
+    for x, y, (budget, cell) in zip(places, heights, cells, strict=True):
         low, high = cell.interval or (0.0, 1.0)
         parts.append(f'<line class="whisker" x1="{x:.1f}" x2="{x:.1f}" y1="{up.at(100 * low):.1f}" y2="{up.at(100 * high):.1f}"/>')
-        mark = (
-            f'<circle class="dot" cx="{x:.1f}" cy="{y:.1f}" r="4"'
-            if which == 1
-            else f'<rect class="dot" x="{x - 3.5:.1f}" y="{y - 3.5:.1f}" width="7" height="7"'
-        )
-        parts.append(f"{mark} {_tip(f'{family.label}, {budget:g} iterations: {name} {cell.k}/{cell.n}{spread(cell)}')}/>")
-    return f'<g class="{planner_class(family.planner)}">{"".join(parts)}</g>'
+        disc, square = f'<circle class="dot" cx="{x:.1f}" cy="{y:.1f}" r="4"', f'<rect class="dot" x="{x - 3.5:.1f}" y="{y - 3.5:.1f}" width="7" height="7"'
+        tip = _tip(f"{family.label}, {budget:g} iterations: {which} {cell.k}/{cell.n}{spread(cell)}")
+        parts.append(f"{disc if which == 'arrived' else square} {tip}/>")
+    return "".join(parts)
 
 
 # --- distributions over episodes ---

@@ -219,13 +219,13 @@ def _rules(groups: Groups) -> Table:
 
 def _planning(groups: Groups) -> Table:
     def cells(rows: list[Row]) -> list[Cell]:
-        decisions = int(_sum(rows, "cycles"))
-        iterations = _sum(rows, "iterations")
-        slowest = [row["plan_ms_max"] for row in rows if row["plan_ms_max"] is not None]
-        timed = [_median(rows, f"plan_ms_p{q}") for q in (50, 95, 99)]
-        late = int(_sum(rows, "deadline_misses"))
+        decisions, iterations = int(_sum(rows, "cycles")), _sum(rows, "iterations")
+        slowest = max(_known(rows, "plan_ms_max"), default=None)
+        timed = [row for row in rows if (row["deadline_misses"] or 0) <= (row["cycles"] or 0)]  # a damaged row may say anything
+        late, of = int(_sum(timed, "deadline_misses")), int(_sum(timed, "cycles"))
         used = iterations / decisions if decisions and iterations else None
-        return [decisions, used, *timed, max(slowest, default=None), Rate(late, decisions, wilson(late, decisions)), _median(rows, "realtime_factor")]
+        times = [_median(rows, f"plan_ms_p{q}") for q in (50, 95, 99)]
+        return [decisions, used, *times, slowest, Rate(late, of, wilson(late, of)), _median(rows, "realtime_factor")]
 
     columns = (_SCENARIO, _VARIANT, _DECISIONS, _EFFORT, _P50, _P95, _P99, _WORST, _MISSES, _REAL)
     planning = {key: rows for key, rows in groups.items() if rows[0]["planner"] != TWIN}
@@ -234,10 +234,10 @@ def _planning(groups: Groups) -> Table:
 
 def _between(groups: Groups) -> Table:
     """Every two variants of a scenario, SUMO's driver left out."""
+    driven = {key: rows for key, rows in groups.items() if rows[0]["planner"] != TWIN}
     lines: list[tuple[Cell, ...]] = []
-    for (scenario, variant), (other, against) in combinations(groups, 2):
-        one, two = groups[scenario, variant], groups[other, against]
-        both = pairs(one, two) if scenario == other and TWIN not in (one[0]["planner"], two[0]["planner"]) else []
+    for ((scenario, _), one), ((other, _), two) in combinations(driven.items(), 2):
+        both = pairs(one, two) if scenario == other else []
         if both:
             happened = (arrived, collided, at_fault, some("imposed_brakes_3"))
             lines.append((scenario, labelled(one[0]), labelled(two[0]), len(both), time_ratio(both), *(contrast(both, each) for each in happened)))

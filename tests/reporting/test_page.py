@@ -339,3 +339,18 @@ def test_rows_of_which_nothing_is_known_have_a_page(tmp_path: Path) -> None:
     assert set(bare) < set(ROW_KEYS)
     path = report(write_rows(tmp_path, [bare, {**bare, "key": "b", "planner": "sumo", "variant": "w"}]))
     assert "up to 2 of 2 rows are of another version" in path.read_text()
+
+
+@pytest.mark.slow
+def test_ten_thousand_episodes_take_seconds(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    rows = [
+        made_row(scene, variant, seed, travel_time_s=float(rng.normal(20, 3)), min_ttc_s=float(rng.exponential(4)), imposed_brakes_3=int(rng.integers(2)))
+        for scene in ("left", "exit", "straight", "ring", "ramp") for variant in ("mcts-idm-100", "mcts-idm-1000", "idm", "sumo", "constant") for seed in range(400)
+    ]  # fmt: skip
+    write_rows(tmp_path, [crashed(row) if rng.random() < 0.02 else row for row in rows])
+    before = time.process_time()
+    path = report(tmp_path)
+    assert time.process_time() - before < 30.0
+    assert len(rows) == 10_000
+    assert path.stat().st_size < 2e6

@@ -69,6 +69,11 @@ def test_late_decisions_are_counted_over_decisions() -> None:
     assert (found["decisions"], found["deadline_misses"], found["iterations_used"]) == (100, Rate(3, 100, wilson(3, 100)), 2.0)
 
 
+def test_a_damaged_row_does_not_stop_the_report() -> None:
+    (found,) = cells("planning", [made_row(deadline_misses=300), made_row(seed=1, cycles=None, deadline_misses=2), made_row(seed=2, deadline_misses=1)])
+    assert found["deadline_misses"] == Rate(1, 40, wilson(1, 40))
+
+
 def test_medians_are_over_what_is_known() -> None:
     (found,) = cells("others", [made_row(min_ttc_s=None), made_row(seed=1, min_ttc_s=2.0), made_row(seed=2, min_ttc_s=4.0)])
     assert (found["min_ttc_s"], found["min_pet_s"]) == (3.0, None)

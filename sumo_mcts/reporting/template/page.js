@@ -159,7 +159,8 @@ function prepared(data) {
 /* --- the road from above --- */
 
 const BRAKING = 1, LEFT = 2, RIGHT = 4;
-const SMALLEST_VIEW = 60, LARGEST_VIEW = 120; // m: the whole way is shown where it fits, else a window goes with the ego
+const PIXELS = 9.5; // a metre, at least, unless somebody zooms: the whole way is shown where it fits, else a window goes with the ego
+const SMALLEST_VIEW = 60; // m
 
 class Road {
   constructor(canvas, data) {
@@ -215,8 +216,8 @@ class Road {
     const { width, height } = this.canvas, { ego } = this.data;
     const [west, east] = [Math.min(...ego.x), Math.max(...ego.x)], [south, north] = [Math.min(...ego.y), Math.max(...ego.y)];
     const needed = Math.max(east - west + 40, ((north - south + 40) * width) / height, SMALLEST_VIEW);
-    const whole = needed <= LARGEST_VIEW && this.zoom === 1;
-    this.scale = (width / (whole ? needed : Math.min(needed, 100))) * this.zoom;
+    const most = width / devicePixelRatio / PIXELS, whole = needed <= 1.2 * most && this.zoom === 1;
+    this.scale = (width / (whole ? needed : Math.min(needed, most))) * this.zoom;
     this.middle = whole ? [(west + east) / 2, (south + north) / 2] : [x, y];
   }
 
