@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_rows import crashed, made_row, made_rows, write_rows, write_traces
+from helpers_rows import VARIANTS, crashed, made_row, made_rows, write_rows, write_traces
 from helpers_trace import crossing_trace
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
@@ -47,7 +47,7 @@ def path(folder: Path) -> Path:
     return report(folder)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # no longer: other tests look at this process's children
 def browser() -> Iterator[Browser]:
     if CHROMIUM is None:
         assert not os.environ.get("CI"), "in CI a browser has to be there"
@@ -346,8 +346,10 @@ def test_ten_thousand_episodes_take_seconds(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     rows = [
         made_row(scene, variant, seed, travel_time_s=float(rng.normal(20, 3)), min_ttc_s=float(rng.exponential(4)), imposed_brakes_3=int(rng.integers(2)))
-        for scene in ("left", "exit", "straight", "ring", "ramp") for variant in ("mcts-idm-100", "mcts-idm-1000", "idm", "sumo", "constant") for seed in range(400)
-    ]  # fmt: skip
+        for scene in ("left", "exit", "straight", "ring", "ramp")
+        for variant in (*VARIANTS, "constant")
+        for seed in range(400)
+    ]
     write_rows(tmp_path, [crashed(row) if rng.random() < 0.02 else row for row in rows])
     before = time.process_time()
     path = report(tmp_path)

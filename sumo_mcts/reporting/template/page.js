@@ -42,7 +42,7 @@ function sort(header) {
   body.append(...rows.map(([, row]) => row));
   for (const other of all("th", table)) other.removeAttribute("aria-sort");
   header.setAttribute("aria-sort", down ? "descending" : "ascending");
-  group(table);
+  if (table.classList.contains("grouped")) group(table);
 }
 
 /** A name that stands in the row above already is not shown again. */
@@ -60,7 +60,6 @@ function group(table) {
 for (const table of all("table.sortable")) {
   for (const header of all("th", table)) header.firstChild.addEventListener("click", () => sort(header));
   if (table.classList.contains("grouped")) group(table);
-  else table.dataset.ungrouped = "";
 }
 
 /** A select that shows those elements whose `data-` attribute is its value. */
@@ -79,7 +78,7 @@ chooser($("scene"), (scene) => {
 });
 chooser($("with"), (variant) => {
   for (const row of all("tr[data-against]")) row.hidden = variant !== "" && row.dataset.variant !== variant && row.dataset.against !== variant;
-  group($("with").closest("section").querySelector("#table-variants"));
+  group($("table-variants"));
 });
 
 /* Hints for pointer and keyboard. */
