@@ -137,6 +137,20 @@ def regret(
 
 
 @app.command()
+def scenarios(as_json: Annotated[bool, typer.Option("--json", help="A list of {name, description}.")] = False) -> None:
+    """The built-in scenarios."""
+    with _plain_errors():
+        from sumo_mcts import commands
+
+        found = commands.scenarios()
+    if as_json:
+        typer.echo(json.dumps(found))
+        return
+    for item in found:
+        typer.echo(f"{item['name']:32s} {item['description']}")
+
+
+@app.command()
 def report(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders that `run` or `batch` wrote; episodes with the same key count once.")],
     out: Annotated[Optional[Path], typer.Option(help="Where report.html, report.md and tables/ go. Default: the first folder.")] = None,  # noqa: UP045
@@ -156,20 +170,6 @@ def report(
     elif not quiet:
         typer.echo(made.text)
         typer.echo("\n".join(f"  {path}" for path in made.files))
-
-
-@app.command()
-def scenarios(as_json: Annotated[bool, typer.Option("--json", help="A list of {name, description}.")] = False) -> None:
-    """The built-in scenarios."""
-    with _plain_errors():
-        from sumo_mcts import commands
-
-        found = commands.scenarios()
-    if as_json:
-        typer.echo(json.dumps(found))
-        return
-    for item in found:
-        typer.echo(f"{item['name']:32s} {item['description']}")
 
 
 @app.command()
