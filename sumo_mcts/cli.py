@@ -239,6 +239,28 @@ def scenarios(as_json: Annotated[bool, typer.Option("--json", help="A list of {n
 
 
 @app.command()
+def report(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders that `run` or `batch` wrote; episodes with the same key count once.")],
+    out: Annotated[Optional[Path], typer.Option(help="Where report.html, report.md and tables/ go. Default: the first folder.")] = None,  # noqa: UP045
+    as_json: AsJson = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Tables and one page with figures and replays, over the episodes of output folders."""
+    with _plain_errors():
+        from sumo_mcts import commands
+
+        if out is not None:
+            commands.check_folder(out)
+        with _Voice(quiet=quiet or as_json).progress("reading") as note:
+            made = commands.report(folders, out or folders[0], sys.argv[1:], note)
+    if as_json:
+        typer.echo(json.dumps(made.document, allow_nan=False))
+    elif not quiet:
+        typer.echo(made.text)
+        typer.echo("\n".join(f"  {path}" for path in made.files))
+
+
+@app.command()
 def validate(files: Annotated[list[Path], typer.Argument(help="Scenario files.")]) -> None:
     """Check scenario files, and that what they name exists."""
     from sumo_mcts import commands

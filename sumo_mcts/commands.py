@@ -22,6 +22,7 @@ from sumo_mcts.world.roadmap import known_roadmap
 
 LISTED = 25  # candidates shown
 SEARCHED = 100_000  # vehicles looked at for `--ego any`
+REPLAYS = 50  # episodes that a report lists, and replays
 _SCENES = ("unprotected-left-turn", "highway-exit", "straight-line")
 REGRET_SCENES = (*_SCENES, *(f"{name}-scripted" for name in _SCENES))
 
@@ -231,6 +232,37 @@ def write(result: EpisodeResult, out: Path, command: Sequence[str], note: Note) 
         birdseye.animation(trace, film)
         shown += [picture, film]
     return [*shown, out / "episodes.csv", out / "manifest.json"]
+
+
+# --- report ---
+
+
+class Report(NamedTuple):
+    """What `report` made."""
+
+    document: dict[str, Any]  # what --json prints
+    text: str  # the first tables, as Markdown; report.md has them all
+    files: tuple[Path, ...]  # what a person wants to open
+
+
+def report(folders: Sequence[Path], out: Path, command: Sequence[str], note: Note) -> Report:
+    """Tables and a page over all episodes of the folders, into `out`. Raises ConfigError where there is none, OSError."""
+    from sumo_mcts.reporting import page, results, tables  # quick, but no other command needs them
+
+    found = results.gather(folders)
+    note("counting")
+    made = tables.tables(found.rows)
+    looks, of = tables.worth_a_look(found.rows, REPLAYS)
+    replays, problems = page.replays(looks, found.traces, note)
+    found = found._replace(notes=(*found.notes, *problems))
+    note("writing the page")
+    records.write_whole(out / "report.md", tables.report_markdown(found, made, looks).encode(errors="replace"))
+    for table in made:
+        records.write_table(out / "tables" / f"{table.name}.csv", *tables.flat(table))
+    written = page.page(found, made, looks, of, replays, " ".join(["sumo-mcts", *command]))
+    records.write_whole(out / "report.html", written.encode(errors="replace"))
+    text = "\n".join([*(tables.markdown(table) for table in made[:2] if table.rows), *(f"note: {line}" for line in found.notes)])
+    return Report(tables.report_document(found, made, looks, of), text, (out / "report.html", out / "report.md", out / "tables"))
 
 
 def document(result: EpisodeResult) -> dict[str, Any]:

@@ -129,10 +129,12 @@ def append_row(folder: Path, row: Mapping[str, Any]) -> None:
 
 def read_rows(folder: Path) -> list[Row]:
     """The rows of episodes.jsonl, without lines that a killed process left unfinished; none where there is no file."""
-    path = folder / ROWS
-    if not path.exists():
-        return []
-    return [row for line in path.read_text(encoding="utf-8", errors="replace").split("\n") if (row := _parsed(line)) is not None]
+    return [row for line in _lines(folder) if (row := _parsed(line)) is not None]
+
+
+def torn_lines(folder: Path) -> int:
+    """How many lines of episodes.jsonl `read_rows` leaves out."""
+    return sum(_parsed(line) is None for line in _lines(folder))
 
 
 def write_csv(folder: Path) -> None:
@@ -192,6 +194,14 @@ def _safe(part: str) -> str:
 def _last_byte(file: io.BufferedRandom) -> bytes:
     file.seek(-1, os.SEEK_END)
     return file.read(1)
+
+
+def _lines(folder: Path) -> list[str]:
+    """The lines of episodes.jsonl that are not empty."""
+    path = folder / ROWS
+    if not path.exists():
+        return []
+    return [line for line in path.read_text(encoding="utf-8", errors="replace").split("\n") if line.strip()]
 
 
 def _parsed(line: str) -> Row | None:

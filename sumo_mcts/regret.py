@@ -10,6 +10,7 @@ import numpy as np
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.driver import FORECASTING, SEARCHING, Driver, make_planner
 from sumo_mcts.episode import Loop, run_episode
+from sumo_mcts.experiments.statistics import wilson
 from sumo_mcts.model.intentions import likeliest
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.reference import CELL, ENDS_S, LABELS, Solution, best_root, problem_of, profile_line, root_lines, scale, solve
@@ -20,7 +21,6 @@ SHARE = 0.05  # near-optimal: regret up to this share of the spread, or
 SMALL = 0.1  # ... of the scale, where the spread is smaller than the scale
 FACTOR = 100  # times the labels, with which the reference has to come to the same, and
 FINER = 10  # ... times the labels in cells half as wide
-Z = 1.96  # of the 95 % interval
 
 Note = Callable[[str], None]
 Row = dict[str, Any]
@@ -170,15 +170,6 @@ def _statistics(rows: Sequence[Row]) -> Row:
         "collides": sum(row["collides"] for row in rows),
         "avoidable": sum(row["avoidable"] for row in rows),
     }
-
-
-def wilson(k: int, n: int) -> tuple[float, float] | None:
-    """The 95 % interval of a rate (Wilson 1927)."""
-    if n == 0:
-        return None
-    p, z = k / n, Z
-    middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return max(0.0, (middle - half) / (1 + z * z / n)), min(1.0, (middle + half) / (1 + z * z / n))
 
 
 # --- whether the reference has converged ---

@@ -15,7 +15,7 @@ from sumo_mcts import regret
 from sumo_mcts.cli import app
 from sumo_mcts.config import ConfigError
 from sumo_mcts.planners.reference import Solution, best_root, digest, problem_of, root_lines, solve
-from sumo_mcts.regret import Panel, Row, both_efforts, convergence, judged, ranking, standing, wilson
+from sumo_mcts.regret import Panel, Row, both_efforts, convergence, judged, ranking, standing
 
 SCALE = 0.8
 SHORT = ("--set", "episode.time_limit_s=4", "--every", "4")
@@ -61,13 +61,6 @@ def test_the_spread_and_the_optimum_are_of_what_does_not_collide() -> None:
 @pytest.mark.parametrize(("values", "collides", "contested"), [((1.0, 1.7), (), False), ((1.0, 1.9), (), True), ((1.0, 1.1), (1,), True)])
 def test_contested(values: tuple[float, ...], collides: tuple[int, ...], contested: bool) -> None:
     assert standing(solution(*values, 99.0, collides=collides), 2, SCALE).contested == contested
-
-
-def test_the_intervals() -> None:
-    """Newcombe 1998, table I: 81/263, 15/148, 0/20, 1/29."""
-    for k, n, low, high in ((81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)):
-        assert wilson(k, n) == (pytest.approx(low, abs=1e-4), pytest.approx(high, abs=1e-4))
-    assert wilson(0, 0) is None
 
 
 def test_the_table_counts() -> None:

@@ -27,7 +27,7 @@ import sumolib
 
 from sumo_mcts import assets, config
 from sumo_mcts.episode import run_episode
-from sumo_mcts.regret import wilson
+from sumo_mcts.experiments.statistics import wilson
 from sumo_mcts.world.arguments import sumo_arguments
 from sumo_mcts.world.candidates import candidates
 from sumo_mcts.world.crowd import Cast

@@ -1,0 +1,1 @@
+"""Many episodes: what they say together."""

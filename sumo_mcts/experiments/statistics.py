@@ -1,0 +1,168 @@
+"""Rates, pairs and their differences, as docs/measures.md counts them. Plain functions over rows; the same rows give the same intervals."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sumo_mcts.scene import Floats
+
+Z = 1.96  # of the 95 % interval
+RESAMPLES = 2000  # of a bootstrap interval
+SEED = 0  # of the resampling
+TWIN = "sumo"  # the planner whose episodes are the others' twins
+
+Row = dict[str, Any]
+Place = tuple[str, int | None, str | None]  # scenario, seed, ego: what the two of a pair have in common
+
+
+class Rate(NamedTuple):
+    """k of n, with the 95 % Wilson interval of its share; None of none."""
+
+    k: int
+    n: int
+    interval: tuple[float, float] | None
+
+
+class Estimate(NamedTuple):
+    """A number with its 95 % bootstrap interval. Infinite where an episode without an end decides it."""
+
+    value: float
+    low: float
+    high: float
+    n: int
+
+
+class Contrast(NamedTuple):
+    """In how many of n pairs something happened to each of the two, and the difference in episodes per hundred with its 95 % bootstrap interval."""
+
+    k: int
+    other: int
+    n: int
+    per_hundred: float
+    low: float
+    high: float
+
+
+class Pair(NamedTuple):
+    """Two episodes of the same scenario, seed and ego."""
+
+    one: Row
+    other: Row
+
+
+# --- rates ---
+
+
+def wilson(k: int, n: int) -> tuple[float, float] | None:
+    """The 95 % interval of a rate (Wilson 1927)."""
+    if n == 0:
+        return None
+    p, z = k / n, Z
+    middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return max(0.0, (middle - half) / (1 + z * z / n)), min(1.0, (middle + half) / (1 + z * z / n))
+
+
+def rate(happened: Iterable[bool]) -> Rate:
+    """How often."""
+    counts = Counter(bool(each) for each in happened)
+    k, n = counts[True], counts.total()
+    return Rate(k, n, wilson(k, n))
+
+
+# --- what happened in an episode ---
+
+
+def arrived(row: Row) -> bool:
+    """Whether the ego came to its goal."""
+    return bool(row["outcome"] == "arrived")
+
+
+def collided(row: Row) -> bool:
+    """Whether the episode ended in a collision, at fault or not."""
+    return bool(row["outcome"] == "collision")
+
+
+def at_fault(row: Row) -> bool:
+    """Whether the episode ended in a collision that is the ego's fault; what is unclear counts."""
+    return collided(row) and row["at_fault"] is not False
+
+
+def some(key: str) -> Callable[[Row], bool]:
+    """Whether a count or share is above 0."""
+    return lambda row: (row[key] or 0) > 0
+
+
+# --- pairs ---
+
+
+def place(row: Row) -> Place:
+    """What an episode has in common with its twin."""
+    return row["scenario"], row["seed"], row["ego"]
+
+
+def pairs(ones: Iterable[Row], others: Iterable[Row]) -> list[Pair]:
+    """Each of `ones` with its counterpart among `others`, where there is one; the first of several."""
+    known: dict[Place, Row] = {}
+    for row in others:
+        known.setdefault(place(row), row)
+    return [Pair(row, known[place(row)]) for row in ones if place(row) in known]
+
+
+def contrast(both: Sequence[Pair], happened: Callable[[Row], bool]) -> Contrast | None:
+    """The paired difference of how often something happened; None without pairs."""
+    if not both:
+        return None
+    ones, others = ([happened(row) for row in rows] for rows in zip(*both, strict=True))
+    difference = np.array(ones, dtype=np.float64) - np.array(others, dtype=np.float64)
+    low, high = interval(resampled_means(difference))
+    return Contrast(sum(ones), sum(others), len(both), 100 * float(difference.mean()), 100 * low, 100 * high)
+
+
+def time_ratio(both: Sequence[Pair]) -> Estimate | None:
+    """The median travel time of the one over the other's, over the pairs whose other arrived; None without any. Who did not arrive took for ever."""
+    ratios = np.array([_travelled(pair.one) / pair.other["travel_time_s"] for pair in both if arrived(pair.other) and pair.other["travel_time_s"]])
+    return median(ratios)
+
+
+def median(values: Floats) -> Estimate | None:
+    """The median of [n] values, some of which may be infinite; None of none."""
+    if not len(values):
+        return None
+    ordered, n = np.sort(values), len(values)
+    return Estimate(float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2, *interval(resampled_medians(values)), n)
+
+
+def _travelled(row: Row) -> float:
+    return float(row["travel_time_s"]) if arrived(row) and row["travel_time_s"] is not None else math.inf
+
+
+# --- the bootstrap (Efron 1979): the statistic of RESAMPLES samples, each of n values drawn from the n with replacement ---
+
+
+def interval(statistics: Floats) -> tuple[float, float]:
+    """The middle 95 % of a statistic's resamples."""
+    low, high = np.percentile(statistics, [2.5, 97.5], method="nearest")  # between a finite and an infinite one there is nothing
+    return float(low), float(high)
+
+
+def resampled_means(values: Floats) -> Floats:
+    """[RESAMPLES] means. To draw values is to draw how often each distinct one occurs."""
+    levels, counts = np.unique(values, return_counts=True)
+    drawn = np.random.default_rng(SEED).multinomial(len(values), counts / len(values), size=RESAMPLES)
+    means: Floats = drawn @ levels / len(values)
+    return means
+
+
+def resampled_medians(values: Floats) -> Floats:
+    """[RESAMPLES] medians. The k-th smallest of n draws lies where the k-th smallest of n uniform numbers does, which has a beta distribution; so nothing
+    but the middle one is drawn, or the middle two."""
+    ordered, n, rng = np.sort(values), len(values), np.random.default_rng(SEED)
+    k = (n + 1) // 2
+    lower = rng.beta(k, n - k + 1, RESAMPLES)
+    upper = lower if n % 2 else lower + (1 - lower) * rng.beta(1, n - k, RESAMPLES)
+    one, other = (ordered[np.minimum((n * share).astype(np.int64), n - 1)] for share in (lower, upper))
+    medians: Floats = (one + other) / 2
+    return medians

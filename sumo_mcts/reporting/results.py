@@ -1,0 +1,157 @@
+"""What folders of results hold, merged: the rows, where their traces lie, and what is wrong with them."""
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sumo_mcts import records
+from sumo_mcts.config import ConfigError
+from sumo_mcts.experiments.statistics import TWIN, place
+from sumo_mcts.records import ROW_KEYS, Row
+
+_TEXTS = ("key", "scenario", "variant", "planner", "prediction", "ego", "outcome", "error", "trace_digest", "config_digest")
+_NEEDED = ("key", "scenario", "variant", "outcome")  # without these a line is no row
+_TRUTHS = ("at_fault", "inevitable", "in_time")
+_ORDER = ("mcts", "paper", "exhaustive")  # planners in the order in which they are shown; then all others,
+_LAST = ("idm", "random", "constant", TWIN)  # and these at the end
+
+
+class Results(NamedTuple):
+    """Episodes and what is known about them."""
+
+    name: str  # of the experiment or the only scenario, else of the folder
+    description: str
+    rows: tuple[Row, ...]  # every key of ROW_KEYS; by scenario, variant, seed, ego
+    traces: dict[str, Path]  # by the key of the row; only those that exist
+    versions: dict[str, str]  # of the first folder that tells
+    notes: tuple[str, ...]  # what a reader has to know about missing or broken things
+
+
+def gather(folders: Sequence[Path]) -> Results:
+    """All episodes of the folders; of those with the same key the last. Raises ConfigError where there is none, OSError where one cannot be read."""
+    rows: dict[str, Row] = {}
+    traces: dict[str, Path] = {}
+    notes: list[str] = []
+    for folder in folders:
+        found, problems = _rows_of(folder)
+        notes += problems
+        rows |= found
+        traces = {key: path for key, path in traces.items() if key not in found} | _traces_of(folder, found)
+    if not rows:
+        raise ConfigError(notes[0] if notes else f"{folders[0]}: {records.ROWS}: no episode in it")
+    manifests = [_manifest_of(folder, notes) for folder in folders]
+    scenarios, variants = (_order_in(manifests, key) for key in ("scenarios", "variants"))
+    ordered = tuple(sorted(rows.values(), key=lambda row: _order(row, scenarios, variants)))
+    return Results(*_title(folders, manifests, ordered), ordered, traces, _versions(manifests), (*notes, *_doubts(ordered)))
+
+
+def planner_rank(planner: str | None) -> int:
+    """Where a planner stands in tables and figures."""
+    name = planner or ""
+    return _ORDER.index(name) if name in _ORDER else len(_ORDER) + 1 + _LAST.index(name) if name in _LAST else len(_ORDER)
+
+
+def _order(row: Row, scenarios: Mapping[str, int], variants: Mapping[str, int]) -> tuple[Any, ...]:
+    """As the experiment names them; what no experiment names comes after, by planner and name."""
+    place_of = scenarios.get(row["scenario"], len(scenarios)), row["scenario"], variants.get(row["variant"], len(variants))
+    who = planner_rank(row["planner"]), _natural(row["variant"])
+    return *place_of, *who, row["seed"] if row["seed"] is not None else -1, row["ego"] or "", row["key"]
+
+
+def _natural(text: str) -> tuple[Any, ...]:
+    """So that mcts-50 comes before mcts-1000."""
+    return tuple((part.isdecimal(), int(part) if part.isdecimal() else part) for part in text.split("-"))
+
+
+# --- rows ---
+
+
+def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
+    """The rows of a folder by key, and what is wrong with them."""
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: no such folder")
+    if not (folder / records.ROWS).is_file():
+        return {}, [f"{folder}: {records.ROWS}: no such file; `sumo-mcts run` and `sumo-mcts batch` write one with --out"]
+    lines = records.read_rows(folder)
+    whole = [(line, row) for line in lines if (row := _whole(line)) is not None]
+    missing = Counter(key for line, _ in whole for key in ROW_KEYS if key not in line)
+    notes = []
+    if torn := records.torn_lines(folder) + len(lines) - len(whole):
+        notes.append(f"{folder}: {records.ROWS}: {torn} of its lines {'is' if torn == 1 else 'are'} not a whole row, and left out")
+    if missing:
+        notes.append(f"{folder}: {records.ROWS}: up to {max(missing.values())} of {len(whole)} rows are of another version, without {', '.join(missing)}")
+    rows = {row["key"]: row for _, row in whole}
+    if not rows:
+        notes.append(f"{folder}: {records.ROWS}: no episode in it")
+    return rows, notes
+
+
+def _whole(line: Row) -> Row | None:
+    """The row with every key and nothing but values of the right kind; None where it is none."""
+    row = {key: _kind(key, line.get(key)) for key in ROW_KEYS}
+    return row if all(row[key] for key in _NEEDED) else None
+
+
+def _kind(key: str, value: Any) -> Any:
+    """The value, or None where it is not of the key's kind."""
+    if key in _TEXTS:
+        return value if isinstance(value, str) else None
+    if key in _TRUTHS:
+        return value if isinstance(value, bool) else None
+    return value if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) else None
+
+
+def _doubts(rows: Sequence[Row]) -> list[str]:
+    """What makes numbers doubtful."""
+    of_twins = Counter(place(row) for row in rows if row["planner"] == TWIN)
+    several = sum(count > 1 for count in of_twins.values())
+    return [f"{several} episodes have several twins (planner {TWIN}); the first of them is the one compared with"] if several else []
+
+
+# --- manifests and traces ---
+
+
+def _manifest_of(folder: Path, notes: list[str]) -> dict[str, Any]:
+    """The manifest, empty where there is none that can be read; a word in `notes` where it is broken."""
+    try:
+        manifest = json.loads((folder / records.MANIFEST).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (ValueError, OSError):
+        manifest = None
+    if not isinstance(manifest, dict):
+        notes.append(f"{folder}: {records.MANIFEST}: not a manifest, and left out")
+        return {}
+    return manifest
+
+
+def _order_in(manifests: Iterable[dict[str, Any]], key: str) -> dict[str, int]:
+    """The number of each name under a key of the manifests, in the order in which they stand there."""
+    names = dict.fromkeys(name for manifest in manifests if isinstance(manifest.get(key), dict) for name in manifest[key])
+    return {name: i for i, name in enumerate(names)}
+
+
+def _title(folders: Sequence[Path], manifests: Iterable[dict[str, Any]], rows: Iterable[Row]) -> tuple[str, str]:
+    """Name and description: of the experiment, of the only scenario, else the folder's name."""
+    scenarios = {row["scenario"] for row in rows}
+    for manifest in manifests:
+        for key in ("experiment", "scenario"):
+            told = manifest.get(key)
+            if isinstance(told, dict) and isinstance(told.get("name"), str) and (key == "experiment" or scenarios == {told["name"]}):
+                return told["name"], str(told.get("description") or "")
+    return ", ".join(dict.fromkeys(folder.resolve().name for folder in folders)), ""
+
+
+def _versions(manifests: Iterable[dict[str, Any]]) -> dict[str, str]:
+    """What it ran on, by the first manifest that says so."""
+    told: dict[Any, Any] = next((manifest["versions"] for manifest in manifests if isinstance(manifest.get("versions"), dict)), {})
+    return {str(name): str(version) for name, version in told.items() if version}
+
+
+def _traces_of(folder: Path, keys: Iterable[str]) -> dict[str, Path]:
+    """The traces that are there."""
+    there = {path.stem: path for path in (folder / "traces").glob("*.npz")}
+    return {key: there[key] for key in keys if key in there}

@@ -1,0 +1,108 @@
+"""Rates against published intervals, bootstrap intervals against plain resampling, pairs against counts by hand."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sumo_mcts.experiments import statistics
+from sumo_mcts.experiments.statistics import Pair, Rate, arrived, at_fault, contrast, interval, median, pairs, rate, some, time_ratio, wilson
+from sumo_mcts.records import row_defaults
+
+
+def row(seed: int = 0, **known: Any) -> dict[str, Any]:
+    return {**row_defaults(), "scenario": "s", "ego": "ego", "seed": seed, "outcome": "arrived", "travel_time_s": 10.0, **known}
+
+
+def stopped(seed: int = 0, outcome: str = "timeout") -> dict[str, Any]:
+    return row(seed, outcome=outcome, travel_time_s=None)
+
+
+def test_the_intervals() -> None:
+    """Newcombe 1998, table I: 81/263, 15/148, 0/20, 1/29."""
+    for k, n, low, high in ((81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)):
+        assert wilson(k, n) == (pytest.approx(low, abs=1e-4), pytest.approx(high, abs=1e-4))
+    assert wilson(0, 0) is None
+
+
+def test_a_rate_counts_what_happened() -> None:
+    assert rate([True, False, True]) == Rate(2, 3, wilson(2, 3))
+    assert rate([]) == Rate(0, 0, None)
+
+
+def test_what_is_unclear_counts_as_at_fault() -> None:
+    verdicts = {at: at_fault(row(outcome="collision", at_fault=at)) for at in (True, False, None)}
+    assert verdicts == {True: True, False: False, None: True}
+    assert not at_fault(row(at_fault=None))
+
+
+def test_pairs_share_scenario_seed_and_ego() -> None:
+    ones = [row(1), row(2), row(3, ego="other"), row(4, scenario="t")]
+    others = [row(2, planner="sumo", travel_time_s=7.0), row(2, planner="sumo", travel_time_s=8.0), row(3), row(4), row(5)]
+    assert [(pair.one["seed"], pair.other["travel_time_s"]) for pair in pairs(ones, others)] == [(2, 7.0)]
+
+
+def test_who_does_not_arrive_takes_for_ever_and_whose_twin_does_not_is_left_out() -> None:
+    both = [Pair(row(travel_time_s=5.0), row()), Pair(stopped(), row()), Pair(row(travel_time_s=9.0), row()), Pair(row(travel_time_s=1.0), stopped())]
+    found = time_ratio(both)
+    assert found is not None
+    assert (found.value, found.n) == (0.9, 3)
+    assert found.high == math.inf
+    assert time_ratio([both[-1]]) is None
+    most = time_ratio([both[1], both[1], both[0]])
+    assert most is not None
+    assert most.value == math.inf
+
+
+def test_a_travel_time_counts_only_if_the_ego_arrived() -> None:
+    found = time_ratio([Pair(row(outcome="collision", travel_time_s=1.0), row())])
+    assert found is not None
+    assert found.value == math.inf
+
+
+def test_the_paired_difference_is_in_episodes_per_hundred() -> None:
+    braked, free = row(imposed_brakes_3=2), row(imposed_brakes_3=0)
+    unknown = row(imposed_brakes_3=None)
+    found = contrast([Pair(braked, free)] * 3 + [Pair(free, braked)] + [Pair(braked, braked)] * 4 + [Pair(unknown, free)] * 12, some("imposed_brakes_3"))
+    assert found is not None
+    assert (found.k, found.other, found.n, found.per_hundred) == (7, 5, 20, 10.0)
+    assert found.low < 0.0
+    assert found.high > 10.0
+    assert contrast([], arrived) is None
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 40, 41])
+@pytest.mark.parametrize("which", ["means", "medians"])
+def test_resampling_is_plain_resampling(which: str, n: int) -> None:
+    """The slow and obvious twin: draw n of n values again and again."""
+    rng = np.random.default_rng(n)
+    values = rng.normal(10.0, 3.0, n).round(1 if which == "medians" else 0)
+    plain, quick = (np.mean, statistics.resampled_means) if which == "means" else (np.median, statistics.resampled_medians)
+    slow = np.array([plain(rng.choice(values, n)) for _ in range(4000)])
+    found = quick(values)
+    spread = max(float(slow.std()), 1e-9)
+    assert abs(float(found.mean() - slow.mean())) < 0.12 * spread + 1e-9
+    assert float(found.std()) == pytest.approx(float(slow.std()), rel=0.08, abs=1e-9)
+    assert np.abs(np.array(interval(found)) - np.percentile(slow, [2.5, 97.5])).max() < 0.4 * spread + 1e-9
+
+
+@given(st.lists(st.floats(-1e6, 1e6) | st.just(math.inf), min_size=1, max_size=30))
+def test_the_median_is_numpys_and_lies_in_its_interval(values: list[float]) -> None:
+    found = median(np.array(values))
+    assert found is not None
+    assert found.value == pytest.approx(float(np.median(values)))
+    assert found.low <= found.value <= found.high
+    assert median(np.array(values)) == found, "the same values, the same interval"
+    assert min(values) <= found.low
+    assert found.high <= max(values)
+
+
+def test_an_interval_covers_what_it_should() -> None:
+    """Nineteen times in twenty, near enough."""
+    rng = np.random.default_rng(5)
+    samples = [rng.exponential(1.0, 60) for _ in range(400)]
+    covered = sum(low <= math.log(2) <= high for low, high in (interval(statistics.resampled_medians(sample)) for sample in samples))
+    assert 0.91 < covered / len(samples) < 0.985

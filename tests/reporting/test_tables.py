@@ -1,0 +1,166 @@
+"""The tables count what the rows say."""
+
+import csv
+import json
+import math
+from collections import Counter
+from pathlib import Path
+
+from helpers_rows import crashed, made_row, made_rows
+
+from sumo_mcts import records
+from sumo_mcts.experiments.statistics import Contrast, Estimate, Rate, wilson
+from sumo_mcts.reporting import tables
+from sumo_mcts.reporting.tables import Cell, Column, Table
+
+
+def cells(name: str, rows: list[dict[str, object]]) -> list[dict[str, Cell]]:
+    table = next(table for table in tables.tables(rows) if table.name == name)
+    return [dict(zip((column.key for column in table.columns), row, strict=True)) for row in table.rows]
+
+
+def test_outcomes() -> None:
+    rows = [
+        made_row(seed=0),
+        crashed(made_row(seed=1)),
+        crashed(made_row(seed=2), at_fault=False),
+        made_row(seed=3, outcome="off_route"),
+        made_row(seed=4, outcome="error"),
+    ]
+    (found,) = cells("outcomes", rows)
+    assert found["episodes"] == 5
+    assert found["arrived"] == Rate(1, 5, wilson(1, 5))
+    assert found["collisions"] == Rate(2, 5, wilson(2, 5))
+    assert found["at_fault"] == Rate(1, 5, wilson(1, 5))
+    assert found["other_outcomes"] == "1 error, 1 off route"
+
+
+def test_pairs_whose_twin_does_not_arrive_stand_apart() -> None:
+    late = {"outcome": "timeout", "travel_time_s": None}
+    rows = [made_row(seed=seed, travel_time_s=10.0) for seed in range(4)]
+    rows[1] = crashed(rows[1])
+    twins = [made_row(variant="sumo", seed=seed, travel_time_s=20.0, imposed_brakes_4=seed) for seed in range(4)]
+    twins[3].update(late)
+    (found,) = cells("twin", [*rows, *twins])
+    assert found["pairs"] == 4
+    assert found["arrived_with_twin"] == Rate(2, 3, wilson(2, 3))
+    assert found["arrived_without_twin"] == Rate(1, 1, wilson(1, 1))
+    ratio, imposed = found["travel_time_ratio"], found["imposed_brakes_4"]
+    assert isinstance(ratio, Estimate)
+    assert isinstance(imposed, Contrast)
+    assert (ratio.value, ratio.n, ratio.high) == (0.5, 3, math.inf)
+    assert (imposed.k, imposed.other, imposed.n, imposed.per_hundred) == (0, 3, 4, -75.0), "over all pairs, those too whose twin does not arrive"
+
+
+def test_variants_are_compared_within_a_scenario_by_seed() -> None:
+    found = cells("variants", made_rows(6))
+    assert [(row["scenario"], row["variant"], row["against"]) for row in found[:3]] == [
+        ("left", "mcts-idm-100", "mcts-idm-1000"), ("left", "mcts-idm-100", "idm"), ("left", "mcts-idm-1000", "idm"),
+    ]  # fmt: skip
+    assert len(found) == 6
+    collisions = found[0]["collisions"]
+    assert isinstance(collisions, Contrast)
+    assert (collisions.k, collisions.other, collisions.n, round(collisions.per_hundred, 6)) == (2, 0, 6, 33.333333)
+    assert cells("variants", [made_row(), made_row(variant="mcts-idm-1000", seed=1)]) == [], "no seed in common"
+
+
+def test_late_decisions_are_counted_over_decisions() -> None:
+    (found,) = cells("planning", [made_row(deadline_misses=3), made_row(seed=1, cycles=60), made_row(variant="sumo")])
+    assert (found["decisions"], found["deadline_misses"], found["iterations_used"]) == (100, Rate(3, 100, wilson(3, 100)), 2.0)
+
+
+def test_a_damaged_row_does_not_stop_the_report() -> None:
+    (found,) = cells("planning", [made_row(deadline_misses=300), made_row(seed=1, cycles=None, deadline_misses=2), made_row(seed=2, deadline_misses=1)])
+    assert found["deadline_misses"] == Rate(1, 40, wilson(1, 40))
+
+
+def test_medians_are_over_what_is_known() -> None:
+    (found,) = cells("others", [made_row(min_ttc_s=None), made_row(seed=1, min_ttc_s=2.0), made_row(seed=2, min_ttc_s=4.0)])
+    assert (found["min_ttc_s"], found["min_pet_s"]) == (3.0, None)
+
+
+def test_an_oracle_is_labelled() -> None:
+    assert [row["variant"] for row in cells("outcomes", [made_row(prediction="script"), made_row(variant="idm")])] == ["mcts-idm-100 (oracle)", "idm"]
+
+
+def test_inevitable_is_of_the_collisions_that_were_judged() -> None:
+    rows = [crashed(made_row(seed=seed), inevitable=verdict) for seed, verdict in enumerate((True, False, None))]
+    assert cells("rules", [*rows, made_row(seed=9)])[0]["inevitable"] == Rate(1, 2, wilson(1, 2))
+    assert cells("rules", [made_row()])[0]["inevitable"] is None
+
+
+# --- worth a look ---
+
+
+def test_what_went_wrong_is_worth_a_look_and_the_hardest_moments() -> None:
+    rows = [made_row(seed=seed, min_ttc_s=9.0 - seed / 10) for seed in range(10)]
+    rows[2] = crashed(rows[2])
+    rows[3]["failsafe_interventions"] = 2
+    rows[4].update(outcome="off_route", imposed_max_decel_mps2=5.5)
+    looks, of = tables.worth_a_look(rows, 50)
+    assert [(look.row["seed"], look.reasons) for look in looks] == [
+        (2, ("collision at fault",)),
+        (4, ("off route", "imposed braking 5.5 m/s²")),
+        (3, ("2 fail-safe interventions",)),
+        (9, ("TTC 8.10 s",)), (8, ("TTC 8.20 s",)), (7, ("TTC 8.30 s",)),
+    ]  # fmt: skip
+    assert of == 6
+
+
+def test_one_bad_driver_does_not_fill_the_list() -> None:
+    rows = [crashed(made_row(variant="mcts-idm-100", seed=seed), min_ttc_s=None) for seed in range(100)]
+    rows += [crashed(made_row(variant="constant", seed=seed), min_ttc_s=None) for seed in range(100)]
+    rows += [crashed(made_row(variant="mcts-idm-1000", seed=seed), min_ttc_s=None) for seed in range(2)]
+    looks, of = tables.worth_a_look(rows, 12)
+    assert Counter(look.row["variant"] for look in looks) == {"mcts-idm-100": 10, "mcts-idm-1000": 2}
+    assert of == 202
+    assert len(tables.worth_a_look(rows, 150)[0]) == 150
+
+
+def test_where_nothing_happened_there_is_still_something_to_see() -> None:
+    looks, of = tables.worth_a_look([made_row(seed=seed, min_ttc_s=None) for seed in (4, 5)], 50)
+    assert ([(look.row["seed"], look.reasons) for look in looks], of) == ([(4, ("nothing happened",))], 1)
+
+
+def test_the_twin_is_not_worth_a_look() -> None:
+    assert tables.worth_a_look([crashed(made_row(variant="sumo"))], 50) == ([], 0)
+
+
+# --- as text and data ---
+
+
+def test_numbers_as_text() -> None:
+    shown = {
+        tables.text(cell, Column("x", "X", digits=digits))
+        for cell, digits in (
+            (Rate(0, 300, wilson(0, 300)), 2), (Rate(0, 0, None), 2), (Estimate(math.inf, 0.5, math.inf, 9), 2), (Contrast(6, 1, 100, 5.0, -0.02, 10.0), 2),
+            (None, 2), (12345, 2), (0.456, 1), ("a", 2),
+        )
+    }  # fmt: skip
+    assert shown == {"0/300 (0..1.3 %)", "0/0", "∞ (0.50..∞)", "6:1, +5.0 (0.0..+10.0)", "-", "12\u2009345", "0.5", "a"}
+
+
+def test_markdown_keeps_the_columns_together() -> None:
+    table = Table("t", "Title", "About.", (Column("a", "A"), Column("b", "B", unit="s")), (("x|y\nz", 1.5), ("", None)))
+    lines = tables.markdown(table).splitlines()
+    assert lines[4:] == ["| A | B, s |", "| --- | ---: |", "| x&#124;y z | 1.50 |", "|   | - |"]
+
+
+def test_csv_has_a_column_for_each_number(tmp_path: Path) -> None:
+    for table in tables.tables(made_rows(3)):
+        records.write_table(tmp_path / "t.csv", *tables.flat(table))
+        read = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
+        assert len(read) == len(table.rows)
+        for row, cell in ((row, cell) for row, cells_of in zip(read, table.rows, strict=True) for cell in zip(table.columns, cells_of, strict=True)):
+            column, value = cell
+            if isinstance(value, Rate):
+                assert (int(row[f"{column.key}_k"]), int(row[f"{column.key}_n"])) == (value.k, value.n)
+            elif isinstance(value, Estimate):
+                assert (float(row[column.key]), float(row[f"{column.key}_high"])) == (value.value, value.high)
+    assert tables.flat(Table("t", "", "", (Column("a", "A"),), ())) == (["a"], [])
+
+
+def test_json_has_no_numbers_that_json_does_not_know() -> None:
+    document = tables.document(Table("t", "T", "", (Column("a", "A"),), ((Estimate(math.inf, 1.0, math.inf, 3),), (Rate(1, 2, wilson(1, 2)),), (None,))))
+    assert json.loads(json.dumps(document, allow_nan=False))["rows"][0] == {"a": {"value": "inf", "low": 1.0, "high": "inf", "n": 3}}
+    assert document["rows"][1]["a"]["k"] == 1
