@@ -12,7 +12,8 @@ from typing import Any, NoReturn
 
 from sumo_mcts import config as scenario_files
 from sumo_mcts.config import ConfigError, ScenarioConfig
-from sumo_mcts.driver import Driver, Oracles, Thought, streams, warm_up
+from sumo_mcts.driver import Driver, Thought, streams, warm_up
+from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.pilot import Pilot, running_world
 from sumo_mcts.world.simulation import option, require_running
 

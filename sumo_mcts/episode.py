@@ -13,11 +13,12 @@ import numpy as np
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest
-from sumo_mcts.driver import FORECASTING, SEARCHING, Driver, Oracles, as_seen, ego_params, streams, warm_up
+from sumo_mcts.driver import FORECASTING, SEARCHING, Driver, as_seen, ego_params, streams, warm_up
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import COLLISION, Goal, Referee
 from sumo_mcts.model.kernel import is_compiled
+from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.pilot import Pilot, World, running_world

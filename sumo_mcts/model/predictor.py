@@ -1,0 +1,67 @@
+"""What a predictor of the user's own is asked, and what it has to answer."""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from sumo_mcts.model.traffic import Scripted, TrafficParams
+from sumo_mcts.scene import Floats, Follow, Forecast, Ints, Release, RoadMap, Scene
+
+
+class Oracles(NamedTuple):
+    """Who could be asked for what no sensor sees. Asked only where the scenario names such a forecast."""
+
+    way: Callable[[str, int], Ints]  # vehicle and its lane: the lanes it is really going to take
+    script: Callable[[str, float, float, int], Scripted | None]  # vehicle, time (s), step (s), count: its coming states, if it holds a script
+    clone: Callable[[Scene, Follow | Release, float, int], Mapping[int, Scripted]]
+    # scene, what its ego is to do, step (s), count: the coming states of its agents (index) in a copy of the simulation
+
+
+class Question(NamedTuple):
+    """What a predictor gets each cycle: the arguments of model/traffic.py::predict."""
+
+    scene: Scene
+    ego_lanes: Ints  # [K] the lanes that the ego is going to drive, the one it is on or moves to first
+    nominal: Floats  # [K] m/s: what the ego is taken to do first, at multiples of params.step from now + params.step on; may be empty
+    params: TrafficParams  # of the section `prediction`; params.step: s between the times of the forecast
+    seconds: float  # how far it has to reach
+    stood_s: float  # s since the ego came to a stand at the stop sign before it; -inf: it has not
+
+
+class Predictor(Protocol):
+    """From a question to a forecast. One object predicts for one ego in one episode."""
+
+    oracle: bool  # asks for what no sensor sees, and is labelled so
+
+    def start(self, road: RoadMap, oracles: Oracles | None) -> None:
+        """Before the first question; `oracles` only for an oracle."""
+
+    def predict(self, question: Question) -> Forecast:
+        """The agents of the scene, in their order, at multiples of params.step from now on."""
+
+
+def checked(forecast: object, road: RoadMap, question: Question) -> Forecast:
+    """The forecast with the types that compiled code reads without looking. Raises ValueError where it is none for this question."""
+    if not isinstance(forecast, Forecast):
+        raise ValueError(f"no forecast but {type(forecast).__name__}")
+    h, n, step = len(np.atleast_1d(forecast.weight)), len(question.scene.agents.ids), question.params.step
+    times = int(np.ceil(question.seconds / step)) + 1
+    if abs(forecast.dt - step) > 1e-9:
+        raise ValueError(f"dt: {forecast.dt:g} s instead of {step:g} s")
+    shapes = {
+        "weight": (h,), "pose": (h, times, n, 4), "v": (h, times, n), "lane": (h, times, n), "s": (h, times, n), "valid": (h, times, n),
+        "half_length": (n,), "half_width": (n,), "reacts": (n,), "yields": (h, n),
+    }  # fmt: skip
+    kinds = {"lane": np.int32, "valid": np.bool_, "reacts": np.bool_, "yields": np.bool_}
+    arrays = {name: np.ascontiguousarray(getattr(forecast, name), kinds.get(name, np.float64)) for name in shapes}
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise ValueError(f"{name}: shape {arrays[name].shape} instead of {shape}")
+        if not np.isfinite(arrays[name]).all():
+            raise ValueError(f"{name}: not finite")
+    if h == 0 or (arrays["weight"] <= 0.0).any() or abs(arrays["weight"].sum() - 1.0) > 1e-6:
+        raise ValueError("weight: not positive numbers that sum to 1")
+    if ((arrays["lane"] < -1) | (arrays["lane"] >= len(road.lane_ids))).any():
+        raise ValueError(f"lane: not within -1..{len(road.lane_ids) - 1}")
+    return Forecast(dt=step, **arrays)
