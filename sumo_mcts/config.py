@@ -33,19 +33,21 @@ class ConfigError(Exception):
 
 
 def _or_plugin(builtin: tuple[str, ...], group: str) -> tuple[AfterValidator, WithJsonSchema]:
-    """A name of ours, that of an installed plugin, or code of the user's own as module:name."""
-
-    def check(name: str) -> str:
-        if name in builtin or _CODE.fullmatch(name):
-            return name
-        installed = sorted(metadata.entry_points(group=group).names)
-        if name in installed:
-            return name
-        ours = f"{', '.join(map(repr, builtin))}, " if builtin else ""
-        raise ValueError(f"Input should be {ours}an installed plugin ({', '.join(installed) or 'there is none'}) or module:name")
-
+    """The type of a name of ours, or of a plugin's."""
     any_name = {"type": "string"}
-    return AfterValidator(check), WithJsonSchema({"anyOf": [{"type": "string", "enum": list(builtin)}, any_name]} if builtin else any_name)
+    schema = {"anyOf": [{"type": "string", "enum": list(builtin)}, any_name]} if builtin else any_name
+    return AfterValidator(lambda name: _known(name, builtin, group)), WithJsonSchema(schema)
+
+
+def _known(name: str, builtin: tuple[str, ...], group: str) -> str:
+    """The name, if it is ours, that of an installed plugin, or code of the user's own as module:name. Raises ValueError."""
+    if name in builtin or _CODE.fullmatch(name):
+        return name
+    installed = sorted(metadata.entry_points(group=group).names)
+    if name in installed:
+        return name
+    ours = f"{', '.join(map(repr, builtin))}, " if builtin else ""
+    raise ValueError(f"Input should be {ours}an installed plugin ({', '.join(installed) or 'there is none'}) or module:name")
 
 
 PlannerName = Annotated[str, *_or_plugin(PLANNERS, PLANNER_GROUP)]
@@ -418,6 +420,15 @@ def plugin_names(scenario: ScenarioConfig) -> Iterator[tuple[str, str]]:
         yield "prediction.name", scenario.prediction.name
     if scenario.cost.term is not None:
         yield "cost.term", scenario.cost.term
+
+
+def known_planner(key: str, name: str, allow_plugins: bool) -> None:
+    """Raise ConfigError where a planner that an option `key` names is not known, or is code and that is not allowed."""
+    try:
+        _known(name, PLANNERS, PLANNER_GROUP)
+    except ValueError as error:
+        raise ConfigError(f"{key}: {error}, got {name!r}") from None
+    require_permission(key, name, allow_plugins)
 
 
 def require_permission(key: str, name: str, allow_plugins: bool) -> None:

@@ -80,6 +80,7 @@ class Driver:
         self._config, self._road, self._physics, self._seed = config, road, physics, seed
         self._oracles = oracles
         self._planner = make_planner(config) if planner is None else planner
+        self._cost = cost_params(config)
         self._predictor = make_predictor(config)
         if self._predictor is not None:
             try:
@@ -192,7 +193,7 @@ class Driver:
         params = ego_params(self._config, ego, self._physics)
         self._edges, self._stood = ego.route, {}
         self._route = route_map(self._road, ego.route, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
-        self._task = Task(self._road, self._route, params, cost_params(self._config))
+        self._task = Task(self._road, self._route, params, self._cost)
         self._fail_safe.start(self._task)
         try:
             self._planner.start(self._task, self._seed)

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts import records
+from sumo_mcts import plugins, records
 from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest
-from sumo_mcts.driver import FORECASTING, SEARCHING, Driver, as_seen, ego_params, streams, warm_up
+from sumo_mcts.driver import SEARCHING, Driver, as_seen, ego_params, prediction_label, reads_forecast, streams, warm_up
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import COLLISION, Goal, Referee
@@ -61,16 +61,22 @@ def run_episode(
     variant: str | None = None,
     watch: Watch | None = None,
 ) -> EpisodeResult:
-    """Run a scenario to its end; without a seed SUMO keeps its own. Raises ConfigError where the input is wrong; what fails later is an outcome."""
+    """Run a scenario to its end; without a seed SUMO keeps its own. Raises ConfigError where the input is wrong; what fails later is an outcome.
+
+    `sumo_options` as on SUMO's command line. `progress` is told what goes on, `watch` is called with every set of decisions before they are executed.
+    `variant` is what rows and keys call it; default planner-prediction-effort.
+    """
     began = time.perf_counter()
     recorders = {ego.id: Recorder() for ego in config.egos}
     loop = Loop(config, seed, gui=gui, sumo_options=sumo_options, progress=progress)
     try:
         loop.start()
+        drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.oracles) for ego in config.egos}
         if progress is not None and _searches(config) and not is_compiled():
             progress("compiling the search, once for this version (about half a minute)")
+        elif progress is not None and config.cost.term is not None:
+            progress("loading the search with a further term (compiled when it is first used, about half a minute)")
         warm_up(config, loop.world.road, loop.world.physics)
-        drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.oracles) for ego in config.egos}
         while scenes := loop.scenes():
             decisions = _decide(loop, scenes, drivers, recorders)
             if watch is not None:
@@ -89,13 +95,13 @@ def run_episode(
 
 def _searches(config: ScenarioConfig) -> bool:
     """Whether the planner does, or the reference of inevitable collisions may have to."""
-    return config.planner.name in FORECASTING or any(actor.driver == "script" for actor in config.traffic.actors)
+    return reads_forecast(config) or any(actor.driver == "script" for actor in config.traffic.actors)
 
 
 def default_variant(config: ScenarioConfig) -> str:
     """planner-prediction-effort, e.g. mcts-idm-1000, as far as there are such."""
     planner = config.planner
-    if planner.name not in FORECASTING:
+    if not reads_forecast(config):
         return planner.name
     if planner.name not in SEARCHING:
         return f"{planner.name}-{config.prediction.name}"
@@ -460,7 +466,7 @@ def _complete(row: Row, config: ScenarioConfig, seed: int | None, variant: str, 
         "scenario": config.name,
         "variant": variant,
         "planner": config.planner.name,
-        "prediction": config.prediction.name if config.planner.name in FORECASTING else None,
+        "prediction": prediction_label(config) if reads_forecast(config) else None,
         "seed": seed,
         "wall_s": wall,
         "realtime_factor": recorder.simulated(period) / wall if wall > 0 else None,
@@ -476,6 +482,7 @@ def _manifest(config: ScenarioConfig, seed: int | None, loop: Loop) -> dict[str,
         "seed": seed,
         "redrawn": loop.redrawn,
         "versions": records.versions(),
+        "plugins": plugins.described(config),
         "sumo_arguments": loop.arguments,
         "set_by_referee": REFEREE_OPTIONS,
         "step_s": loop.world.physics.step,

@@ -3,6 +3,7 @@
 A name is that of an entry point of an installed package, or module:name. Whether the latter may run is asked where a scenario is read (config.py).
 """
 
+import importlib
 from collections.abc import Mapping, Sequence
 from importlib import metadata
 from typing import Any
@@ -16,11 +17,12 @@ def loaded(key: str, name: str) -> Any:
     """What is behind a name. Raises ConfigError."""
     point = _entry_point(key, name)
     try:
-        return point.load()
-    except AttributeError as error:
-        raise ConfigError(f"{key}: {name}: {point.module} has no {point.attr}: {error}") from None
+        module = importlib.import_module(point.module)
     except Exception as error:  # whatever an import may do
         raise ConfigError(f"{key}: {name}: {point.module} cannot be imported: {in_words(error)}") from None
+    if not hasattr(module, point.attr):
+        raise ConfigError(f"{key}: {name}: {point.module} has no {point.attr}")
+    return getattr(module, point.attr)
 
 
 def made(key: str, name: str, members: Sequence[str], options: Mapping[str, Any], scenario: ScenarioConfig) -> Any:
@@ -29,7 +31,7 @@ def made(key: str, name: str, members: Sequence[str], options: Mapping[str, Any]
     try:
         plugin = factory(dict(options), scenario)
     except Exception as error:  # whatever a constructor may do
-        raise ConfigError(f"{key}: {name}: cannot be made with {key.split('.')[0]}.options {dict(options)}: {in_words(error)}") from None
+        raise ConfigError(f"{key}: {name}: does not take {key.partition('.')[0]}.options {dict(options)}: {in_words(error)}") from None
     missing = [member for member in members if not hasattr(plugin, member)]
     if missing:
         raise ConfigError(f"{key}: {name}: lacks {', '.join(missing)}; it needs {', '.join(members)}")

@@ -1,7 +1,7 @@
 """What a predictor of the user's own is asked, and what it has to answer."""
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -53,8 +53,8 @@ def checked(forecast: object, road: RoadMap, question: Question) -> Forecast:
         "weight": (h,), "pose": (h, times, n, 4), "v": (h, times, n), "lane": (h, times, n), "s": (h, times, n), "valid": (h, times, n),
         "half_length": (n,), "half_width": (n,), "reacts": (n,), "yields": (h, n),
     }  # fmt: skip
-    kinds = {"lane": np.int32, "valid": np.bool_, "reacts": np.bool_, "yields": np.bool_}
-    arrays = {name: np.ascontiguousarray(getattr(forecast, name), kinds.get(name, np.float64)) for name in shapes}
+    kinds: dict[str, type[np.generic]] = {"lane": np.int32, "valid": np.bool_, "reacts": np.bool_, "yields": np.bool_}
+    arrays: dict[str, Any] = {name: np.ascontiguousarray(getattr(forecast, name), kinds.get(name, np.float64)) for name in shapes}
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise ValueError(f"{name}: shape {arrays[name].shape} instead of {shape}")

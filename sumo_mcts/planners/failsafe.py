@@ -145,7 +145,18 @@ def nonsense(task: Task, state: State, decision: object) -> str:
         return "a lane change during another one"
     if side != 0 and task.route.table[state.node, LEFT_NODE if side > 0 else RIGHT_NODE] < 0.0:
         return f"a lane change to the {'left' if side > 0 else 'right'}, where there is no lane"
-    return ""
+    return "" if decision.plan is None else _nonsense_plan(decision.plan)
+
+
+def _nonsense_plan(plan: object) -> str:
+    """Why this is no plan; "" where it is one."""
+    if not isinstance(plan, Plan):
+        return f"no plan but {type(plan).__name__}"
+    arrays = [np.asarray(each) for each in plan]
+    m = len(arrays[0]) if arrays[0].ndim else 0
+    shapes = [(m,)] * 4 + [(m, 4)]
+    wrong = [i for i, each in enumerate(arrays) if each.shape != shapes[i] or each.dtype.kind not in "fiu" or not np.isfinite(each).all()]
+    return f"a plan whose {Plan._fields[wrong[0]]} has shape {arrays[wrong[0]].shape}, or is not finite" if wrong else ""
 
 
 def _rest(manoeuvre: Manoeuvre, now: float) -> Plan:
