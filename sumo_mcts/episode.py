@@ -88,7 +88,7 @@ def run_episode(
         rows = loop.finish()
     name = variant or default_variant(config)
     wall = time.perf_counter() - began
-    full = [_complete(row, config, seed, name, recorders[row["ego"]], loop.world.period, wall) for row in rows]
+    full = [completed(row, config, seed, name, recorders[row["ego"]], loop.world.period, wall) for row in rows]
     traces = [recorders[row["ego"]].trace(row["key"], config.name, row["outcome"], loop.world.road) for row in full]
     return EpisodeResult(tuple(full), tuple(trace for trace in traces if trace is not None), _manifest(config, seed, loop))
 
@@ -190,6 +190,16 @@ class Loop:
                 ego.digest.add_decision(decision)
                 if self._gui:
                     window.draw_plan(ego.id, decision.plan.pose if decision.plan is not None else np.zeros((0, 4)))
+
+    def judged(self, vehicle: str) -> Row:
+        """What the row of an ego would be if the episode ended now, as far as states tell."""
+        return next(ego for ego in self._egos if ego.id == vehicle).row()
+
+    @property
+    def time(self) -> float:
+        """Simulation time, s."""
+        assert self._simulation is not None, "start() first"
+        return self._simulation.time
 
     def fail(self, vehicle: str, message: str) -> None:
         """End an ego's episode with outcome `error`."""
@@ -456,7 +466,7 @@ def _news(scenes: Mapping[str, Scene]) -> str:
     return f"{scene.time:.1f} s  {scene.ego.id} at {scene.ego.v:.1f} m/s, {len(scene.agents.ids)} in range"
 
 
-def _complete(row: Row, config: ScenarioConfig, seed: int | None, variant: str, recorder: Recorder, period: float, wall: float) -> Row:
+def completed(row: Row, config: ScenarioConfig, seed: int | None, variant: str, recorder: Recorder, period: float, wall: float) -> Row:
     """The row with what is known about scenario, planner and time; `period` and `wall` in s."""
     return {
         **records.row_defaults(),
