@@ -232,7 +232,6 @@ class PredictionConfig(_Section):
         description="routes, script and clone are oracles: idm along the agents' true next lanes, the scripts of a scripted scene, and what a copy of the "
         "running simulation does (Linux, without a window); or a plugin, see extending.md",
     )
-    options: dict[str, Any] = Field({}, description="parameters of a plugin, which checks them itself")
     step_s: Positive = Field(0.2, description="time between forecast states")
     headway_s: Positive = Field(1.2, description="IDM time headway of the others")
     min_gap_m: Positive = Field(2.0, description="IDM gap at standstill")
@@ -248,6 +247,7 @@ class PredictionConfig(_Section):
         description="how many joint hypotheses about the others planner mcts weighs at most: another turn, not yielding, braking; "
         "only with idm, the other forecasts have one",
     )
+    options: dict[str, Any] = Field({}, description="parameters of a plugin, which checks them itself")
 
 
 class EgoModelConfig(_Section):
@@ -266,7 +266,6 @@ class PlannerConfig(_Section):
     """The search."""
 
     name: PlannerName = "mcts"
-    options: dict[str, Any] = Field({}, description="parameters of a plugin, which checks them itself")
     iterations: int = Field(1000, ge=1, le=10_000_000, description="iteration budget of one decision")
     adaptive: bool = Field(True, description="leave out what cannot become the best, and stop when nothing else is left")
     most_iterations: int | None = Field(None, ge=1, le=10_000_000, description="go on so far while the choice is close; default: no further than `iterations`")
@@ -286,6 +285,7 @@ class PlannerConfig(_Section):
     exploration: NonNegative = Field(0.3, description="const of the UCB equation, on costs normalised to 0..1")
     risk: Literal["expected", "cvar"] = Field("expected", description="what counts of the costs in several hypotheses: their mean, or that of the worst")
     cvar_alpha: Annotated[float, Field(gt=0, le=1)] = Field(0.2, description="cvar: share of the worst that may happen, by weight, whose mean cost counts")
+    options: dict[str, Any] = Field({}, description="parameters of a plugin, which checks them itself")
 
     @model_validator(mode="after")
     def _most_is_more(self) -> "PlannerConfig":
