@@ -107,7 +107,7 @@ def regret(
     given: REGRET_SCENES), ego and seed. Every judgement goes into regret.jsonl and regret.csv in `out`, and what is returned into regret.json. Raises
     ConfigError."""
     for name in plan.planners:
-        config.known_planner("--planners", name, allow_plugins)
+        config.require_permission("--planners", name, allow_plugins)
     driven = (*overrides, "planner.name=mcts")
     episodes = [(name, one) for name in scenarios or REGRET_SCENES for one in _episodes(name, egos, until, driven, allow_plugins=allow_plugins)]
     rows: list[Row] = []

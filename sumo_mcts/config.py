@@ -40,14 +40,20 @@ def _or_plugin(builtin: tuple[str, ...], group: str) -> tuple[AfterValidator, Wi
 
 
 def _known(name: str, builtin: tuple[str, ...], group: str) -> str:
-    """The name, if it is ours, that of an installed plugin, or code of the user's own as module:name. Raises ValueError."""
-    if name in builtin or _CODE.fullmatch(name):
-        return name
-    installed = sorted(metadata.entry_points(group=group).names)
-    if name in installed:
+    """The name, if it is ours or a plugin's. Raises ValueError."""
+    if name in builtin or is_plugin(name, group):
         return name
     ours = f"{', '.join(map(repr, builtin))}, " if builtin else ""
-    raise ValueError(f"Input should be {ours}an installed plugin ({', '.join(installed) or 'there is none'}) or module:name")
+    raise ValueError(f"Input should be {ours}an installed plugin ({', '.join(_installed(group)) or 'there is none'}) or module:name")
+
+
+def is_plugin(name: str, group: str) -> bool:
+    """Whether a name is that of an installed plugin, or code of the user's own as module:name."""
+    return _CODE.fullmatch(name) is not None or name in _installed(group)
+
+
+def _installed(group: str) -> list[str]:
+    return sorted(metadata.entry_points(group=group).names)
 
 
 PlannerName = Annotated[str, *_or_plugin(PLANNERS, PLANNER_GROUP)]
@@ -420,15 +426,6 @@ def plugin_names(scenario: ScenarioConfig) -> Iterator[tuple[str, str]]:
         yield "prediction.name", scenario.prediction.name
     if scenario.cost.term is not None:
         yield "cost.term", scenario.cost.term
-
-
-def known_planner(key: str, name: str, allow_plugins: bool) -> None:
-    """Raise ConfigError where a planner that an option `key` names is not known, or is code and that is not allowed."""
-    try:
-        _known(name, PLANNERS, PLANNER_GROUP)
-    except ValueError as error:
-        raise ConfigError(f"{key}: {error}, got {name!r}") from None
-    require_permission(key, name, allow_plugins)
 
 
 def require_permission(key: str, name: str, allow_plugins: bool) -> None:

@@ -48,7 +48,7 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
     a process, so the environment that was reset last drives; for several use gymnasium.vector.AsyncVectorEnv.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 2}  # noqa: RUF012  # as gymnasium declares it
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 2}  # noqa: RUF012  # as gymnasium declares it; fps: decisions
     _at_the_wheel: ClassVar["DriveEnv | None"] = None
 
     def __init__(
@@ -78,6 +78,7 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"render_mode: {render_mode}: not one of rgb_array, None")
         self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._config.planner.period_s))}
         self._loop: Loop | None = None
         self._lost_to_another = False
 

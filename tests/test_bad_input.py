@@ -147,7 +147,7 @@ OPTIONS = [
     (("run", "good.yaml", "--planner", "nowhere:X", "--allow-plugins"), "good.yaml: planner.name: nowhere:X: nowhere cannot be imported: ModuleNotFound"),
     (("run", "good.yaml", "--set", "cost.term=idle"), "good.yaml: cost.term: Input should be an installed plugin (there is none) or module:name, got 'idle'"),
     (("regret", "good.yaml", "--planners", "mcts,nowhere:X"), "--planners: nowhere:X: code that a scenario names runs only with --allow-plugins"),
-    (("regret", "good.yaml", "--planners", "mcts,alphazero"), "--planners: Input should be 'mcts', 'paper', "),
+    (("regret", "good.yaml", "--planners", "mcts,alphazero"), "--planners: alphazero: not one that can be asked for a single decision; allowed: "),
     (("run", "good.yaml", "--time-budget", "-1"), "good.yaml: planner.time_budget_ms: Input should be greater than 0"),
     (("run", "good.yaml", "--set", "planner.most_iterations=10"), "good.yaml: planner: most_iterations: at least iterations (1000), got 10"),
     (("run", "good.yaml", "--time-limit", "nan"), "Input should be a finite number, got 'nan'"),

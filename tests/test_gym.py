@@ -1,9 +1,11 @@
 """The gymnasium environment: its interface, the same episodes as everybody else's, and one simulation a process."""
 
-import multiprocessing
+import json
+import os
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterator
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,6 @@ import libsumo
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AsyncVectorEnv
 
 from sumo_mcts import config, driver
 from sumo_mcts.api import load_scenario
@@ -203,31 +204,34 @@ def test_steps_need_an_episode(env: DriveEnv) -> None:
         env.step(np.int64(0))
 
 
+TWO = """
+import json
+import gymnasium, numpy as np
+both = gymnasium.make_vec("sumo_mcts.gym:sumo_mcts/Drive-v0", num_envs=2, vectorization_mode="async", vector_kwargs={"context": "spawn"},
+                          scenario="straight-line", assignments=("episode.stop_time_s=6",))
+first, _ = both.reset(seed=4)
+digests, totals = {}, np.zeros(2)
+while len(digests) < 2:
+    _, rewards, terminated, truncated, info = both.step(np.array([8, 8]))
+    for k in range(2):
+        totals[k] += rewards[k] if k not in digests else 0.0
+        if (terminated | truncated)[k] and k not in digests:
+            digests[k] = info["row"]["trace_digest"][k]
+both.close()
+print(json.dumps([[first["agents"][k].tolist(), digests[k], totals[k]] for k in range(2)]))
+"""
+
+
 @pytest.mark.slow
 def test_two_at_once_in_processes_of_their_own() -> None:
-    make = partial(DriveEnv, "straight-line", assignments=SHORT)
-    alone = {seed: drive(make(), [8], seed) for seed in (4, 5)}
-    both = AsyncVectorEnv([make, make], context="spawn")
-    try:
-        first, _ = both.reset(seed=4)
-        rows: dict[int, Any] = {}
-        totals = np.zeros(2)
-        for _ in range(40):
-            _, rewards, terminated, truncated, info = both.step(np.array([8, 8]))
-            for k in range(2):
-                totals[k] += rewards[k] if k not in rows else 0.0
-                if (terminated | truncated)[k] and k not in rows:
-                    rows[k] = info["row"]["trace_digest"][k]
-            if len(rows) == 2:
-                break
-    finally:
-        both.close()
-    for k, seed in enumerate((4, 5)):
-        seen, alone_rewards, last = alone[seed]
-        assert all((first[name][k] == seen[0][name]).all() for name in first)
-        assert rows[k] == last["row"]["trace_digest"]
-        assert totals[k] == pytest.approx(sum(alone_rewards))
-    assert not multiprocessing.active_children()
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    done = subprocess.run([sys.executable, "-c", TWO], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for seed, (agents, digest, total) in zip((4, 5), json.loads(done.stdout), strict=True):
+        seen, rewards, info = drive(DriveEnv("straight-line", assignments=("episode.stop_time_s=6",)), [8], seed)
+        assert seen[0]["agents"].tolist() == agents
+        assert info["row"]["trace_digest"] == digest
+        assert sum(rewards) == pytest.approx(total)
 
 
 # --- what may be asked for ---
