@@ -41,7 +41,7 @@ def examples(tmp_path: Path) -> Path:
     unpack("gym.md", tmp_path)
     for name in ("networks", "routes", "configs"):
         (tmp_path / name).symlink_to(TOP / name)
-    project = tomllib.loads((tmp_path / "courteous" / "pyproject.toml").read_text())["project"]
+    project = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]
     installed = tmp_path / f"{project['name']}-{project['version']}.dist-info"
     installed.mkdir()
     (installed / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
@@ -65,7 +65,7 @@ def episode(folder: Path, *words: str) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_the_worked_example_drives(examples: Path) -> None:
-    row = episode(examples, "courteous/scene.yaml", "--out", "out", "--set", "cost.term=keep_right", "--set", "traffic.vary=0")
+    row = episode(examples, "scene.yaml", "--out", "out", "--set", "traffic.vary=0")
     assert (row["outcome"], row["planner"], row["prediction"], row["variant"]) == ("arrived", "steady", "lively", "steady-lively")
     assert row["failsafe_interventions"] == 0
     manifest = json.loads((examples / "out" / "manifest.json").read_text())
@@ -76,9 +76,9 @@ def test_the_worked_example_drives(examples: Path) -> None:
         {"key": "cost.term", "name": "keep_right", "code": "courteous.cost:keep_right", "package": package},
     ]
     by_code = ("--planner", "courteous.planner:Steady", "--prediction", "courteous.predictor:Lively", "--set", "cost.term=courteous.cost:keep_right")
-    same = episode(examples, "courteous/scene.yaml", *by_code, "--set", "traffic.vary=0", "--allow-plugins")
+    same = episode(examples, "scene.yaml", *by_code, "--set", "traffic.vary=0", "--allow-plugins")
     assert same["trace_digest"] == row["trace_digest"]
-    assert "runs only with --allow-plugins" in python(examples, "-m", "sumo_mcts.cli", "run", "courteous/scene.yaml", *by_code, status=2)
+    assert "runs only with --allow-plugins" in python(examples, "-m", "sumo_mcts.cli", "run", "scene.yaml", *by_code, status=2)
 
 
 @pytest.mark.slow
