@@ -14,7 +14,7 @@ from sumo_mcts.api import load_scenario
 from sumo_mcts.config import ConfigError
 from sumo_mcts.driver import Driver, Thought, streams
 from sumo_mcts.episode import Loop, completed
-from sumo_mcts.evaluation.referee import ARRIVED, COLLISION, OFF_ROUTE, TELEPORTED, TIMEOUT
+from sumo_mcts.evaluation.referee import ARRIVED, COLLISION, ERROR, OFF_ROUTE, TELEPORTED, TIMEOUT
 from sumo_mcts.model.local import State
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.policy import Actions, Observation, Shown, bounds, observe
@@ -118,7 +118,8 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         self._recorder.note(self._scene, thought._replace(plan_ms=(time.perf_counter() - self._shown_at) * 1000.0))
         loop.apply({self._ego: thought.decision})
         there = self._drive_on(loop)
-        totals = self._measured(loop, self._start)
+        failed = loop.judged(self._ego)["outcome"] == ERROR  # SUMO itself may be gone: nothing more is measured
+        totals = self._totals if failed else self._measured(loop, self._start)
         parts = {name: self._weights[name] * (totals[name] - self._totals[name]) for name in REWARD}
         self._totals = totals
         info: dict[str, Any] = {"reward": parts}

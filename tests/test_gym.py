@@ -26,6 +26,7 @@ from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.policy import EGO, Actions, Shown, bounds
 from sumo_mcts.records import ROW_KEYS
 from sumo_mcts.scene import Decision
+from sumo_mcts.world.simulation import Simulation, SimulationError
 
 SHORT = ("episode.time_limit_s=6", "episode.stop_time_s=6")
 INPUTS = Path(__file__).parent / "bad_inputs"
@@ -259,6 +260,21 @@ def test_a_sumocfg_of_the_users_own() -> None:
 def test_wrong_arguments_are_named(arguments: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError, match=said.replace("(", r"\(")):
         DriveEnv(**arguments)
+
+
+def test_a_simulation_that_fails_ends_the_episode_with_its_message(env: DriveEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+    env.reset(seed=0)
+    env.step(np.int64(0))
+
+    def fails(simulation: Simulation) -> None:
+        raise SimulationError("the road is gone")
+
+    monkeypatch.setattr(Simulation, "step", fails)
+    _, reward, terminated, truncated, info = env.step(np.int64(0))
+    assert (reward, terminated, truncated) == (0.0, True, False)
+    assert (info["row"]["outcome"], info["row"]["error"]) == ("error", "the road is gone")
+    monkeypatch.undo()
+    env.reset(seed=0)
 
 
 def test_an_ego_that_never_departs_is_no_episode() -> None:
