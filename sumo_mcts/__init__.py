@@ -1,0 +1,30 @@
+"""Monte-Carlo tree search drives an ego vehicle through SUMO traffic. What programs call; docs/api.md has examples.
+
+load_scenario   a built-in scene, a scenario file or a .sumocfg, checked
+run_episode     drive it to its end: rows, traces, manifest
+Controller      the same driver in a libsumo loop of your own
+
+Each is loaded when it is first used, so that `import sumo_mcts` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sumo_mcts.api import load_scenario
+    from sumo_mcts.controller import Controller
+    from sumo_mcts.episode import run_episode
+
+__all__ = ["Controller", "load_scenario", "run_episode"]
+
+_HOMES = {"Controller": "sumo_mcts.controller", "load_scenario": "sumo_mcts.api", "run_episode": "sumo_mcts.episode"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

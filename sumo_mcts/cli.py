@@ -21,8 +21,9 @@ OK, FAILED, INVALID, INTERRUPTED = 0, 1, 2, 130
 
 Scenario = Annotated[str, typer.Argument(help="A built-in name, a scenario .yaml, or any .sumocfg with --ego.")]
 Until = Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")]  # noqa: UP045
-PlannerName = Annotated[Optional[str], typer.Option(help="Who drives: mcts, paper, idm, random, sumo, constant or exhaustive.")]  # noqa: UP045
+PlannerName = Annotated[Optional[str], typer.Option(help="Who drives: mcts, paper, idm, random, sumo, constant, exhaustive, or a plugin.")]  # noqa: UP045
 Assignments = Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="Set any key of the scenario (repeatable).")]  # noqa: UP045
+AllowPlugins = Annotated[bool, typer.Option("--allow-plugins", help="Run code that the scenario names as module:name.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 
 
@@ -34,7 +35,7 @@ def run(
     ego_until: Until = None,
     seed: Annotated[Optional[int], typer.Option(min=0, help="Default 0; a .sumocfg keeps its own.")] = None,  # noqa: UP045
     planner: PlannerName = None,
-    prediction: Annotated[Optional[str], typer.Option(help="idm, constant_velocity, or an oracle: routes, script, clone.")] = None,  # noqa: UP045
+    prediction: Annotated[Optional[str], typer.Option(help="idm, constant_velocity, an oracle (routes, script, clone), or a plugin.")] = None,  # noqa: UP045
     iterations: Annotated[Optional[int], typer.Option(min=1, help="Iteration budget of one decision.")] = None,  # noqa: UP045
     time_budget: Annotated[Optional[float], typer.Option(metavar="MS", help="Time budget of one decision instead; not reproducible.")] = None,  # noqa: UP045
     enforce_deadline: Annotated[bool, typer.Option("--enforce-deadline", help="Drop decisions that come too late; not reproducible.")] = False,
@@ -42,6 +43,7 @@ def run(
     assign: Assignments = None,
     out: Annotated[Optional[Path], typer.Option(help="Folder for rows, traces and pictures.")] = None,  # noqa: UP045
     gui: Annotated[bool, typer.Option("--gui", help="Watch in SUMO's window.")] = False,
+    allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
@@ -60,7 +62,7 @@ def run(
             _list_candidates(scenario, seed, tuple(context.args), as_json, say)
             return
         with say.progress("starting SUMO") as note:
-            config = commands.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, tuple(context.args))
+            config = commands.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, tuple(context.args), allow_plugins=allow_plugins)
             result = commands.run(config, scenario, seed, gui, tuple(context.args), note)
         if out is not None:
             with say.progress("drawing") as note:
@@ -87,6 +89,7 @@ def forecast(
     seeds: Annotated[Optional[int], typer.Option(min=1, help="Episodes with seeds 0 to N-1. Default: one, as `run` drives it.", metavar="N")] = None,  # noqa: UP045
     planner: PlannerName = None,
     assign: Assignments = None,
+    allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of the progress.")] = False,
 ) -> None:
@@ -96,7 +99,8 @@ def forecast(
         from sumo_mcts import commands
 
         with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
-            result = commands.forecasts(scenario, tuple(ego or ()), ego_until, overrides, seeds, tuple(context.args), note)
+            options = tuple(context.args)
+            result = commands.forecasts(scenario, tuple(ego or ()), ego_until, overrides, seeds, options, note, allow_plugins=allow_plugins)
     typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.forecast_table(result))
     for problem in result["problems"]:
         typer.echo(f"error: {problem}", err=True)
@@ -117,6 +121,7 @@ def regret(
     converged: Annotated[bool, typer.Option("--converged", help="Measure the reference itself, against 100 times its effort.")] = False,
     assign: Assignments = None,
     out: Annotated[Optional[Path], typer.Option(help="Folder for regret.jsonl and regret.csv, a row for each judgement.")] = None,  # noqa: UP045
+    allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of the progress.")] = False,
 ) -> None:
@@ -128,7 +133,8 @@ def regret(
             commands.check_folder(out)
         plan = commands.RegretPlan(tuple(planners.split(",")), commands.counts(iterations), seeds, every, states, converged)
         with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
-            result = commands.regret(tuple(scenarios or ()), tuple(ego or ()), ego_until, tuple(assign or ()), plan, out, note)
+            egos = tuple(ego or ())
+            result = commands.regret(tuple(scenarios or ()), egos, ego_until, tuple(assign or ()), plan, out, note, allow_plugins=allow_plugins)
     typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.regret_table(result))
     for problem in result["problems"]:
         typer.echo(f"error: {problem}", err=True)
@@ -261,13 +267,13 @@ def report(
 
 
 @app.command()
-def validate(files: Annotated[list[Path], typer.Argument(help="Scenario files.")]) -> None:
+def validate(files: Annotated[list[Path], typer.Argument(help="Scenario files.")], allow_plugins: AllowPlugins = False) -> None:
     """Check scenario files, and that what they name exists."""
     from sumo_mcts import commands
 
     bad = False
     for path in files:
-        problem = commands.problem_of(path)
+        problem = commands.problem_of(path, allow_plugins=allow_plugins)
         typer.echo(problem or f"{path}: ok", err=bool(problem))
         bad = bad or bool(problem)
     if bad:

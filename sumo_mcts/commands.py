@@ -12,6 +12,7 @@ import yaml
 
 from sumo_mcts import assets, config, records
 from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts.driver import cost_params, make_planner, make_predictor
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.forecast_error import compare
 from sumo_mcts.planners.reference import LABELS, digest
@@ -40,19 +41,22 @@ class RegretPlan(NamedTuple):
     converged: bool  # look at the reference itself, not at planners
 
 
-def resolve(scenario: str, seed: int | None, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str]) -> ScenarioConfig:
+def resolve(
+    scenario: str, seed: int | None, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str], *,
+    allow_plugins: bool = False,
+) -> ScenarioConfig:  # fmt: skip
     """The scenario behind a name, a YAML file or a .sumocfg. Raises ConfigError."""
     if not scenario.endswith(".sumocfg"):
         if egos or until:
-            found = config.load(assets.scenario_path(scenario), overrides).egos
+            found = config.load(assets.scenario_path(scenario), overrides, allow_plugins=allow_plugins).egos
             names = list(egos) or [ego.id for ego in found]
             overrides = (*overrides, "egos=" + yaml.safe_dump([_ego(name, until) for name in names], default_flow_style=True))
-        return config.load(assets.scenario_path(scenario), overrides)
+        return config.load(assets.scenario_path(scenario), overrides, allow_plugins=allow_plugins)
     _check_sumocfg(scenario)
     names = [_first_suitable(scenario, seed, sumo_options) if name == "any" else name for name in egos]
     stem = "".join(c if c.isalnum() or c in "_-" else "_" for c in Path(scenario).stem)
     data = {"name": stem or "user", "sumo": {"sumocfg": str(Path(scenario).resolve())}, "egos": [_ego(name, until) for name in names]}
-    return config.build(data, scenario, overrides)
+    return config.build(data, scenario, overrides, allow_plugins=allow_plugins)
 
 
 def list_candidates(sumocfg: str, seed: int | None, sumo_options: Sequence[str]) -> list[Candidate]:
@@ -72,11 +76,12 @@ def run(scenario: ScenarioConfig, origin: str, seed: int | None, gui: bool, sumo
 
 
 def forecasts(
-    scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], seeds: int | None, sumo_options: Sequence[str], note: Note
-) -> dict[str, Any]:
+    scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], seeds: int | None, sumo_options: Sequence[str], note: Note, *,
+    allow_plugins: bool = False,
+) -> dict[str, Any]:  # fmt: skip
     """The error of every forecast, over an episode for each ego (none given: the scenario's own, together) and seed: 0 .. `seeds` - 1; None: one,
     as in `run`. Raises ConfigError."""
-    resolved = _episodes(scenario, egos, until, overrides, sumo_options)
+    resolved = _episodes(scenario, egos, until, overrides, sumo_options, allow_plugins=allow_plugins)
     sumocfg = resolved[0].sumo.sumocfg
     with _named(scenario, sumocfg):
         one = None if sumocfg is not None else 0
@@ -96,23 +101,27 @@ def forecast_table(document: dict[str, Any]) -> str:
 
 
 def regret(
-    scenarios: Sequence[str], egos: Sequence[str], until: str | None, overrides: tuple[str, ...], plan: RegretPlan, out: Path | None, note: Note
-) -> dict[str, Any]:
+    scenarios: Sequence[str], egos: Sequence[str], until: str | None, overrides: tuple[str, ...], plan: RegretPlan, out: Path | None, note: Note, *,
+    allow_plugins: bool = False,
+) -> dict[str, Any]:  # fmt: skip
     """How near planners come to the optimum of the reference problem, in states of episodes that planner `mcts` drives: an episode for each scenario (none
     given: REGRET_SCENES), ego and seed. Every judgement goes into regret.jsonl and regret.csv in `out`, and what is returned into regret.json. Raises
     ConfigError."""
-    episodes = [(name, config) for name in scenarios or REGRET_SCENES for config in _episodes(name, egos, until, (*overrides, "planner.name=mcts"))]
+    for name in plan.planners:
+        config.require_permission("--planners", name, allow_plugins)
+    driven = (*overrides, "planner.name=mcts")
+    episodes = [(name, one) for name in scenarios or REGRET_SCENES for one in _episodes(name, egos, until, driven, allow_plugins=allow_plugins)]
     rows: list[Row] = []
-    harvests = [_harvest(name, config, plan, math.ceil(plan.states / len(episodes)), note) for name, config in episodes]
+    harvests = [_harvest(name, one, plan, math.ceil(plan.states / len(episodes)), note) for name, one in episodes]
     with _regret_file(out, rows) as keep:
         for number in range(plan.seeds):
-            for (name, config), harvest in zip(episodes, harvests, strict=True):
-                with _named(name, config.sumo.sumocfg):
-                    harvest.drive(number, None if config.sumo.sumocfg is not None and plan.seeds == 1 else number, keep)
+            for (name, one), harvest in zip(episodes, harvests, strict=True):
+                with _named(name, one.sumo.sumocfg):
+                    harvest.drive(number, None if one.sumo.sumocfg is not None and plan.seeds == 1 else number, keep)
     result = {
         "schema_version": records.SCHEMA_VERSION,
         "reference_digest": digest(),
-        "scenarios": list(dict.fromkeys(config.name for _, config in episodes)),
+        "scenarios": list(dict.fromkeys(one.name for _, one in episodes)),
         "states": sum(harvest.states for harvest in harvests),
         "outcomes": dict(sum((harvest.outcomes for harvest in harvests), Counter[str]())),
         "problems": [problem for harvest in harvests for problem in harvest.problems],
@@ -140,11 +149,19 @@ def _harvest(name: str, config: ScenarioConfig, plan: RegretPlan, most: int, not
         return Harvest(config, plan.every, most, ask, note)
 
 
-def _episodes(scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str] = ()) -> list[ScenarioConfig]:
+def _episodes(
+    scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str] = (), *, allow_plugins: bool
+) -> list[ScenarioConfig]:
     """The scenario with each ego (none given: its own, together)."""
+    require_egos(scenario, egos)
+    each = [[ego] for ego in egos] or [[]]
+    return [resolve(scenario, None, names, until, overrides, sumo_options, allow_plugins=allow_plugins) for names in each]
+
+
+def require_egos(scenario: str, egos: Sequence[str]) -> None:
+    """Raise ConfigError where nobody is named to drive in a .sumocfg."""
     if scenario.endswith(".sumocfg") and not egos:
         raise ConfigError(f"{scenario}: --ego: not given; `sumo-mcts run {scenario}` lists the candidates")
-    return [resolve(scenario, None, names, until, overrides, sumo_options) for names in ([[ego] for ego in egos] or [[]])]
 
 
 @contextmanager
@@ -281,10 +298,14 @@ def scenarios() -> list[dict[str, str]]:
     return [{"name": scenario.name, "description": scenario.description} for scenario in found]
 
 
-def problem_of(path: Path) -> str:
-    """What is wrong with a scenario file, "" if nothing."""
+def problem_of(path: Path, *, allow_plugins: bool = False) -> str:
+    """What is wrong with a scenario file, "" if nothing; plugins that it names are made, so that they check their options."""
     try:
-        scenario = config.load(path)
+        scenario = config.load(path, allow_plugins=allow_plugins)
+        with _named(str(path)):
+            make_planner(scenario)
+            make_predictor(scenario)
+            cost_params(scenario)
     except ConfigError as error:
         return str(error)
     named = [p for p in (scenario.sumo.sumocfg, scenario.sumo.net, *scenario.sumo.routes, *scenario.sumo.additional) if p is not None]

@@ -2,14 +2,23 @@
 
 import hashlib
 import json
+import re
+from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, WithJsonSchema, model_validator
 
 SCHEMA_VERSION = 1
 CROWD_ID = "crowd_"
+
+PLANNERS = ("mcts", "paper", "idm", "random", "sumo", "constant", "exhaustive")
+PREDICTORS = ("idm", "constant_velocity", "routes", "script", "clone")
+# Where installed packages name planners, predictors and cost terms of their own (entry points).
+PLANNER_GROUP, PREDICTOR_GROUP, TERM_GROUP = "sumo_mcts.planners", "sumo_mcts.predictors", "sumo_mcts.cost_terms"
+_CODE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -21,6 +30,35 @@ CrowdSize = Annotated[int, Field(ge=0, le=500)]
 
 class ConfigError(Exception):
     """Wrong input, in one line that names the file, the key and what is allowed."""
+
+
+def _or_plugin(builtin: tuple[str, ...], group: str) -> tuple[AfterValidator, WithJsonSchema]:
+    """The type of a name of ours, or of a plugin's."""
+    any_name = {"type": "string"}
+    schema = {"anyOf": [{"type": "string", "enum": list(builtin)}, any_name]} if builtin else any_name
+    return AfterValidator(lambda name: _known(name, builtin, group)), WithJsonSchema(schema)
+
+
+def _known(name: str, builtin: tuple[str, ...], group: str) -> str:
+    """The name, if it is ours or a plugin's. Raises ValueError."""
+    if name in builtin or is_plugin(name, group):
+        return name
+    ours = f"{', '.join(map(repr, builtin))}, " if builtin else ""
+    raise ValueError(f"Input should be {ours}an installed plugin ({', '.join(_installed(group)) or 'there is none'}) or module:name")
+
+
+def is_plugin(name: str, group: str) -> bool:
+    """Whether a name is that of an installed plugin, or code of the user's own as module:name."""
+    return _CODE.fullmatch(name) is not None or name in _installed(group)
+
+
+def _installed(group: str) -> list[str]:
+    return sorted(metadata.entry_points(group=group).names)
+
+
+PlannerName = Annotated[str, *_or_plugin(PLANNERS, PLANNER_GROUP)]
+PredictorName = Annotated[str, *_or_plugin(PREDICTORS, PREDICTOR_GROUP)]
+TermName = Annotated[str, *_or_plugin((), TERM_GROUP)]
 
 
 class _Section(BaseModel):
@@ -195,10 +233,10 @@ class SensorConfig(_Section):
 class PredictionConfig(_Section):
     """The forward-predicted copy of the traffic."""
 
-    name: Literal["idm", "constant_velocity", "routes", "script", "clone"] = Field(
+    name: PredictorName = Field(
         "idm",
         description="routes, script and clone are oracles: idm along the agents' true next lanes, the scripts of a scripted scene, and what a copy of the "
-        "running simulation does (Linux, without a window)",
+        "running simulation does (Linux, without a window); or a plugin, see extending.md",
     )
     step_s: Positive = Field(0.2, description="time between forecast states")
     headway_s: Positive = Field(1.2, description="IDM time headway of the others")
@@ -215,6 +253,7 @@ class PredictionConfig(_Section):
         description="how many joint hypotheses about the others planner mcts weighs at most: another turn, not yielding, braking; "
         "only with idm, the other forecasts have one",
     )
+    options: dict[str, Any] = Field({}, description="parameters of a plugin, which checks them itself")
 
 
 class EgoModelConfig(_Section):
@@ -232,7 +271,7 @@ class EgoModelConfig(_Section):
 class PlannerConfig(_Section):
     """The search."""
 
-    name: Literal["mcts", "paper", "idm", "random", "sumo", "constant", "exhaustive"] = "mcts"
+    name: PlannerName = "mcts"
     iterations: int = Field(1000, ge=1, le=10_000_000, description="iteration budget of one decision")
     adaptive: bool = Field(True, description="leave out what cannot become the best, and stop when nothing else is left")
     most_iterations: int | None = Field(None, ge=1, le=10_000_000, description="go on so far while the choice is close; default: no further than `iterations`")
@@ -252,6 +291,7 @@ class PlannerConfig(_Section):
     exploration: NonNegative = Field(0.3, description="const of the UCB equation, on costs normalised to 0..1")
     risk: Literal["expected", "cvar"] = Field("expected", description="what counts of the costs in several hypotheses: their mean, or that of the worst")
     cvar_alpha: Annotated[float, Field(gt=0, le=1)] = Field(0.2, description="cvar: share of the worst that may happen, by weight, whose mean cost counts")
+    options: dict[str, Any] = Field({}, description="parameters of a plugin, which checks them itself")
 
     @model_validator(mode="after")
     def _most_is_more(self) -> "PlannerConfig":
@@ -322,6 +362,8 @@ class CostConfig(_Section):
     route: NonNegative = Field(0.5, description="per second on a lane that the route leaves, at full urgency")
     lane_change: NonNegative = Field(0.6, description="C_o,lc per change begun")
     red: Positive = Field(100.0, description="entering on red")
+    term: TermName | None = Field(None, description="a further term of your own: a plugin, see extending.md")
+    term_weight: NonNegative = Field(1.0, description="handed to it")
 
 
 class FailSafeConfig(_Section):
@@ -356,20 +398,40 @@ class ScenarioConfig(_Section):
     failsafe: FailSafeConfig = FailSafeConfig()
 
 
-def load(path: Path, overrides: tuple[str, ...] = ()) -> ScenarioConfig:
-    """Read a scenario file; `overrides` are `a.b=c` assignments. Files that it names are made absolute. Raises ConfigError."""
+def load(path: Path, overrides: tuple[str, ...] = (), *, allow_plugins: bool = False) -> ScenarioConfig:
+    """Read a scenario file; `overrides` are `a.b=c` assignments. Files that it names are made absolute. Raises ConfigError, also where the file names
+    code of the user's own (module:name) and that is not allowed."""
     data = _read(path, ())
-    return build(data, str(path), overrides)
+    return build(data, str(path), overrides, allow_plugins=allow_plugins)
 
 
-def build(data: dict[str, Any], origin: str, overrides: tuple[str, ...] = ()) -> ScenarioConfig:
-    """Check a scenario given as a mapping; `origin` stands in error messages. Raises ConfigError."""
+def build(data: dict[str, Any], origin: str, overrides: tuple[str, ...] = (), *, allow_plugins: bool = False) -> ScenarioConfig:
+    """Check a scenario given as a mapping, as `load` does a file; `origin` stands in error messages. Raises ConfigError."""
     for override in overrides:
         _assign(data, override)
     try:
-        return ScenarioConfig.model_validate(data)
+        scenario = ScenarioConfig.model_validate(data)
     except ValidationError as error:
         raise ConfigError(f"{origin}: {_first_problem(error)}") from None
+    for key, name in plugin_names(scenario):
+        require_permission(f"{origin}: {key}", name, allow_plugins)
+    return scenario
+
+
+def plugin_names(scenario: ScenarioConfig) -> Iterator[tuple[str, str]]:
+    """Key and name of every plugin that a scenario names."""
+    if scenario.planner.name not in PLANNERS:
+        yield "planner.name", scenario.planner.name
+    if scenario.prediction.name not in PREDICTORS:
+        yield "prediction.name", scenario.prediction.name
+    if scenario.cost.term is not None:
+        yield "cost.term", scenario.cost.term
+
+
+def require_permission(key: str, name: str, allow_plugins: bool) -> None:
+    """Raise ConfigError where a name is code and code is not allowed: a file from somebody else must not run any. What is installed was let in."""
+    if ":" in name and not allow_plugins:
+        raise ConfigError(f"{key}: {name}: code that a scenario names runs only with --allow-plugins")
 
 
 def digest(config: BaseModel) -> str:

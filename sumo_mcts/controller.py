@@ -12,7 +12,8 @@ from typing import Any, NoReturn
 
 from sumo_mcts import config as scenario_files
 from sumo_mcts.config import ConfigError, ScenarioConfig
-from sumo_mcts.driver import Driver, Oracles, Thought, streams, warm_up
+from sumo_mcts.driver import Driver, Thought, streams, warm_up
+from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.pilot import Pilot, running_world
 from sumo_mcts.world.simulation import option, require_running
 
@@ -25,14 +26,15 @@ _NOT_HERE = {
 class Controller:
     """Takes the vehicle over as soon as it is on the road and drives it until it leaves; takes the decisions that `sumo-mcts run` takes."""
 
-    def __init__(self, ego: str, config: ScenarioConfig | Mapping[str, Any] | None = None, *, seed: int = 0) -> None:
+    def __init__(self, ego: str, config: ScenarioConfig | Mapping[str, Any] | None = None, *, seed: int = 0, allow_plugins: bool = False) -> None:
         """Join the simulation that runs in this process. Raises ConfigError where there is none, or where `config` is wrong.
 
         config: a scenario, of which everything but sumo, egos, traffic and episode counts; or its sections, as in
         {"planner": {"iterations": 2000}}; by default as in a scenario that says nothing. `seed` is that of the search and of the sensor's errors.
+        allow_plugins: whether a mapping may name code of your own as module:name.
         """
         require_running()
-        self._ego, self._config = ego, _scenario(ego, config)
+        self._ego, self._config = ego, _scenario(ego, config, allow_plugins)
         self._world = running_world(self._config.planner.period_s)
         oracles = Oracles(self._world.observer.way, _no_script, _no_copy)
         self._driver = Driver(self._config, self._world.road, self._world.physics, streams(seed).search, oracles)
@@ -86,11 +88,11 @@ def _no_copy(*_: object) -> NoReturn:
     raise ConfigError("Controller: no copy of a loop of the user's own")
 
 
-def _scenario(ego: str, config: ScenarioConfig | Mapping[str, Any] | None) -> ScenarioConfig:
+def _scenario(ego: str, config: ScenarioConfig | Mapping[str, Any] | None, allow_plugins: bool) -> ScenarioConfig:
     """A scenario around the running simulation."""
     if not isinstance(config, ScenarioConfig):
         data = {"name": "controller", "sumo": {"net": option("net-file")}, "egos": [{"id": ego}]}
-        config = scenario_files.build({**data, **(config or {})}, "Controller")
+        config = scenario_files.build({**data, **(config or {})}, "Controller", allow_plugins=allow_plugins)
     if config.prediction.name in _NOT_HERE:
         raise ConfigError(f"Controller: prediction.name: {config.prediction.name} {_NOT_HERE[config.prediction.name]}; allowed: idm, constant_velocity, routes")
     return config

@@ -2,20 +2,21 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.model.cost import CostParams
+from sumo_mcts import plugins
+from sumo_mcts.config import PLANNERS, PREDICTORS, ConfigError, ScenarioConfig
+from sumo_mcts.model.cost import CostParams, Term, compiled_term
 from sumo_mcts.model.ego import HALF, EgoParams
 from sumo_mcts.model.intentions import foresee
 from sumo_mcts.model.local import State, ego_state
+from sumo_mcts.model.predictor import Heard, Oracles, Predictor, Question, checked
 from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.script import script_poses
-from sumo_mcts.model.traffic import LANES, Scripted, Told, TrafficParams, predict
+from sumo_mcts.model.traffic import LANES, Told, TrafficParams, predict
 from sumo_mcts.planners.base import Planner, Remembering, Situation, Task
 from sumo_mcts.planners.baselines import ConstantPlanner, IdmParams, IdmPlanner, RandomPlanner, SumoPlanner
 from sumo_mcts.planners.effort import Effort, Timekeeper
@@ -52,61 +53,6 @@ NOMINAL_S = 2.0  # s of the last plan that the forecast takes for granted; after
 CENTRED = 0.02  # m from the middle of its lane within which no lane change is under way
 
 
-class Oracles(NamedTuple):
-    """Who could be asked for what no sensor sees. Asked only where the scenario names such a forecast."""
-
-    way: Callable[[str, int], Ints]  # vehicle and its lane: the lanes it is really going to take
-    script: Callable[[str, float, float, int], Scripted | None]  # vehicle, time (s), step (s), count: its coming states, if it holds a script
-    clone: Callable[[Scene, Follow | Release, float, int], Mapping[int, Scripted]]
-    # scene, what its ego is to do, step (s), count: the coming states of its agents (index) in a copy of the simulation
-
-
-class Heard:
-    """Passes questions on to oracles and keeps their answers, so that a decision can be taken again without them."""
-
-    def __init__(self, oracles: Oracles | None) -> None:
-        self._ask = oracles
-        self.forget()
-
-    def forget(self) -> None:
-        """A new cycle begins."""
-        self._ways: dict[str, Ints] = {}
-        self._scripts: dict[str, Scripted] = {}
-        self._copies: dict[int, Scripted] = {}
-
-    def oracles(self) -> Oracles | None:
-        """To be asked in place of the true ones."""
-        return None if self._ask is None else Oracles(self._way, self._script, self._clone)
-
-    def answers(self, ids: Sequence[str]) -> Answers:
-        """What was told of the agents with these ids, in this cycle."""
-        ways = tuple(self._ways.get(vehicle, np.zeros(0, np.int32)) for vehicle in ids) if self._ways else ()
-        states = {**{i: self._scripts[vehicle] for i, vehicle in enumerate(ids) if vehicle in self._scripts}, **self._copies}
-        if not states:
-            return Answers(ways)
-        count = min(len(each.v) for each in states.values())
-        columns = [np.stack([column[:count] for column in field]) for field in zip(*states.values(), strict=True)]
-        return Answers(ways, np.array(list(states), np.int32), np.array([ids[i] in self._scripts for i in states], np.bool_), *columns)
-
-    def _way(self, vehicle: str, lane: int) -> Ints:
-        assert self._ask is not None
-        self._ways[vehicle] = self._ask.way(vehicle, lane)
-        return self._ways[vehicle]
-
-    def _script(self, vehicle: str, time: float, step: float, count: int) -> Scripted | None:
-        assert self._ask is not None
-        found = self._ask.script(vehicle, time, step, count)
-        if found is not None:
-            self._scripts[vehicle] = found
-        return found
-
-    def _clone(self, scene: Scene, command: Follow | Release, step: float, count: int) -> Mapping[int, Scripted]:
-        assert self._ask is not None
-        found = self._ask.clone(scene, command, step, count)
-        self._copies.update(found)
-        return found
-
-
 class Physics(NamedTuple):
     """How the running simulation moves vehicles."""
 
@@ -130,7 +76,7 @@ def streams(seed: int | None) -> Streams:
 
 
 class PlannerError(Exception):
-    """The planner failed too often in a row; the message is that of its last failure."""
+    """The planner, or a predictor of the user's own, does not start or failed too often in a row; the message is that of its last failure."""
 
 
 class Thought(NamedTuple):
@@ -147,11 +93,21 @@ class Thought(NamedTuple):
 class Driver:
     """Plans for one ego."""
 
-    def __init__(self, config: ScenarioConfig, road: RoadMap, physics: Physics, seed: int, oracles: Oracles | None = None) -> None:
+    def __init__(
+        self, config: ScenarioConfig, road: RoadMap, physics: Physics, seed: int, oracles: Oracles | None = None, planner: Planner | None = None
+    ) -> None:
+        """`planner`: in place of the one that the scenario names. Raises ConfigError where a plugin cannot be made."""
         self._config, self._road, self._physics, self._seed = config, road, physics, seed
         self._heard = Heard(oracles)
         self._oracles = self._heard.oracles()
-        self._planner = make_planner(config)
+        self._planner = make_planner(config) if planner is None else planner
+        self._cost = cost_params(config)
+        self._predictor = make_predictor(config)
+        if self._predictor is not None:
+            try:
+                self._predictor.start(road, self._oracles if self._predictor.oracle else None)
+            except Exception as error:  # whatever a predictor may do
+                raise ConfigError(f"prediction.name: {config.prediction.name}: does not start: {plugins.in_words(error)}") from None
         self._period = max(1, round(config.planner.period_s / physics.step)) * physics.step
         self._fail_safe = FailSafe(assumed(config), self._period)
         self._timekeeper = Timekeeper(time_budget_s(config))
@@ -171,21 +127,21 @@ class Driver:
         until = self._timekeeper.until(began)
         memory = self._memory()
         self._heard.forget()
-        self._keep_route(scene.ego)
-        route, state = self._route, self._state(scene)
-        if state is None or route is None:
+        placed = self.placed(scene)
+        if placed is None:
             self._plan, self._command, self.question = None, Release(), None
             self._fail_safe.forget()
             return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began), memory=memory)
-        self._note_stop(route, state, scene.time)
-        forecast = self._usual_forecast(scene, route, state) if self._planner.needs_forecast or self._config.failsafe.on else None
+        task, state = placed
+        self._note_stop(task.route, state, scene.time)
+        forecast, failure = self._foreseen(scene, state) if self._planner.needs_forecast or self._config.failsafe.on else (None, "")
         situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), frozenset(self._stood), until)
-        self.question = (self._task, situation)
-        decision, why = self._planned(situation)
+        self.question = (task, situation)
+        decision, why = self._planned(situation, failure)
         why = why or self._objection(situation, decision, _ms(began))
         if why:
             if forecast is None:
-                situation = situation._replace(forecast=self._usual_forecast(scene, route, state))
+                situation = situation._replace(forecast=self._foreseen(scene, state)[0])
             decision = self._fail_safe.fall_back(situation, why, decision)
         assert decision is not None, "whatever fails has a reason"
         self._plan, self._command, self._plan_time = decision.plan, decision.command, scene.time
@@ -212,17 +168,26 @@ class Driver:
         if isinstance(self._planner, Remembering) and any(len(part) for part in memory.planner):
             self._planner.recall(memory.planner)
 
-    def _planned(self, situation: Situation) -> tuple[Decision | None, str]:
-        """The planner's decision, or why there is none."""
-        try:
-            decision = self._planner.plan(situation)
-            why = nonsense(self._task, situation.state, decision)
-        except Exception as error:  # whatever a planner may do
-            decision, why = None, f"{type(error).__name__}: {error}"
+    def placed(self, scene: Scene) -> tuple[Task, State] | None:
+        """What there is to drive, laid out anew where SUMO changed the route, and where the ego is on it; None where it is not on its route."""
+        self._keep_route(scene.ego)
+        state = self._state(scene)
+        return None if state is None else (self._task, state)
+
+    def _planned(self, situation: Situation, failure: str) -> tuple[Decision | None, str]:
+        """The planner's decision, or why there is none; `failure`: of the predictor, on whose forecast nothing is planned."""
+        decision, why, whose = None, failure, "predictor"
+        if not failure:
+            whose = "planner"
+            try:
+                decision = self._planner.plan(situation)
+                why = nonsense(self._task, situation.state, decision)
+            except Exception as error:  # whatever a planner may do
+                why = f"{type(error).__name__}: {error}"
         self._failures = self._failures + 1 if why else 0
         if self._failures > self._config.failsafe.most_failures:
             raise PlannerError(why)
-        return (None, f"the planner failed: {why}") if why else (decision, "")
+        return (None, f"the {whose} failed: {why}") if why else (decision, "")
 
     def _objection(self, situation: Situation, decision: Decision | None, ms: float) -> str:
         """Why a decision that took so long must not be executed; "" where it may."""
@@ -235,7 +200,8 @@ class Driver:
         return ""
 
     def forecast(self, scene: Scene, name: str, seconds: float) -> Forecast | None:
-        """What the predictor `name` says right after a decision, given the plan just made; None where the ego is not on its route."""
+        """What the predictor `name` (ours, or the scenario's) says right after a decision, given the plan just made; None where the ego is not on its
+        route. Raises what a predictor of the user's own raises, and ValueError where its answer is no forecast."""
         route, state = self._route, self._state(scene)
         if state is None or route is None:
             return None
@@ -249,10 +215,16 @@ class Driver:
         """Where the ego is on its route, if it is."""
         return None if self._route is None or scene.ego.lane < 0 else ego_state(self._route, as_seen(self._road, scene.ego))
 
-    def _usual_forecast(self, scene: Scene, route: RouteMap, state: State) -> Forecast:
-        """What the scenario's predictor says, as far as its planner looks."""
-        most = self._config.prediction.hypotheses if self._config.planner.name == "mcts" else 1
-        return self._forecast(scene, route, state, self._config.prediction.name, self._horizon(), most)
+    def _foreseen(self, scene: Scene, state: State) -> tuple[Forecast, str]:
+        """What the scenario's predictor says, as far as its planner looks; where one of the user's own fails, what ours says, and why."""
+        name, route = self._config.prediction.name, self._task.route
+        most = self._config.prediction.hypotheses if isinstance(self._planner, MctsPlanner) else 1
+        if self._predictor is None:
+            return self._forecast(scene, route, state, name, self._horizon(), most), ""
+        try:
+            return self._forecast(scene, route, state, name, self._horizon()), ""
+        except Exception as error:  # whatever a predictor may do
+            return self._forecast(scene, route, state, "idm", self._horizon()), plugins.in_words(error)
 
     def _keep_route(self, ego: EgoState) -> None:
         """Lay the route out when the ego is taken over, and again when SUMO gave it another one."""
@@ -268,9 +240,12 @@ class Driver:
         params = ego_params(self._config, ego, self._physics)
         self._edges, self._stood = edges, {}
         self._route = route_map(self._road, edges, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
-        self._task = Task(self._road, self._route, params, cost_params(self._config))
+        self._task = Task(self._road, self._route, params, self._cost)
         self._fail_safe.start(self._task)
-        self._planner.start(self._task, self._seed)
+        try:
+            self._planner.start(self._task, self._seed)
+        except Exception as error:  # whatever a planner may do
+            raise PlannerError(f"planner {self._config.planner.name} does not start: {plugins.in_words(error)}") from error
 
     def _note_stop(self, route: RouteMap, state: State, now: float) -> None:
         """Remember when the ego stood at a stop sign."""
@@ -292,6 +267,9 @@ class Driver:
         params = self._traffic._replace(interacting=name != "constant_velocity")
         stood_s = scene.time - self._stood.get(state.node, math.inf)
         nominal, lanes = self._nominal(scene.time), _ego_lanes(route, state)
+        if self._predictor is not None and name == self._config.prediction.name:
+            question = Question(scene, lanes, nominal, params, seconds, stood_s)
+            return checked(self._predictor.predict(question), self._road, question)
         if name == "idm":
             return foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, most)
         return predict(self._road, scene, lanes, nominal, params, seconds, self._told(scene, name, seconds), stood_s)
@@ -332,7 +310,7 @@ class Driver:
 
 def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
     """Load (the first time: compile) what decisions need, by one that nobody executes; without it the ego's first decision would be late."""
-    if config.planner.name not in FORECASTING and not config.failsafe.on:
+    if not reads_forecast(config) and not config.failsafe.on:
         return
     planner = config.planner.model_copy(update={"iterations": 1, "most_iterations": None, "time_budget_ms": None, "enforce_deadline": False})
     checked = config.failsafe.on or config.planner.enforce_deadline
@@ -360,8 +338,30 @@ def as_seen(road: RoadMap, ego: EgoState) -> EgoState:
     return ego._replace(changing=min(share, 0.5 - 1e-9), change_from=ego.lane, change_to=other)
 
 
+def reads_forecast(config: ScenarioConfig) -> bool:
+    """Whether the planner that a scenario names reads a forecast. Raises ConfigError where it is a plugin that cannot be loaded."""
+    name = config.planner.name
+    return name in FORECASTING if name in PLANNERS else bool(getattr(plugins.loaded("planner.name", name), "needs_forecast", True))
+
+
+def prediction_label(config: ScenarioConfig) -> str:
+    """What the scenario's predictor is called in results: a plugin that is an oracle is labelled. Raises ConfigError where it cannot be loaded."""
+    name = config.prediction.name
+    oracle = name not in PREDICTORS and getattr(plugins.loaded("prediction.name", name), "oracle", False)
+    return f"{name} (oracle)" if oracle else name
+
+
+def make_predictor(config: ScenarioConfig) -> Predictor | None:
+    """The predictor of the user's own that a scenario names; None: one of ours. Raises ConfigError."""
+    q = config.prediction
+    if q.name in PREDICTORS:
+        return None
+    predictor: Predictor = plugins.made("prediction.name", q.name, ("oracle", "start", "predict"), q.options, config)
+    return predictor
+
+
 def make_planner(config: ScenarioConfig) -> Planner:
-    """The planner that a scenario names."""
+    """The planner that a scenario names. Raises ConfigError where it is a plugin that cannot be made."""
     p = config.planner
     match p.name:
         case "sumo":
@@ -378,6 +378,8 @@ def make_planner(config: ScenarioConfig) -> Planner:
             return PaperPlanner(_paper_params(config))
         case "mcts":
             return MctsPlanner(mcts_params(config))
+    planner: Planner = plugins.made("planner.name", p.name, ("needs_forecast", "start", "plan"), p.options, config)
+    return planner
 
 
 def mcts_params(config: ScenarioConfig) -> MctsParams:
@@ -401,12 +403,22 @@ def ego_params(config: ScenarioConfig, ego: EgoState, physics: Physics) -> EgoPa
 
 
 def cost_params(config: ScenarioConfig) -> CostParams:
-    """The weights of planner `mcts`."""
+    """The weights of planner `mcts`, and a term of the user's own. Raises ConfigError where that cannot be compiled."""
     c = config.cost
     return CostParams(
         c.contact, c.speed_at_contact, c.headway_s, c.headway_gap_m, c.headway, c.claim_s, c.claim, c.margin_m, c.margin, c.acceleration, c.jerk, c.braking,
         c.progress, c.tail_s, c.blocking, c.route, c.lane_change, c.red, c.cut_in_decel_mps2, c.imposed,
+        None if c.term is None else _term(c.term, c.term_weight),
     )  # fmt: skip
+
+
+def _term(name: str, weight: float) -> Term:
+    try:
+        return Term(compiled_term(plugins.loaded("cost.term", name)), weight)
+    except ConfigError:
+        raise
+    except Exception as error:  # numba's errors share no base of use
+        raise ConfigError(f"cost.term: {name}: cannot be compiled: {plugins.in_words(error)}") from None
 
 
 def assumed(config: ScenarioConfig) -> Assumed:

@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts import records
+from sumo_mcts import plugins, records
 from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest
-from sumo_mcts.driver import FORECASTING, SEARCHING, Driver, Oracles, as_seen, ego_params, streams, warm_up
+from sumo_mcts.driver import SEARCHING, Driver, as_seen, ego_params, prediction_label, reads_forecast, streams, warm_up
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import COLLISION, Goal, Referee
 from sumo_mcts.model.kernel import is_compiled
+from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.pilot import Pilot, World, running_world
@@ -61,16 +62,22 @@ def run_episode(
     variant: str | None = None,
     watch: Watch | None = None,
 ) -> EpisodeResult:
-    """Run a scenario to its end; without a seed SUMO keeps its own. Raises ConfigError where the input is wrong; what fails later is an outcome."""
+    """Run a scenario to its end; without a seed SUMO keeps its own. Raises ConfigError where the input is wrong; what fails later is an outcome.
+
+    `sumo_options` as on SUMO's command line. `progress` is told what goes on, `watch` is called with every set of decisions before they are executed.
+    `variant` is what rows and keys call it; default planner-prediction-effort.
+    """
     began = time.perf_counter()
     recorders = {ego.id: Recorder() for ego in config.egos}
     loop = Loop(config, seed, gui=gui, sumo_options=sumo_options, progress=progress)
     try:
         loop.start()
+        drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.oracles) for ego in config.egos}
         if progress is not None and _searches(config) and not is_compiled():
             progress("compiling the search, once for this version (about half a minute)")
+        elif progress is not None and config.cost.term is not None:
+            progress("loading the search with a further term (compiled when it is first used, about half a minute)")
         warm_up(config, loop.world.road, loop.world.physics)
-        drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.oracles) for ego in config.egos}
         while scenes := loop.scenes():
             decisions = _decide(loop, scenes, drivers, recorders)
             if watch is not None:
@@ -82,7 +89,7 @@ def run_episode(
         rows = loop.finish()
     name = variant or default_variant(config)
     wall = time.perf_counter() - began
-    full = [_complete(row, config, seed, name, recorders[row["ego"]], loop.world.period, wall) for row in rows]
+    full = [completed(row, config, seed, name, recorders[row["ego"]], loop.world.period, wall) for row in rows]
     road, setting = loop.world.road, _setting(config, seed, loop)
     traces = [recorders[row["ego"]].trace(row["key"], config.name, row["outcome"], road, setting) for row in full]
     return EpisodeResult(tuple(full), tuple(trace for trace in traces if trace is not None), _manifest(config, seed, loop), road)
@@ -90,13 +97,13 @@ def run_episode(
 
 def _searches(config: ScenarioConfig) -> bool:
     """Whether the planner does, or the reference of inevitable collisions may have to."""
-    return config.planner.name in FORECASTING or any(actor.driver == "script" for actor in config.traffic.actors)
+    return reads_forecast(config) or any(actor.driver == "script" for actor in config.traffic.actors)
 
 
 def default_variant(config: ScenarioConfig) -> str:
     """planner-prediction-effort, e.g. mcts-idm-1000, as far as there are such."""
     planner = config.planner
-    if planner.name not in FORECASTING:
+    if not reads_forecast(config):
         return planner.name
     if planner.name not in SEARCHING:
         return f"{planner.name}-{config.prediction.name}"
@@ -185,6 +192,16 @@ class Loop:
                 ego.digest.add_decision(decision)
                 if self._gui:
                     window.draw_plan(ego.id, decision.plan.pose if decision.plan is not None else np.zeros((0, 4)))
+
+    def judged(self, vehicle: str) -> Row:
+        """What the row of an ego would be if the episode ended now, as far as states tell."""
+        return next(ego for ego in self._egos if ego.id == vehicle).row()
+
+    @property
+    def time(self) -> float:
+        """Simulation time, s."""
+        assert self._simulation is not None, "start() first"
+        return self._simulation.time
 
     def fail(self, vehicle: str, message: str) -> None:
         """End an ego's episode with outcome `error`."""
@@ -451,7 +468,7 @@ def _news(scenes: Mapping[str, Scene]) -> str:
     return f"{scene.time:.1f} s  {scene.ego.id} at {scene.ego.v:.1f} m/s, {len(scene.agents.ids)} in range"
 
 
-def _complete(row: Row, config: ScenarioConfig, seed: int | None, variant: str, recorder: Recorder, period: float, wall: float) -> Row:
+def completed(row: Row, config: ScenarioConfig, seed: int | None, variant: str, recorder: Recorder, period: float, wall: float) -> Row:
     """The row with what is known about scenario, planner and time; `period` and `wall` in s."""
     return {
         **records.row_defaults(),
@@ -461,7 +478,7 @@ def _complete(row: Row, config: ScenarioConfig, seed: int | None, variant: str, 
         "scenario": config.name,
         "variant": variant,
         "planner": config.planner.name,
-        "prediction": config.prediction.name if config.planner.name in FORECASTING else None,
+        "prediction": prediction_label(config) if reads_forecast(config) else None,
         "seed": seed,
         "wall_s": wall,
         "realtime_factor": recorder.simulated(period) / wall if wall > 0 else None,
@@ -484,6 +501,7 @@ def _manifest(config: ScenarioConfig, seed: int | None, loop: Loop) -> dict[str,
         "seed": seed,
         "redrawn": loop.redrawn,
         "versions": records.versions(),
+        "plugins": plugins.described(config),
         "sumo_arguments": loop.arguments,
         "set_by_referee": REFEREE_OPTIONS,
         "step_s": loop.world.physics.step,

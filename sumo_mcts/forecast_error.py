@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts import records
-from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.driver import Driver
+from sumo_mcts.config import PREDICTORS, ScenarioConfig
+from sumo_mcts.driver import Driver, prediction_label
 from sumo_mcts.episode import Loop, default_variant, run_episode
 from sumo_mcts.evaluation.forecasts import Errors, errors, statistics, together
 from sumo_mcts.scene import Forecast, Scene
@@ -19,7 +19,7 @@ from sumo_mcts.world.clone import require_copyable, require_possible
 from sumo_mcts.world.observe import LANE, THERE
 
 HORIZONS = (1.0, 3.0, 5.0)  # s
-PREDICTORS = ("constant_velocity", "idm", "routes", "script", "clone")
+OURS = ("constant_velocity", "idm", "routes", "script", "clone")
 
 Note = Callable[[str], None]
 
@@ -63,7 +63,10 @@ class _Judge:
 
     def __init__(self, config: ScenarioConfig) -> None:
         scripted = any(actor.driver == "script" for actor in config.traffic.actors)
-        self._predictors = [name for name in PREDICTORS if name != "script" or scripted]
+        own = config.prediction.name
+        self._predictors = {name: name for name in OURS if name != "script" or scripted}  # label -> name
+        if own not in PREDICTORS:
+            self._predictors[prediction_label(config)] = own
         self._found: defaultdict[tuple[str, float], list[Errors]] = defaultdict(list)
         self._ms: defaultdict[str, list[float]] = defaultdict(list)
         self.cycles = 0
@@ -79,7 +82,7 @@ class _Judge:
         for ego, scene in scenes.items():
             self._judge(loop, ego, scene.time)
             try:
-                forecasts = {name: self._ask(drivers[ego], name, scene, max(HORIZONS) + 0.5 * loop.world.period) for name in self._predictors}
+                forecasts = {label: self._ask(drivers[ego], label, scene, max(HORIZONS) + 0.5 * loop.world.period) for label in self._predictors}
             except Exception as error:  # as with planners: an outcome, not the end of a batch
                 loop.fail(ego, f"{type(error).__name__}: {error}")
                 continue
@@ -88,10 +91,10 @@ class _Judge:
                 self.cycles += 1
                 self._said[ego].append(_Said(scene, given))
 
-    def _ask(self, driver: Driver, name: str, scene: Scene, seconds: float) -> Forecast | None:
+    def _ask(self, driver: Driver, label: str, scene: Scene, seconds: float) -> Forecast | None:
         began = time.perf_counter()
-        forecast = driver.forecast(scene, name, seconds)
-        self._ms[name].append((time.perf_counter() - began) * 1000.0)
+        forecast = driver.forecast(scene, self._predictors[label], seconds)
+        self._ms[label].append((time.perf_counter() - began) * 1000.0)
         return forecast
 
     def _judge(self, loop: Loop, ego: str, now: float) -> None:

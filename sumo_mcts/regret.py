@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts.config import PLANNER_GROUP, ConfigError, ScenarioConfig, is_plugin
 from sumo_mcts.driver import FORECASTING, SEARCHING, Driver, make_planner
 from sumo_mcts.episode import Loop, run_episode
 from sumo_mcts.experiments.statistics import wilson
@@ -93,9 +93,9 @@ class Panel:
 
     def __init__(self, config: ScenarioConfig, planners: Sequence[str], iterations: Sequence[int]) -> None:
         """Those that search are asked with each number of `iterations`. Raises ConfigError for one that cannot be asked."""
-        unknown = [name for name in planners if name not in ASKED]
+        unknown = [name for name in planners if name not in ASKED and not is_plugin(name, PLANNER_GROUP)]
         if unknown:
-            raise ConfigError(f"--planners: {unknown[0]}: not one that can be asked for a single decision; allowed: {', '.join(ASKED)}")
+            raise ConfigError(f"--planners: {unknown[0]}: not one that can be asked for a single decision; allowed: {', '.join(ASKED)}, plugins")
         self._efforts = list(dict.fromkeys((name, n) for name in planners for n in (iterations if name in SEARCHING else (None,))))
         self._planners = [make_planner(_asked(config, name, n)) for name, n in self._efforts]
 

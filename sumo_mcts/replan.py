@@ -4,7 +4,8 @@ import json
 from collections.abc import Sequence
 
 from sumo_mcts.config import ConfigError, ScenarioConfig, build
-from sumo_mcts.driver import Driver, Oracles, Physics, Thought
+from sumo_mcts.driver import Driver, Physics, Thought
+from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.records import CycleRecord, Setting, Trace
 from sumo_mcts.scene import Follow, Ints, PlannerMemory, Release, RoadMap, Scene

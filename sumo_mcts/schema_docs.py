@@ -29,7 +29,7 @@ _MEANINGS = {
     "traffic.actors[].driver": "who drives it; without effect on an ego",
     "traffic.events[].vehicle": "vehicle id",
     "planner.name": "the search, the paper's algorithm, car following with gap acceptance, any action, SUMO's own driver, constant speed, or the reference "
-    "problem's solution",
+    "problem's solution; or a plugin, see extending.md",
     "paper.look_ahead_steps": "levels of the tree",
     "paper.rollout_steps": "random steps after the look-ahead",
     "paper.accelerations_mps2": "actions that keep the lane",
@@ -112,7 +112,7 @@ def _type(field: Schema, key: str) -> str:
     if _reference(field):
         return "list of sections" if _is_list(field) else "section"
     unit = next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
-    return " or ".join(_type_name(kind) for kind in _kinds(field)) + (f", {unit}" if unit else "")
+    return " or ".join(dict.fromkeys(_type_name(kind) for kind in _kinds(field))) + (f", {unit}" if unit else "")
 
 
 def _type_name(kind: Schema) -> str:
@@ -120,6 +120,8 @@ def _type_name(kind: Schema) -> str:
         case "array":
             items = [kind["items"]] if "items" in kind else kind["prefixItems"]
             return f"list of {_type_name(items[0])}s"
+        case "object" if kind["additionalProperties"] is True:
+            return "mapping"
         case "object":
             inner = " or ".join(_type_name(each) for each in _kinds(kind["additionalProperties"]))
             return f"mapping to {inner}"

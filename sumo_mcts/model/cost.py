@@ -1,11 +1,13 @@
 """The four terms of J (paper, equation 1) for planner `mcts`. One unit is one second of standing still."""
 
 import math
+from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 from sumo_mcts.model.ego import EgoParams, pose_of
 from sumo_mcts.model.geometry import boxes_touch
-from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.kernel import kernel, scalar_function
 from sumo_mcts.model.local import (
     BESIDE,
     CLAIM_SAMPLES,
@@ -40,13 +42,23 @@ from sumo_mcts.model.local import (
     chain_gap,
 )
 from sumo_mcts.model.react import seen
-from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, REACH
+from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, REACH, RIGHT_NODE
 from sumo_mcts.scene import Floats
 
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
 SIGHT = 80.0  # m beyond which an agent is not looked at
 CLEAR, CLOSE, CONTACT = range(3)
+
+TermFunction = Callable[[float, int, float, float, float, float, float, float], float]
+_TERM = "float64(float64, int64, float64, float64, float64, float64, float64, float64)"
+
+
+class Term(NamedTuple):
+    """A cost of the user's own, in units of J per second."""
+
+    rate: TermFunction  # of t, lane, s, v, a, jerk, gap, weight; see `step_own`
+    weight: float
 
 
 class CostParams(NamedTuple):
@@ -72,6 +84,7 @@ class CostParams(NamedTuple):
     red: float
     cut_in_decel: float
     imposed: float
+    term: Term | None = None  # None: the kernels are compiled without a trace of it
 
 
 class Meeting(NamedTuple):
@@ -348,6 +361,28 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
         if local.node[after.node, INTERNAL] > 0.0 and after.v < 1.0:
             rate += c.blocking
     return rate * p.step
+
+
+@cache
+def compiled_term(rate: TermFunction) -> TermFunction:
+    """A term's function as kernels call it. Raises numba's error where it cannot be compiled."""
+    return scalar_function(rate, _TERM)
+
+
+@kernel
+def step_own(term: Term | None, local: Local, p: EgoParams, c: CostParams, before: State, after: State, gap: float, time: float) -> float:
+    """The user's own cost of one simulation step that ends `time` s from now, `gap` m behind the leader (inf: none).
+
+    At least 0, since the search takes costs to add up, and at most that of a contact for a second; what is no number costs nothing. Lanes are counted
+    from the right among those that the ego may use; inside junctions they are all 0.
+    """
+    if term is None:  # numba leaves out the rest where there is none
+        return 0.0
+    lane, beside = 0, int(local.node[after.node, RIGHT_NODE])
+    while beside >= 0:
+        lane, beside = lane + 1, int(local.node[beside, RIGHT_NODE])
+    rate = term.rate(time, lane, after.s, after.v, after.a, (after.a - before.a) / p.step, gap, term.weight)
+    return min(rate, c.contact) * p.step if rate > 0.0 else 0.0
 
 
 @kernel

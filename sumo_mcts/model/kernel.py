@@ -42,6 +42,13 @@ def making_arrays(function: _F) -> _F:
     return _compiled(function)
 
 
+def scalar_function(function: _F, signature: str) -> _F:
+    """A function of scalars as an argument of kernels: all of one `signature` are one type to numba, so that kernels are compiled, and kept on disk,
+    once for all of them. A function that is a kernel already is compiled anew."""
+    plain = getattr(function, "py_func", function)
+    return cast(_F, plain if _SETTINGS.DISABLE_JIT else numba.cfunc(signature, error_model="numpy")(plain))
+
+
 def _compiled(function: _F, **options: Any) -> _F:
     previous = _SETTINGS.CACHE_DIR
     _SETTINGS.CACHE_DIR = str(_CACHE)

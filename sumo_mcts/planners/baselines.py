@@ -132,15 +132,19 @@ class RandomPlanner(Drawing):
         """Draw until an action is possible; some way of keeping the lane always is."""
         task, p = self._task, self._params
         local = local_of(task, situation)
-        q = in_steps(p, task.ego.step, local.dt)
-        steps = _two_periods(p.period_s, task)
         for accel, side, _ in self._rng.permutation(self._actions):
-            line = np.full(steps, accel)
-            line[0] = entry_of(accel, side)
-            plan, _, _ = follow_line(local, task, q, situation.state, NOBODY, line)
+            plan = plan_of(task, p, local, situation.state, accel, side)
             if len(plan.v):
                 break
         return Decision(Follow(plan.v, int(side)), plan, (), -1, "random", 0, 0)
+
+
+def plan_of(task: Task, p: MctsParams, local: Local, state: State, accel: float, side: float) -> Plan:
+    """Two periods of an action that the search could begin with; without steps where its lane change cannot begin."""
+    line = np.full(_two_periods(p.period_s, task), accel)
+    line[0] = entry_of(accel, side)
+    plan, _, _ = follow_line(local, task, in_steps(p, task.ego.step, local.dt), state, NOBODY, line)
+    return plan
 
 
 def _two_periods(period_s: float, task: Task) -> int:

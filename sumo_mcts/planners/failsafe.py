@@ -18,7 +18,7 @@ from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, apart, chain_gap
 from sumo_mcts.model.route import INTERNAL, LEFT_NODE, LENGTH, NEXT, RIGHT_NODE, Indices
 from sumo_mcts.planners.base import Situation, Task, local_of
-from sumo_mcts.scene import Agents, Decision, EgoState, Floats, Follow, Manoeuvre, Plan, Release
+from sumo_mcts.scene import Agents, Decision, EgoState, Floats, Follow, Manoeuvre, Plan, Release, RootChild
 
 LONGEST_S = 30.0  # a manoeuvre that has not come to its end by then is none
 CHECK_S = 0.25  # longest time between two checks
@@ -137,7 +137,20 @@ def nonsense(task: Task, state: State, decision: object) -> str:
         return "a lane change during another one"
     if side != 0 and task.route.table[state.node, LEFT_NODE if side > 0 else RIGHT_NODE] < 0.0:
         return f"a lane change to the {'left' if side > 0 else 'right'}, where there is no lane"
-    return ""
+    if not isinstance(decision.children, tuple) or not all(isinstance(child, RootChild) for child in decision.children):
+        return "children that are no tuple of RootChild"
+    return "" if decision.plan is None else _nonsense_plan(decision.plan)
+
+
+def _nonsense_plan(plan: object) -> str:
+    """Why this is no plan; "" where it is one."""
+    if not isinstance(plan, Plan):
+        return f"no plan but {type(plan).__name__}"
+    arrays = [np.asarray(each) for each in plan]
+    m = len(arrays[0]) if arrays[0].ndim else 0
+    shapes = [(m,)] * 4 + [(m, 4)]
+    wrong = [i for i, each in enumerate(arrays) if each.shape != shapes[i] or each.dtype.kind not in "fiu" or not np.isfinite(each).all()]
+    return f"a plan whose {Plan._fields[wrong[0]]} has shape {arrays[wrong[0]].shape}, or is not finite" if wrong else ""
 
 
 def _rest(manoeuvre: Manoeuvre, now: float) -> Plan:

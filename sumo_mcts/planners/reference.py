@@ -99,7 +99,8 @@ class Solution(NamedTuple):
 
 def digest() -> str:
     """SHA-256 of all numbers above: what regrets depend on beside the model."""
-    numbers = (COST._asdict(), KEEPING, CHANGING, ENDS_S, CHECK_S, REACTIVE, SCALE_DECEL, LABELS, CELL, KIND)
+    cost = {name: value for name, value in COST._asdict().items() if value is not None}  # the reference has no term of anybody's own
+    numbers = (cost, KEEPING, CHANGING, ENDS_S, CHECK_S, REACTIVE, SCALE_DECEL, LABELS, CELL, KIND)
     return hashlib.sha256(json.dumps(numbers).encode()).hexdigest()
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from sumo_mcts.model.cost import CostParams, contact_cost, meet, place_is_free, step_comfort, step_passability, terminal
+from sumo_mcts.model.cost import CostParams, contact_cost, meet, place_is_free, step_comfort, step_own, step_passability, terminal
 from sumo_mcts.model.ego import COMMANDED, FOLLOW, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, obey, pose_of
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import Local, State, index_at, keep_state, kept_state
@@ -66,6 +66,7 @@ class Ply(NamedTuple):
     safety: float
     comfort: float
     passability: float
+    other: float
     end: int  # ALIVE, LOST, ARRIVED
     loss: float  # where LOST
 
@@ -110,7 +111,7 @@ def simulate(
 ) -> Ply:  # fmt: skip
     """One action from simulation step `at` on: q.ply steps towards `accel` (FOLLOW: car following; from COMMANDED on: that speed), with checks against
     the forecast; `others` move."""
-    safety, comfort, passability = 0.0, 0.0, 0.0
+    safety, comfort, passability, other = 0.0, 0.0, 0.0, 0.0
     every = p.step * q.check if q.check > 0 else p.step / q.checks_in_step
     for k in range(q.ply):
         time = (at + k) * p.step
@@ -121,10 +122,11 @@ def simulate(
         passability += step_passability(local, p, c, state)
         if event in (RED_LINE, OFF_END):
             loss = contact_cost(c, before if event == OFF_END else state, time, q.horizon)
-            return Ply(state, followers, gap, leader_v, safety, comfort, passability, LOST, loss + (c.red if event == RED_LINE else 0.0))
+            return Ply(state, followers, gap, leader_v, safety, comfort, passability, other, LOST, loss + (c.red if event == RED_LINE else 0.0))
         if event == GOAL:
-            return Ply(state, followers, gap, leader_v, safety, comfort, passability, ARRIVED, 0.0)
+            return Ply(state, followers, gap, leader_v, safety, comfort, passability, other, ARRIVED, 0.0)
         gap += (leader_v - state.v) * p.step
+        other += step_own(c.term, local, p, c, before, state, gap, time + p.step)
         checks = q.checks_in_step if q.check == 0 else (1 if (at + k + 1) % q.check == 0 else 0)
         for r in range(checks):
             share = (r + 1.0) / checks
@@ -137,8 +139,8 @@ def simulate(
             followers, gap, leader_v = meeting.followers, meeting.gap, meeting.leader_v
             safety += meeting.rate * every + meeting.once
             if meeting.contact:
-                return Ply(state, followers, gap, leader_v, safety, comfort, passability, LOST, contact_cost(c, state, moment, q.horizon))
-    return Ply(state, followers, gap, leader_v, safety, comfort, passability, ALIVE, 0.0)
+                return Ply(state, followers, gap, leader_v, safety, comfort, passability, other, LOST, contact_cost(c, state, moment, q.horizon))
+    return Ply(state, followers, gap, leader_v, safety, comfort, passability, other, ALIVE, 0.0)
 
 
 @kernel
@@ -275,7 +277,7 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     dear = (
         tree.level[node] > 0
         and ply.end == ALIVE
-        and _hopeless(tree, c, q, node, tree.cost[node].sum() + ply.safety + ply.comfort + ply.passability + changed, beat)
+        and _hopeless(tree, c, q, node, tree.cost[node].sum() + ply.safety + ply.comfort + ply.passability + ply.other + changed, beat)
     )
     if dear or (side == 0 and _known(tree, node, k, ply.state)):
         tree.child[node, k] = IMPOSSIBLE
@@ -288,7 +290,7 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     tree.cost[i, 0] = tree.cost[node, 0] + ply.safety
     tree.cost[i, 1] = tree.cost[node, 1] + ply.comfort
     tree.cost[i, 2] = tree.cost[node, 2] + ply.passability
-    tree.cost[i, 3] = tree.cost[node, 3] + changed
+    tree.cost[i, 3] = tree.cost[node, 3] + changed + ply.other
     tree.end[i] = ply.end
     if ply.end != ALIVE:
         tree.best[i] = tree.cost[i].sum() + ply.loss
@@ -332,7 +334,7 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
             line[k] = entry_of(accel, side)
             j += c.lane_change
         ply = simulate(local, p, c, q, state, others, followers, gap, leader_v, accel, k * q.ply)
-        j += ply.safety + ply.comfort + ply.passability
+        j += ply.safety + ply.comfort + ply.passability + ply.other
         if ply.end == LOST:
             return j + ply.loss
         if ply.end == ARRIVED:
@@ -453,6 +455,7 @@ def replay(
         terms[0] += ply.safety
         terms[1] += ply.comfort
         terms[2] += ply.passability
+        terms[3] += ply.other
         lanes[at] = state.node
         motion[at, 0], motion[at, 1] = state.s, state.v
         pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local, p, state, 0.0)

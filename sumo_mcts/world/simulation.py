@@ -117,9 +117,14 @@ def _temporary_file() -> Path:
     return Path(name)
 
 
+def is_running() -> bool:
+    """Whether a simulation runs in this process."""
+    return bool(import_libsumo().simulation.isLoaded())
+
+
 def require_running() -> None:
     """Raise ConfigError where no simulation runs in this process."""
-    if not import_libsumo().simulation.isLoaded():
+    if not is_running():
         raise ConfigError("no simulation runs in this process: call libsumo.start first")
 
 

@@ -520,7 +520,7 @@ def test_the_fail_safe_leaves_a_good_planner_alone() -> None:
 def test_the_option_sets_the_key(given_option: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
 
-    def resolve(*arguments: Any) -> None:
+    def resolve(*arguments: Any, **_: Any) -> None:
         said.extend(arguments[4])
         raise config.ConfigError("enough")
 
