@@ -369,7 +369,7 @@ def build(data: dict[str, Any], origin: str, overrides: tuple[str, ...] = ()) ->
     try:
         return ScenarioConfig.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(f"{origin}: {_first_problem(error)}") from None
+        raise ConfigError(f"{origin}: {first_problem(error, ScenarioConfig)}") from None
 
 
 def digest(config: BaseModel) -> str:
@@ -397,7 +397,7 @@ def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid YAML: {_yaml_problem(error)}") from None
+        raise ConfigError(f"{path}: not valid YAML: {yaml_problem(error)}") from None
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: a scenario is a mapping of keys, see `sumo-mcts schema`")
     _absolute_paths(data.get("sumo"), path.parent)
@@ -412,7 +412,7 @@ def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     return _overlay(_read(base_path, (*seen, path.resolve())), data)
 
 
-def _yaml_problem(error: Exception) -> str:
+def yaml_problem(error: Exception) -> str:
     """What is wrong and where, in one line."""
     mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
     return " ".join(str(error).split()) if mark is None or problem is None else f"line {mark.line + 1}, column {mark.column + 1}: {problem}"
@@ -465,21 +465,21 @@ def _assign(data: dict[str, Any], override: str) -> None:
         raise ConfigError(f"--set {override}: the value is not valid YAML") from None
 
 
-def _first_problem(error: ValidationError) -> str:
+def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
+    """What is wrong with the input for a model: key, what is allowed, what was given."""
     problem = error.errors()[0]
-    key = ".".join(str(part) for part in problem["loc"]) or "scenario"
+    key = ".".join(str(part) for part in problem["loc"]) or "the file"
     message = problem["msg"].removeprefix("Value error, ")
     if problem["type"] == "extra_forbidden":
-        message = "unknown key" + _allowed_beside(problem["loc"])
+        message = "unknown key" + _allowed_beside(problem["loc"], model)
     elif problem["type"] != "missing" and not isinstance(problem["input"], dict):
         message += f", got {problem['input']!r}"
     more = len(error.errors()) - 1
     return f"{key}: {message}" + (f" (and {more} more)" if more else "")
 
 
-def _allowed_beside(location: tuple[int | str, ...]) -> str:
+def _allowed_beside(location: tuple[int | str, ...], model: Any) -> str:
     """The keys allowed where an unknown one stood."""
-    model: Any = ScenarioConfig
     for part in location[:-1]:
         if isinstance(part, int):
             continue

@@ -152,7 +152,7 @@ def json_text(value: Any, indent: int | None = 2) -> str:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file wholly or not at all; creates the folder. Raises OSError."""
+    """Write a file wholly or not at all, and for good; creates the folder. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
@@ -163,6 +163,17 @@ def write_whole(path: Path, content: bytes) -> None:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+    _sync_folder(path.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have a new name outlast a loss of power; Windows does that by itself."""
+    if os.name == "posix":
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
 
 
 def _safe(part: str) -> str:
@@ -290,11 +301,16 @@ _COARSE = ("forecast/pose", "forecast/v", "forecast/s", "plan/pose", "children/p
 
 def save_trace(path: Path, trace: Trace) -> None:
     """Write a trace as one compressed npz. Raises OSError."""
+    write_whole(path, trace_bytes(trace))
+
+
+def trace_bytes(trace: Trace) -> bytes:
+    """A trace as it stands in its file."""
     columns: Columns = {"format": np.array(_FORMAT)}
     _encode(Trace, [trace], "trace", columns)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **columns)
-    write_whole(path, buffer.getvalue())
+    return buffer.getvalue()
 
 
 def load_trace(path: Path) -> Trace:

@@ -1,5 +1,6 @@
 """SUMO's command line for a scenario: the scenario's files and options, the user's further options, and what the referee needs."""
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -53,6 +54,13 @@ def network_of(sumocfg: str | None, net: str | None) -> str:
     if not Path(named[0]).is_file():
         raise ConfigError(f"{'sumo.net' if sumocfg is None else f'{sumocfg}: net-file'}: {named[0]}: no such file")
     return named[0]
+
+
+def sumo_home() -> str:
+    """SUMO's folder: the one that the environment's SUMO_HOME names, else that of the installed package."""
+    import sumo  # type: ignore[import-untyped]
+
+    return os.environ.get("SUMO_HOME") or str(sumo.SUMO_HOME)
 
 
 def ssm_options(egos: Sequence[str], folder: Path) -> Options:
