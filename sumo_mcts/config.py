@@ -485,8 +485,9 @@ def _allowed_beside(location: tuple[int | str, ...], model: Any) -> str:
             continue
         field = model.model_fields.get(part)
         kinds = () if field is None else (field.annotation, *getattr(field.annotation, "__args__", ()))
-        inner = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
+        plain = [getattr(kind, "__origin__", kind) for kind in kinds]  # Annotated[A, ...] is an A
+        inner = [kind for kind in plain if isinstance(kind, type) and issubclass(kind, BaseModel)]
         if not inner:
             return ""
         model = inner[0]
-    return "; allowed: " + ", ".join(model.model_fields)
+    return "; allowed: " + ", ".join(field.alias or name for name, field in model.model_fields.items())

@@ -89,11 +89,12 @@ def run_batch(
             folder.clear(out)
         wanted = _manifest(plan, shard, command)
         manifest = folder.begun(out, wanted)
-        if manifest is None:
-            manifest = {**wanted, "egos": _prepared(plan, tell)}
+        if manifest is None or not is_compiled():
+            with workers.local(1) as crew:
+                egos = manifest["egos"] if manifest is not None else _chosen(plan, crew, tell)
+                _rehearse(plan, crew, tell)
+            manifest = manifest or {**wanted, "egos": egos}
             _kept(out, lambda: records.write_manifest(out, manifest))
-        elif not is_compiled():
-            _rehearsed(plan, tell)
         found = _part(plan, manifest["egos"], shard)
         with _crew(scheduler, count) as crew:
             return _Batch(out, found, plan.experiment.traces, tell).run(crew)
@@ -104,7 +105,7 @@ def listed(experiment: str | Path, out: str | Path | None = None, *, shard: tupl
     plan = load(assets.experiment_path(str(experiment)))
     manifest = None if out is None or fresh else folder.begun(Path(out), _manifest(plan, shard, ()))
     with workers.local(1) as crew:
-        found = _part(plan, manifest["egos"] if manifest is not None else _chosen(plan, crew), shard)
+        found = _part(plan, manifest["egos"] if manifest is not None else _chosen(plan, crew, _nobody), shard)
     done = set() if manifest is None or out is None else {row["key"] for row in folder.done(Path(out), found)}
     return [Listing(key, key in done) for episode in found for key in episode.keys]
 
@@ -125,8 +126,7 @@ class _Batch:
 
     def run(self, crew: Crew) -> list[Row]:
         """Drive what is not done yet. Returns all rows."""
-        _kept(self._out, self._settle)
-        self._clean_traces()
+        _kept(self._out, self._tidy)
         self._began = time.monotonic()
         try:
             while self._waiting or self._flying:
@@ -141,11 +141,9 @@ class _Batch:
             self._report(urgent=True)
         return folder.done(self._out, self._all)
 
-    def _settle(self) -> None:
+    def _tidy(self) -> None:
+        """Leave whole episodes alone in the folder, and the traces that are worth it so far."""
         folder.settle(self._out, self._rows, self._all)
-
-    def _clean_traces(self) -> None:
-        """Know what is worth it so far; a trace whose row was lost goes."""
         lost = {key for episode in self._waiting for key in episode.keys}
         for row in self._rows:
             lost |= self._worth.add(row)
@@ -217,33 +215,19 @@ def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict
     }
 
 
-def _prepared(plan: Plan, tell: Watch) -> dict[str, tuple[str, ...]]:
-    """Choose the egos of users' networks, and try the scenarios. Raises ConfigError."""
-    with workers.local(1) as crew:
-        tell(_before("looking for egos") if any(case.egos is not None for case in plan.cases) else _before("starting SUMO"))
-        egos = _chosen(plan, crew)
-        _rehearse(plan, crew, tell)
-    return egos
-
-
-def _rehearsed(plan: Plan, tell: Watch) -> None:
-    with workers.local(1) as crew:
-        _rehearse(plan, crew, tell)
-
-
-def _chosen(plan: Plan, crew: Crew) -> dict[str, tuple[str, ...]]:
+def _chosen(plan: Plan, crew: Crew, tell: Watch) -> dict[str, tuple[str, ...]]:
     """The egos of each user's network. Raises ConfigError where there are none such."""
-    return {
-        case.name: _asked(plan, case.name, crew.executor.submit(drive.choose, next(iter(case.configs.values())), case.egos), crew)
-        for case in plan.cases
-        if case.egos is not None
-    }
+    found = {}
+    for case in plan.cases:
+        if case.egos is not None:
+            tell(_before(f"looking for egos in {case.name}"))
+            found[case.name] = _asked(plan, case.name, crew.executor.submit(drive.choose, next(iter(case.configs.values())), case.egos), crew)
+    return found
 
 
 def _rehearse(plan: Plan, crew: Crew, tell: Watch) -> None:
     """Start every scenario once with every planner, in one process: wrong input ends the batch here, and the search is compiled for all. Raises ConfigError."""
-    if not is_compiled():
-        tell(_before("compiling the search, once for this version (about half a minute)"))
+    tell(_before("starting SUMO" if is_compiled() else "compiling the search, once for this version (about half a minute)"))
     for case in plan.cases:
         for config in {_kind(config): config for config in case.configs.values()}.values():
             problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0]), crew)

@@ -50,6 +50,7 @@ def failed(episode: Episode, message: str) -> tuple[Row, ...]:
     known = {
         "scenario": config.name, "variant": episode.variant, "planner": config.planner.name, "seed": episode.seed, "outcome": "error", "error": message,
         "prediction": config.prediction.name if config.planner.name in FORECASTING else None, "config_digest": digest(config),
+        "redrawn": None,
     }  # fmt: skip
     return tuple({**records.row_defaults(), **known, "key": key, "ego": ego.id} for key, ego in zip(episode.keys, config.egos, strict=True))
 

@@ -1,0 +1,328 @@
+"""A batch leaves the rows that single episodes would, whatever happens on the way: none lost, none twice."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers_batch import SMALL, crash_or_drive, timeless, write
+
+from sumo_mcts import assets, config, records
+from sumo_mcts.config import ConfigError
+from sumo_mcts.episode import run_episode
+from sumo_mcts.experiments import folder, run_batch
+from sumo_mcts.experiments.batch import Progress, _Batch, listed
+from sumo_mcts.experiments.drive import choose, rehearse
+from sumo_mcts.experiments.experiment import Egos, episodes, load
+from sumo_mcts.experiments.workers import LocalPool, local
+from sumo_mcts.experiments.worth import Worth
+
+GOOD = Path(__file__).parent.parent / "bad_inputs" / "good.sumocfg"
+SLOW = SMALL.replace("name: small", "name: slow").replace("0..1", "0..14") + "set: {sumo.step_length_s: 0.02}\n"
+
+Reference = tuple[Path, list[records.Row]]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Reference:
+    """An experiment that ran undisturbed, with one worker: its folder and rows."""
+    folder = tmp_path_factory.mktemp("whole")
+    return folder / "out", run_batch(write(folder), folder / "out", jobs=1, command=("batch", "small.yaml"))
+
+
+def on_disk(out: Path) -> list[dict[str, Any]]:
+    """Every line of episodes.jsonl; raises where one is torn."""
+    return [json.loads(line) for line in (out / records.ROWS).read_text().splitlines()]
+
+
+def start(*words: str, **more: Any) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "sumo_mcts.cli", "batch", *words]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, **more)
+
+
+def wait_for(there: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    until = time.monotonic() + 60.0
+    while not there():
+        assert process.poll() is None and time.monotonic() < until, process.communicate()
+        time.sleep(0.02)
+
+
+def count(out: Path) -> int:
+    return (out / records.ROWS).read_bytes().count(b"\n") if (out / records.ROWS).exists() else 0
+
+
+def begun(whole: Reference, folder: Path, text: str = SMALL) -> tuple[Path, Path]:
+    """An experiment, and a folder in which it was begun and no episode has ended."""
+    manifest = json.loads((whole[0] / records.MANIFEST).read_text())
+    path = write(folder, text)
+    records.write_manifest(folder / "out", {**manifest, "experiment_digest": load(path).digest})
+    return path, folder / "out"
+
+
+# --- undisturbed ---
+
+
+def test_rows_are_those_of_single_episodes(whole: Reference) -> None:
+    _, rows = whole
+    assert [row["key"] for row in rows[:4]] == [f"{scene}--{v}--0" for scene in ("unprotected-left-turn", "highway-exit") for v in ("constant", "sumo")]
+    alone = []
+    for row in rows:
+        scenario = config.load(assets.scenario_path(row["scenario"]), (f"planner.name={row['planner']}",))
+        result = run_episode(scenario, row["seed"], variant=row["variant"])
+        alone.append({**result.rows[0], "redrawn": result.manifest["redrawn"]})
+    assert timeless(rows) == timeless(alone)
+
+
+def test_what_lies_in_the_folder(whole: Reference) -> None:
+    out, rows = whole
+    assert on_disk(out) == rows
+    assert (out / records.TABLE).read_text().count("\n") == 1 + len(rows) == 9
+    manifest = json.loads((out / records.MANIFEST).read_text())
+    assert manifest["experiment"]["name"] == "small"
+    assert len(manifest["experiment_digest"]) == 64
+    assert manifest["command"] == ["sumo-mcts", "batch", "small.yaml"]
+    assert list(manifest["scenarios"]) == ["unprotected-left-turn", "highway-exit"]
+    assert manifest["variants"] == {"constant": {"planner.name": "constant"}, "sumo": {"planner.name": "sumo"}}
+    assert manifest["versions"]["sumo_mcts"] is not None
+    worth = Worth("worth")
+    keys = {row["key"] for row in rows}
+    for row in rows:
+        keys -= worth.add(row)
+    assert {path.stem for path in (out / "traces").iterdir()} == keys
+    collided = next(row for row in rows if row["outcome"] == "collision")
+    trace = records.load_trace(out / "traces" / f"{collided['key']}.npz")
+    assert (trace.key, trace.outcome, len(trace.cycles)) == (collided["key"], "collision", collided["cycles"])
+
+
+def test_nothing_is_done_again(whole: Reference, tmp_path: Path) -> None:
+    out, rows = whole
+    before = {path: path.stat().st_mtime_ns for path in (out / "traces").iterdir()}
+    began = time.monotonic()
+    assert run_batch(write(tmp_path), out, jobs=2) == rows == on_disk(out)
+    assert time.monotonic() - began < 1.0
+    assert {path: path.stat().st_mtime_ns for path in (out / "traces").iterdir()} == before
+
+
+def test_two_workers_and_two_shards_give_the_same(whole: Reference, tmp_path: Path) -> None:
+    out, rows = whole
+    found, manifests, told = [], [], list[list[Progress]]()
+    for k in (1, 2):
+        told.append([])
+        found += run_batch(write(tmp_path), tmp_path / str(k), jobs=3 - k, shard=(k, 2), watch=told[-1].append)
+        manifests.append(json.loads((tmp_path / str(k) / records.MANIFEST).read_text()))
+    assert sorted(timeless(found), key=lambda row: row["key"]) == sorted(timeless(rows), key=lambda row: row["key"])
+    assert [manifest["shard"] for manifest in manifests] == ["1/2", "2/2"]
+    assert {manifest["experiment_digest"] for manifest in manifests} == {json.loads((out / records.MANIFEST).read_text())["experiment_digest"]}
+    for part in told:
+        assert part[0].doing and not part[-1].doing
+        assert part[-1].done == part[-1].total
+        assert [at.done for at in part] == sorted(at.done for at in part)
+    assert sum(part[-1].total for part in told) == len(rows)
+    assert sum(part[-1].collisions for part in told) == sum(row["outcome"] == "collision" for row in rows) > 0
+    with pytest.raises(ConfigError, match="holds shard 1/2, not 2/2; each shard has a folder of its own"):
+        run_batch(write(tmp_path), tmp_path / "1", shard=(2, 2))
+
+
+# --- interrupted ---
+
+
+def test_killed_and_resumed(whole: Reference, tmp_path: Path) -> None:
+    small, out = begun(whole, tmp_path)
+    process = start(str(small), "--out", str(out), "--jobs", "2")
+    wait_for(lambda: count(out) >= 3, process)
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    survived = on_disk(out)
+    assert 3 <= len(survived) < 8
+    # what a loss of power may leave: a torn line, a row twice, a trace whose row is lost
+    lost = next(row["key"] for row in whole[1] if row["key"] not in {found["key"] for found in survived})
+    with (out / records.ROWS).open("ab") as file:
+        file.write(json.dumps(survived[0]).encode() + b"\n" + json.dumps({"key": lost, "outcome": "arrived"}).encode()[:-3] + b"\0\0\0")
+    process = start(str(small), "--out", str(out), "--jobs", "1")
+    printed, told = process.communicate()
+    assert process.returncode == 0, told
+    assert printed.splitlines()[0].split() == ["unprotected-left-turn", "constant", "2", "collision"]
+    assert printed.splitlines()[-1] == f"{out}: 8 rows"
+    assert told.splitlines()[-1].startswith("8/8 episodes, ")
+    rows = on_disk(out)
+    assert timeless(rows) == timeless(whole[1])
+    kept = {row["key"]: row["wall_s"] for row in rows}
+    assert all(kept[row["key"]] == row["wall_s"] for row in survived)  # these were not driven again
+    assert {path.name for path in (out / "traces").iterdir()} == {path.name for path in (whole[0] / "traces").iterdir()}
+
+
+def test_interrupted(whole: Reference, tmp_path: Path) -> None:
+    slow, out = begun(whole, tmp_path, SLOW)
+    process = start(str(slow), "--out", str(out), "--jobs", "2")
+    wait_for(lambda: count(out) >= 2, process)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: workers too
+    began = time.monotonic()
+    printed, told = process.communicate(timeout=30)
+    assert time.monotonic() - began < 5.0
+    assert (process.returncode, printed) == (130, "")
+    assert told.splitlines()[-1] == "interrupted"
+    assert "Traceback" not in told
+    until = time.monotonic() + 5.0
+    with pytest.raises(ProcessLookupError):  # nobody of it is left
+        while time.monotonic() < until:
+            os.killpg(process.pid, 0)
+            time.sleep(0.05)
+    rows = on_disk(out)
+    assert 2 <= len(rows) < 60
+    assert (out / records.TABLE).read_text().count("\n") == 1 + len(rows)
+    assert sum(item.done for item in listed(slow, out)) == len(rows)
+
+
+def test_a_full_disk(whole: Reference, tmp_path: Path) -> None:
+    small, out = begun(whole, tmp_path, SMALL + "traces: none\n")  # which would be the first to be refused
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))  # room for two rows
+
+    process = start(str(small), "--out", str(out), "--jobs", "1", preexec_fn=limit)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 1
+    last = told.splitlines()[-1]
+    assert last.startswith(f"error: --out {out}: File too large; what is done is kept, and the same command goes on")
+    assert "Traceback" not in told
+    survived = records.read_rows(out)
+    assert len(survived) == 2
+    rows = run_batch(small, out, jobs=1)
+    assert timeless(rows) == timeless(whole[1])
+    assert {row["key"]: row["wall_s"] for row in rows}.items() >= {row["key"]: row["wall_s"] for row in survived}.items()
+
+
+def test_a_killed_worker_costs_nothing(whole: Reference, tmp_path: Path) -> None:
+    plan = load(write(tmp_path))
+    killed = []
+    with local(2) as crew:
+        pool = crew.executor
+        assert isinstance(pool, LocalPool)
+
+        def kill_once(at: Progress) -> None:
+            if at.done >= 2 and not killed:
+                killed.append(pool.pids()[0])
+                os.kill(killed[0], signal.SIGKILL)
+
+        rows = _Batch(tmp_path / "out", episodes(plan, {}), "worth", kill_once).run(crew)
+    assert len(killed) == 1
+    assert timeless(rows) == timeless(whole[1])
+
+
+def test_an_episode_that_takes_its_worker_along(whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    crashing = "highway-exit--constant--1"
+    starts = tmp_path / "starts"
+    starts.mkdir()
+    for name, value in (("STARTS", str(starts)), ("CRASH", crashing)):
+        monkeypatch.setenv(name, value)
+    found = [episode for episode in episodes(load(write(tmp_path)), {}) if episode.config.name == "highway-exit"]
+    with local(2) as crew:
+        rows = _Batch(tmp_path / "out", found, "worth", lambda _: None, crash_or_drive).run(crew)
+    known = [row for row in whole[1] if row["scenario"] == "highway-exit"]
+    assert [row["key"] for row in rows] == [row["key"] for row in known]
+    same = [k for k, row in enumerate(rows) if row["key"] != crashing]
+    assert timeless([rows[k] for k in same]) == timeless([known[k] for k in same])
+    row = next(row for row in rows if row["key"] == crashing)
+    assert (row["outcome"], row["error"]) == ("error", "the worker died (SIGSEGV), in each of 2 tries")
+    assert (row["seed"], row["ego"], row["scenario"], row["planner"]) == (1, "ego", "highway-exit", "constant")
+    assert row["config_digest"] == next(found["config_digest"] for found in whole[1] if found["key"] == crashing)
+    tries = {episode.keys[0]: len(list(starts.glob(f"{episode.keys[0]}.*"))) for episode in found}
+    assert tries == {key: 2 if key == crashing else 1 for key in tries}  # who was in flight beside it was not disturbed
+    assert len(on_disk(tmp_path / "out")) == 4
+
+
+# --- folders ---
+
+
+def test_the_folder_of_something_else(whole: Reference, tmp_path: Path) -> None:
+    out, rows = whole
+    state = [path.read_bytes() for path in sorted(out.glob("*.*"))]
+    for text, what in ((SMALL.replace("0..1", "0..3"), "another state of small"), (SMALL.replace("small", "other"), "another experiment")):
+        with pytest.raises(ConfigError, match=f"holds {what}; take another --out, or --fresh"):
+            run_batch(write(tmp_path, text), out)
+    assert [path.read_bytes() for path in sorted(out.glob("*.*"))] == state
+    other = tmp_path / "run"
+    records.append_row(other, rows[0])
+    with pytest.raises(ConfigError, match=r"holds rows without manifest\.json"):
+        run_batch(write(tmp_path), other)
+    records.write_manifest(other, {"scenario": {"name": "x"}})
+    with pytest.raises(ConfigError, match="holds something else than a batch"):
+        run_batch(write(tmp_path), other)
+
+
+def test_versions_do_not_mix(whole: Reference, tmp_path: Path) -> None:
+    manifest = json.loads((whole[0] / records.MANIFEST).read_text())
+    records.write_manifest(tmp_path / "out", {**manifest, "versions": {**manifest["versions"], "sumo": "1.27.0"}})
+    with pytest.raises(ConfigError, match=r"was begun with sumo 1\.27\.0, this is 1\."):
+        run_batch(write(tmp_path), tmp_path / "out")
+
+
+def test_fresh_removes_what_a_batch_leaves_and_nothing_else(whole: Reference, tmp_path: Path) -> None:
+    small, out = begun(whole, tmp_path)
+    records.append_row(out, whole[1][0])
+    for name in ("traces/a.npz", "figures/b.png", "report.html", "mine.txt", "further/c.txt"):
+        (out / name).parent.mkdir(exist_ok=True)
+        (out / name).touch()
+    assert sum(item.done for item in listed(small, out)) == 1
+    assert sum(item.done for item in listed(small, out, fresh=True)) == 0
+    folder.clear(out)
+    assert {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()} == {"mine.txt", "further/c.txt"}
+    assert folder.begun(out, {}) is None
+
+
+def test_one_batch_at_a_time(whole: Reference, tmp_path: Path) -> None:
+    def again(_: Progress) -> None:
+        with pytest.raises(ConfigError, match="another batch is at work there"):
+            run_batch(write(tmp_path), whole[0])
+
+    run_batch(write(tmp_path), whole[0], watch=again)
+
+
+# --- networks of the user ---
+
+
+def network(egos: str, more: str = "") -> str:
+    return f"name: x\nscenarios: [{{sumocfg: {GOOD}, egos: {egos}{more}}}]\nvariants: {{constant: {{planner.name: constant}}}}\ntwins: true\n"
+
+
+def test_egos_of_a_network(tmp_path: Path) -> None:
+    rows = run_batch(write(tmp_path, network("{random: 2}")), tmp_path / "out", jobs=1)
+    assert [(row["key"], row["ego"], row["seed"]) for row in rows] == [
+        (f"good--{variant}--0--{ego}", ego, None) for ego in ("ego", "other") for variant in ("constant", "sumo")
+    ]
+    assert {row["outcome"] for row in rows} == {"arrived"}
+    manifest = json.loads((tmp_path / "out" / records.MANIFEST).read_text())
+    assert manifest["egos"] == {"good": ["ego", "other"]}
+    trace = next(iter(sorted((tmp_path / "out" / "traces").iterdir())))
+    assert records.load_trace(trace).key == trace.stem
+    # what was drawn is kept, so a draw that came out otherwise would not be followed
+    records.write_manifest(tmp_path / "out", {**manifest, "egos": {"good": ["other"]}})
+    assert [row["ego"] for row in run_batch(write(tmp_path, network("{random: 2}")), tmp_path / "out", jobs=1)] == ["other", "other"]
+
+
+def test_a_draw_of_egos() -> None:
+    scenario = config.build({"name": "x", "sumo": {"sumocfg": str(GOOD)}, "egos": [{"id": "any"}]}, "x")
+    drawn = [choose(scenario, Egos(random=1, seed=seed)) for seed in range(8)]
+    assert set(drawn) == {("ego",), ("other",)}
+    assert [choose(scenario, Egos(random=1, seed=seed)) for seed in range(8)] == drawn
+    assert choose(scenario, Egos(ids=("other",))) == ("other",)
+
+
+def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as refused:
+        run_batch(write(tmp_path, network("[ego, nobody]")), tmp_path / "out", jobs=1)
+    assert str(refused.value) == f"{tmp_path / 'small.yaml'}: scenarios: good: egos: nobody: no such vehicle departs; the first that do: ego, other"
+    assert not (tmp_path / "out" / records.MANIFEST).exists()
+    scenario = config.build({"name": "x", "sumo": {"sumocfg": str(GOOD)}, "egos": [{"id": "any"}]}, "x")
+    with pytest.raises(ConfigError, match="egos: random: asks for 3, the network has 2 suitable vehicles"):
+        choose(scenario, Egos(random=3))
+    for assignment, said in (("sumo.options={warp-speed: 9}", "SUMO does not start"), ("egos=[{id: ego, until: to_nowhere}]", "the network has no edge to_nowhere")):
+        assert said in rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant", assignment)), 0)
+    assert rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant",)), 0) == ""
