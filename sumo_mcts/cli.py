@@ -181,7 +181,7 @@ class _BatchVoice:
     EVERY_S = 10.0
 
     def __init__(self, quiet: bool) -> None:
-        self._quiet, self._said, self._doing = quiet, -math.inf, ""
+        self._quiet, self._said, self._text = quiet, -math.inf, ""
         self._bar: Any = None
 
     def __enter__(self) -> "_BatchVoice":
@@ -203,9 +203,11 @@ class _BatchVoice:
         """Say what has changed."""
         if self._bar is not None:
             self._bar.update(self._task, completed=at.done, total=at.total or None, description=at.doing or _how_far(at))
-        elif not self._quiet and (at.doing not in {"", self._doing} or time.monotonic() - self._said >= self.EVERY_S or at.done == at.total > 0):
-            self._said, self._doing = time.monotonic(), at.doing
-            typer.echo(f"{at.doing} ..." if at.doing else f"{at.done}/{at.total} episodes, {_how_far(at)}", err=True)
+            return
+        now, text = time.monotonic(), f"{at.doing} ..." if at.doing else f"{at.done}/{at.total} episodes, {_how_far(at)}"
+        if not self._quiet and text != self._text and (at.doing or at.done == at.total or now - self._said >= self.EVERY_S):
+            self._said, self._text = now, text
+            typer.echo(text, err=True)
 
 
 def _how_far(at: "Progress") -> str:

@@ -134,11 +134,11 @@ class _Batch:
                 done, _ = wait(self._flying, NEWS_S, FIRST_COMPLETED)
                 for future in done:
                     self._take(future, crew.deaths)
-                self._report(urgent=False)
+                self._report()
         finally:
             with suppress(OSError):  # what stopped us is told instead
                 folder.settle(self._out, self._rows, self._all)
-            self._report(urgent=True)
+            self._report(last=True)
         return folder.done(self._out, self._all)
 
     def _tidy(self) -> None:
@@ -183,9 +183,9 @@ class _Batch:
         for row in driven.rows:
             folder.drop_traces(self._out, self._worth.add(row))
 
-    def _report(self, urgent: bool) -> None:
+    def _report(self, last: bool = False) -> None:
         now = time.monotonic()
-        if not urgent and now - self._spoke < NEWS_S:
+        if not last and now - self._spoke < NEWS_S:
             return
         self._spoke = now
         outcomes = Counter(row["outcome"] for row in self._rows)

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as ended
 from multiprocessing.context import SpawnProcess
@@ -95,6 +96,8 @@ class LocalPool(Executor):
         self._workers: dict[int, _Worker] = {}  # at work or waiting for it
         self._lock = threading.Lock()
         self._ending = self._cancelled = False
+        if sys.platform != "win32":
+            resource_tracker.ensure_running()  # its start would unblock the signal that _tend blocks
         self._threads = [threading.Thread(target=self._tend, args=(k,), daemon=True) for k in range(count)]
         for thread in self._threads:
             thread.start()
@@ -143,7 +146,7 @@ class LocalPool(Executor):
 
     def _tend(self, number: int) -> None:
         """Give one worker its tasks, one at a time."""
-        if hasattr(signal, "pthread_sigmask"):
+        if sys.platform != "win32":
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited: Ctrl-C is for the main process alone
         while (task := self._tasks.get()) is not None:
             future, call = task
@@ -211,9 +214,8 @@ def _cause(code: int | None) -> str:
 
 
 def _work(pipe: Connection, scratch: str) -> None:
-    """What a worker process does: answer calls until nobody is there any more. Its temporary files go with it."""
+    """What a worker process does: answer calls until nobody is there any more. Its temporary files lie in `scratch`, so that others can remove them."""
     tempfile.tempdir = scratch
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
         while True:
             fn, args, kwargs = pipe.recv()

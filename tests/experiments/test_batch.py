@@ -323,6 +323,9 @@ def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     scenario = config.build({"name": "x", "sumo": {"sumocfg": str(GOOD)}, "egos": [{"id": "any"}]}, "x")
     with pytest.raises(ConfigError, match="egos: random: asks for 3, the network has 2 suitable vehicles"):
         choose(scenario, Egos(random=3))
-    for assignment, said in (("sumo.options={warp-speed: 9}", "SUMO does not start"), ("egos=[{id: ego, until: to_nowhere}]", "the network has no edge to_nowhere")):
+    for assignment, said in (
+        ("sumo.options={warp-speed: 9}", "SUMO does not start"),
+        ("egos=[{id: ego, until: to_nowhere}]", "the network has no edge to_nowhere"),
+    ):
         assert said in rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant", assignment)), 0)
     assert rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant",)), 0) == ""
