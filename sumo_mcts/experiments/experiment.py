@@ -76,7 +76,7 @@ class Entry(_Section):
     """A scenario of an experiment: a name or a scenario file, or a .sumocfg with egos."""
 
     scenario: str | None = Field(None, description="a built-in name, or a scenario file, relative to the experiment's")
-    sumocfg: str | None = Field(None, description="a .sumocfg, relative to the experiment's file; `${SUMO_HOME}` in it stands for SUMO's folder")
+    sumocfg: str | None = Field(None, description="a .sumocfg, relative to the experiment's file; `${SUMO_HOME}` is the folder of the installed SUMO")
     name: Name | None = Field(None, description="what it is called in keys and tables; default the scenario's own name, or the .sumocfg's")
     egos: Annotated[Egos | None, BeforeValidator(_listed)] = Field(None, description="with a sumocfg: vehicle ids, or `{random: N, seed: K}`")
     until: str | None = Field(None, description="with a sumocfg: the goal, the end of this edge; default the last of the ego's route")

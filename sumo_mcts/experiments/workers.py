@@ -20,6 +20,7 @@ from sumo_mcts import records
 from sumo_mcts.config import ConfigError
 
 PATIENCE_S = 3.0  # for a worker that was told to end, before it is killed
+LONGEST = 200  # tasks of one process, then a new one takes over: libsumo grows by some MB in a hundred episodes
 ANSWER_S = 10.0  # for a scheduler
 AHEAD = 2  # episodes handed out for each worker: one that it drives, and the next
 SAME = ("sumo_mcts", "sumo", "numpy", "numba")  # versions that have to agree between the machines of a cluster
@@ -90,7 +91,8 @@ class LocalPool(Executor):
     `ProcessPoolExecutor` fails all tasks with one, and does not tell which it was.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, longest: int = LONGEST) -> None:
+        self._longest = longest
         self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
         self._scratch = tempfile.TemporaryDirectory(prefix="sumo_mcts-", ignore_cleanup_errors=True)
         self._workers: dict[int, _Worker] = {}  # at work or waiting for it
@@ -159,6 +161,8 @@ class LocalPool(Executor):
                 except Exception as error:  # what cannot be pickled
                     done, value = False, error
                 (future.set_result if done else future.set_exception)(value)
+                if number in self._workers and self._workers[number].answered >= self._longest:
+                    self._bury(number)
         self._bury(number)
 
     def _worker(self, number: int) -> "_Worker":
@@ -181,6 +185,7 @@ class _Worker:
 
     def __init__(self, scratch: str) -> None:
         context = multiprocessing.get_context("spawn")
+        self.answered = 0
         self._pipe, theirs = context.Pipe()
         self._scratch = tempfile.TemporaryDirectory(dir=scratch, ignore_cleanup_errors=True)
         self.process: SpawnProcess = context.Process(target=_work, args=(theirs, self._scratch.name), daemon=True)
@@ -191,10 +196,12 @@ class _Worker:
         """Whether the call returned, and its value or exception. Raises DeadWorkerError."""
         try:
             self._pipe.send(call)
-            return self._pipe.recv()  # type: ignore[no-any-return]
+            answer: tuple[bool, Any] = self._pipe.recv()
         except (EOFError, ConnectionError):
             self.process.join(PATIENCE_S)
             raise DeadWorkerError(f"the worker died ({_cause(self.process.exitcode)})") from None
+        self.answered += 1
+        return answer
 
     def end(self) -> None:
         """Let the process go; it has nothing to do any more, or is dead."""

@@ -1,6 +1,5 @@
 """SUMO's command line for a scenario: the scenario's files and options, the user's further options, and what the referee needs."""
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -57,10 +56,10 @@ def network_of(sumocfg: str | None, net: str | None) -> str:
 
 
 def sumo_home() -> str:
-    """SUMO's folder: the one that the environment's SUMO_HOME names, else that of the installed package."""
+    """The folder of the SUMO that this package comes with, whatever another one the environment names."""
     import sumo  # type: ignore[import-untyped]
 
-    return os.environ.get("SUMO_HOME") or str(sumo.SUMO_HOME)
+    return str(Path(sumo.__file__).parent)
 
 
 def ssm_options(egos: Sequence[str], folder: Path) -> Options:

@@ -3,21 +3,22 @@
 import json
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from helpers_batch import SMALL, crash_or_drive, timeless, write
 
-from sumo_mcts import assets, config, records
+from sumo_mcts import assets, cli, config, records
 from sumo_mcts.config import ConfigError
 from sumo_mcts.episode import run_episode
-from sumo_mcts.experiments import folder, run_batch
+from sumo_mcts.experiments import folder, run_batch, workers
 from sumo_mcts.experiments.batch import Progress, _Batch, listed
 from sumo_mcts.experiments.drive import choose, rehearse
 from sumo_mcts.experiments.experiment import Egos, episodes, load
@@ -28,6 +29,7 @@ GOOD = Path(__file__).parent.parent / "bad_inputs" / "good.sumocfg"
 SLOW = SMALL.replace("name: small", "name: slow").replace("0..1", "0..14") + "set: {sumo.step_length_s: 0.02}\n"
 
 Reference = tuple[Path, list[records.Row]]
+Command = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture(scope="module")
@@ -47,11 +49,22 @@ def start(*words: str, **more: Any) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, **more)
 
 
-def wait_for(there: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+def wait_for(there: Callable[[], bool], process: subprocess.Popen[str] | None) -> None:
+    """Fails where the process ends before, or patience does."""
     until = time.monotonic() + 60.0
     while not there():
-        assert process.poll() is None and time.monotonic() < until, process.communicate()
+        assert time.monotonic() < until
+        assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.02)
+
+
+def nobody(group: int) -> bool:
+    """Whether no process of a group is left."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return True
+    return False
 
 
 def count(out: Path) -> int:
@@ -169,11 +182,7 @@ def test_interrupted(whole: Reference, tmp_path: Path) -> None:
     assert (process.returncode, printed) == (130, "")
     assert told.splitlines()[-1] == "interrupted"
     assert "Traceback" not in told
-    until = time.monotonic() + 5.0
-    with pytest.raises(ProcessLookupError):  # nobody of it is left
-        while time.monotonic() < until:
-            os.killpg(process.pid, 0)
-            time.sleep(0.05)
+    wait_for(lambda: nobody(process.pid), None)
     rows = on_disk(out)
     assert 2 <= len(rows) < 60
     assert (out / records.TABLE).read_text().count("\n") == 1 + len(rows)
@@ -323,9 +332,71 @@ def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     scenario = config.build({"name": "x", "sumo": {"sumocfg": str(GOOD)}, "egos": [{"id": "any"}]}, "x")
     with pytest.raises(ConfigError, match="egos: random: asks for 3, the network has 2 suitable vehicles"):
         choose(scenario, Egos(random=3))
-    for assignment, said in (
-        ("sumo.options={warp-speed: 9}", "SUMO does not start"),
-        ("egos=[{id: ego, until: to_nowhere}]", "the network has no edge to_nowhere"),
-    ):
-        assert said in rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant", assignment)), 0)
+    for wrong, said in (("sumo.options={warp-speed: 9}", "SUMO does not start"), ("egos=[{id: ego, until: nowhere}]", "the network has no edge nowhere")):
+        assert said in rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant", wrong)), 0)
     assert rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant",)), 0) == ""
+
+
+# --- the command ---
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Command]:
+    """sumo-mcts batch in this process: its status, and what it prints."""
+    before = signal.getsignal(signal.SIGINT)
+
+    def run(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["sumo-mcts", "batch", *words])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return int(end.value.code or 0), *capsys.readouterr()
+
+    yield run
+    signal.signal(signal.SIGINT, before)
+
+
+def test_a_dry_run_lists_and_writes_nothing(whole: Reference, command: Command, tmp_path: Path) -> None:
+    small, out = begun(whole, tmp_path)
+    records.append_row(out, whole[1][3])
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    status, printed, told = command(str(small), "--out", str(out), "--dry-run")
+    assert (status, told) == (0, "")
+    lines = [f"{'done ' if k == 3 else 'to do'}  {row['key']}" for k, row in enumerate(whole[1])]
+    assert printed.splitlines() == [*lines, "8 rows, 1 done, 7 to do"]
+    assert {path: path.read_bytes() for path in out.iterdir()} == before
+    assert command(str(small), "--out", str(tmp_path / "none"), "--dry-run", "--shard", "2/2")[0] == 0
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_row_with_an_error_is_status_1(whole: Reference, command: Command, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(whole[0], out)
+    rows = [{**row, "outcome": "error", "error": "a reason"} if k == 2 else row for k, row in enumerate(whole[1])]
+    (out / records.ROWS).write_text("".join(json.dumps(row) + "\n" for row in rows))
+    status, printed, told = command(str(write(tmp_path)), "--out", str(out))
+    assert status == 1
+    assert printed.splitlines()[-1] == f"{out}: 8 rows"
+    assert told.splitlines()[-1] == f"error: 1 of 8 rows have outcome error, the first: {rows[2]['key']}: a reason"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("nowhere", "--out", "{out}"), "nowhere: no such experiment; give a .yaml, or one of: ablation"),
+        (("quick",), "Missing option '--out'"),
+        (("quick", "--out", "{out}", "--shard", "3/2"), "--shard 3/2: i/n with i from 1 to n, as in 2/8"),
+        (("quick", "--out", "{out}", "--shard", "half"), "--shard half: i/n"),
+        (("quick", "--out", "{out}", "--jobs", "0"), "'--jobs'"),
+        (("quick", "--out", "{out}/file/further"), "file is a file, not a folder"),
+        (("small.yaml", "--out", "{whole}", "--scheduler", "tcp://127.0.0.1:9"), "--scheduler tcp://127.0.0.1:9: no scheduler answers"),
+    ],
+)
+def test_wrong_usage(words: tuple[str, ...], said: str, whole: Reference, command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(write(tmp_path).parent)
+    monkeypatch.setattr(workers, "ANSWER_S", 0.5)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "file").touch()
+    status, printed, told = command(*(word.format(out=tmp_path / "out", whole=whole[0]) for word in words))
+    assert (status, printed) == (2, "")
+    (line,) = told.splitlines()
+    assert said in line

@@ -54,3 +54,9 @@ def test_a_killed_worker_is_named_with_its_signal() -> None:
             slow.result(30)
         assert pool.submit(echo, 2).result(30) == 2
         assert pool.pids() != [pid]
+
+
+def test_a_process_does_not_grow_old() -> None:
+    with LocalPool(1, longest=2) as pool:
+        pids = [pool.submit(os.getpid).result(30) for _ in range(4)]
+    assert pids[0] == pids[1] != pids[2] == pids[3]
