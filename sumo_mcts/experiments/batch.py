@@ -170,7 +170,7 @@ class _Batch:
         except BaseException as error:  # a worker answers whatever happens to an episode: this is about the workers
             if isinstance(error, KeyboardInterrupt | SystemExit):
                 raise
-            raise BatchError(f"the workers failed: {type(error).__name__}: {' '.join(str(error).split())}; the same command goes on") from None
+            raise BatchError(f"the workers are lost ({_told(error)}); what is done is kept, and the same command goes on") from None
         _kept(self._out, lambda: self._keep(driven))
 
     def _keep(self, driven: Driven) -> None:
@@ -259,6 +259,10 @@ def _crew(scheduler: str | None, count: int) -> AbstractContextManager[Crew]:
 def _cores() -> int:
     """How many this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _told(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__} {error}".split())
 
 
 def _before(doing: str) -> Progress:
