@@ -50,6 +50,7 @@ class Listing(NamedTuple):
     done: bool
 
 
+Egos = Mapping[str, Sequence[str]]  # of each user's network, by scenario
 Watch = Callable[[Progress], None]
 Drive = Callable[[Episode, Bar], Driven]
 
@@ -85,16 +86,13 @@ def run_batch(
     tell = watch or _nobody
     count = jobs or _cores()
     with folder.only_here(out):
-        if fresh:
-            folder.clear(out)
         wanted = _manifest(plan, shard, command)
-        manifest = folder.begun(out, wanted)
-        if manifest is None or not is_compiled():
-            with workers.local(1) as crew:
-                egos = manifest["egos"] if manifest is not None else _chosen(plan, crew, tell)
-                _rehearse(plan, crew, tell)
-            manifest = manifest or {**wanted, "egos": egos}
-            _kept(out, lambda: records.write_manifest(out, manifest))
+        manifest = None if fresh else folder.begun(out, wanted)
+        if manifest is None:
+            manifest = {**wanted, "egos": _prepared(plan, tell)}
+            _kept(out, lambda: _begin(out, manifest))
+        elif not is_compiled():
+            _prepared(plan, tell, manifest["egos"])
         found = _part(plan, manifest["egos"], shard)
         with _crew(scheduler, count) as crew:
             return _Batch(out, found, plan.experiment.traces, tell).run(crew)
@@ -166,7 +164,7 @@ class _Batch:
             if self._deaths[episode.keys] < TRIES:
                 self._waiting.append(episode)
                 return
-            driven = Driven(drive.failed(episode, f"{error}, in each of {TRIES} tries"), {})
+            driven = Driven(drive.failed(episode, f"{' '.join(str(error).split())}, in each of {TRIES} tries"), {})
         except BaseException as error:  # a worker answers whatever happens to an episode: this is about the workers
             if isinstance(error, KeyboardInterrupt | SystemExit):
                 raise
@@ -200,7 +198,7 @@ class _Batch:
 
 def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict[str, Any]:
     """What a folder says of its batch, but for the egos that are drawn."""
-    scenarios = {case.name: next(iter(case.configs.values())).model_dump(mode="json") for case in plan.cases}
+    scenarios = {case.name: case.base.model_dump(mode="json") for case in plan.cases}
     planners = [config.planner for case in plan.cases for config in case.configs.values()]
     return {
         "experiment": plan.experiment.model_dump(mode="json", by_alias=True),
@@ -215,13 +213,27 @@ def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict
     }
 
 
-def _chosen(plan: Plan, crew: Crew, tell: Watch) -> dict[str, tuple[str, ...]]:
+def _prepared(plan: Plan, tell: Watch, egos: Egos | None = None) -> Egos:
+    """The egos of each user's network, chosen unless they are given; the scenarios have been tried. Raises ConfigError."""
+    with workers.local(1) as crew:
+        chosen = _chosen(plan, crew, tell) if egos is None else egos
+        _rehearse(plan, crew, tell)
+    return chosen
+
+
+def _begin(out: Path, manifest: Mapping[str, Any]) -> None:
+    """A folder in which nothing is but what the batch is."""
+    folder.clear(out)
+    records.write_manifest(out, manifest)
+
+
+def _chosen(plan: Plan, crew: Crew, tell: Watch) -> Egos:
     """The egos of each user's network. Raises ConfigError where there are none such."""
-    found = {}
+    found: dict[str, Sequence[str]] = {}
     for case in plan.cases:
         if case.egos is not None:
             tell(_before(f"looking for egos in {case.name}"))
-            found[case.name] = _asked(plan, case.name, crew.executor.submit(drive.choose, next(iter(case.configs.values())), case.egos), crew)
+            found[case.name] = _asked(plan, case.name, crew.executor.submit(drive.choose, case.base, case.egos), crew)
     return found
 
 
@@ -248,7 +260,7 @@ def _asked(plan: Plan, name: str, future: "Future[_T]", crew: Crew) -> _T:
         raise ConfigError(f"{plan.origin}: scenarios: {name}: {error}") from None
 
 
-def _part(plan: Plan, egos: Mapping[str, Sequence[str]], part: tuple[int, int]) -> list[Episode]:
+def _part(plan: Plan, egos: Egos, part: tuple[int, int]) -> list[Episode]:
     return shard(episodes(plan, egos), *part)
 
 

@@ -121,6 +121,7 @@ class Case(NamedTuple):
     """A scenario of an experiment under all its variants."""
 
     name: str
+    base: ScenarioConfig  # without any variant
     seeds: tuple[int | None, ...]  # None: the .sumocfg's own
     configs: Mapping[str, ScenarioConfig]  # by variant; the egos of a user's network are not chosen yet
     egos: Egos | None  # of a user's network, an episode for each; None: the scenario's own, together
@@ -257,7 +258,7 @@ def _case(experiment: Experiment, number: int, variants: Mapping[str, Changes], 
         if experiment.twins and any(getattr(found, section) != getattr(base, section) for section in TRAFFIC):
             raise ConfigError(f"{path}: {_origin(experiment, variant)}: changes {', '.join(TRAFFIC)}, which twins share; set it for an entry of `scenarios`")
     seeds = entry.seeds or experiment.seeds or ((0,) if entry.sumocfg is None else (None,))
-    return Case(name, seeds, configs, entry.egos)
+    return Case(name, base, seeds, configs, entry.egos)
 
 
 def _origin(experiment: Experiment, variant: str) -> str:

@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from shutil import rmtree
 from typing import Any
@@ -39,6 +39,8 @@ def only_here(folder: Path) -> Iterator[None]:
         raise ConfigError(f"--out {folder}: another batch is at work there") from None
     finally:
         os.close(number)
+        with suppress(OSError):
+            folder.rmdir()  # only where nothing came into it
 
 
 def clear(folder: Path) -> None:

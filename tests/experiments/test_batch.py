@@ -328,7 +328,7 @@ def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as refused:
         run_batch(write(tmp_path, network("[ego, nobody]")), tmp_path / "out", jobs=1)
     assert str(refused.value) == f"{tmp_path / 'small.yaml'}: scenarios: good: egos: nobody: no such vehicle departs; the first that do: ego, other"
-    assert not (tmp_path / "out" / records.MANIFEST).exists()
+    assert not (tmp_path / "out").exists()
     scenario = config.build({"name": "x", "sumo": {"sumocfg": str(GOOD)}, "egos": [{"id": "any"}]}, "x")
     with pytest.raises(ConfigError, match="egos: random: asks for 3, the network has 2 suitable vehicles"):
         choose(scenario, Egos(random=3))
