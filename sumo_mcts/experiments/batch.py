@@ -90,7 +90,7 @@ def run_batch(
         manifest = None if fresh else folder.begun(out, wanted)
         if manifest is None:
             manifest = {**wanted, "egos": _prepared(plan, tell)}
-            _kept(out, lambda: _begin(out, manifest))
+            _kept(out, lambda: _begin(out, manifest, fresh))
         elif not is_compiled():
             _prepared(plan, tell, manifest["egos"])
         found = _part(plan, manifest["egos"], shard)
@@ -221,9 +221,10 @@ def _prepared(plan: Plan, tell: Watch, egos: Egos | None = None) -> Egos:
     return chosen
 
 
-def _begin(out: Path, manifest: Mapping[str, Any]) -> None:
-    """A folder in which nothing is but what the batch is."""
-    folder.clear(out)
+def _begin(out: Path, manifest: Mapping[str, Any], fresh: bool) -> None:
+    """Say in the folder what is to come, in place of what was."""
+    if fresh:
+        folder.clear(out)
     records.write_manifest(out, manifest)
 
 

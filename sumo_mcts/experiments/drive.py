@@ -64,7 +64,7 @@ def rehearse(config: ScenarioConfig, seed: int | None) -> str:
         if {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}:
             loop.scenes()  # until the egos are taken over, which is soon
     except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
-        return str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}"
+        return " ".join((str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}").split())
     finally:
         loop.finish()
     return ""

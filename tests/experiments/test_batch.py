@@ -20,8 +20,8 @@ from sumo_mcts.config import ConfigError
 from sumo_mcts.episode import run_episode
 from sumo_mcts.experiments import folder, run_batch, workers
 from sumo_mcts.experiments.batch import Progress, _Batch, listed
-from sumo_mcts.experiments.drive import choose, rehearse
-from sumo_mcts.experiments.experiment import Egos, episodes, load
+from sumo_mcts.experiments.drive import choose, drive, failed, rehearse
+from sumo_mcts.experiments.experiment import Egos, Episode, episodes, load
 from sumo_mcts.experiments.workers import LocalPool, local
 from sumo_mcts.experiments.worth import Worth
 
@@ -292,6 +292,42 @@ def test_one_batch_at_a_time(whole: Reference, tmp_path: Path) -> None:
             run_batch(write(tmp_path), whole[0])
 
     run_batch(write(tmp_path), whole[0], watch=again)
+
+
+# --- several egos in one episode ---
+
+
+@pytest.fixture
+def two(tmp_path: Path) -> Episode:
+    """One episode of two egos."""
+    (tmp_path / "two.yaml").write_text(f"base: {assets.scenario_path('highway-exit')}\nname: two\negos: [{{id: ego}}, {{id: left_lane}}]\n")
+    (episode,) = episodes(load(write(tmp_path, "name: x\nscenarios: [two.yaml]\nvariants: {constant: {planner.name: constant}}\n")), {})
+    return episode
+
+
+def test_two_egos_leave_two_rows(two: Episode) -> None:
+    driven = drive(two, Worth("all").bar("two", "constant"))
+    assert [(row["key"], row["ego"]) for row in driven.rows] == [("two--constant--0--ego", "ego"), ("two--constant--0--left_lane", "left_lane")]
+    assert set(driven.traces) == {row["key"] for row in driven.rows}
+
+
+def test_a_part_of_an_episode_does_not_count(two: Episode, tmp_path: Path) -> None:
+    first, second = failed(two, "a reason")
+    records.append_row(tmp_path, first)
+    assert folder.done(tmp_path, [two]) == []
+    records.append_row(tmp_path, second)
+    records.append_row(tmp_path, {**first, "error": "the later one"})
+    assert [row["error"] for row in folder.done(tmp_path, [two])] == ["the later one", "a reason"]
+
+
+def test_an_exception_is_the_outcome(two: Episode, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise RuntimeError("as asked")
+
+    monkeypatch.setattr("sumo_mcts.experiments.drive.run_episode", broken)
+    driven = drive(two, Worth("all").bar("two", "constant"))
+    assert [(row["outcome"], row["error"]) for row in driven.rows] == [("error", "RuntimeError: as asked")] * 2
+    assert driven.traces == {}
 
 
 # --- networks of the user ---
