@@ -18,6 +18,7 @@ from sumo_mcts.world.arguments import sumo_home
 
 TWIN = "sumo"  # planner and variant of the twins
 TRAFFIC = ("sumo", "egos", "traffic", "episode")  # sections in which an episode and its twin have to agree
+DECIDING = ("sumo_mcts", "sumo", "numpy", "numba")  # versions that decide what comes of an episode, so that rows of others do not mix
 SUMO_FOLDER = "${SUMO_HOME}"
 UNKNOWN_EGO = "any"  # stands for an ego of a user's network until it is chosen
 

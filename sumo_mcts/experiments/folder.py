@@ -10,7 +10,7 @@ from typing import Any
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError
-from sumo_mcts.experiments.experiment import Episode
+from sumo_mcts.experiments.experiment import DECIDING, Episode
 from sumo_mcts.records import MANIFEST, ROWS, TABLE, Row
 
 try:
@@ -21,7 +21,6 @@ except ImportError:  # on Windows
 TRACES = "traces"
 
 _LEFT_BEHIND = (MANIFEST, ROWS, TABLE, TRACES, "figures", "report.html", "report.md")  # what --fresh removes
-_SAME = ("sumo_mcts", "sumo", "numpy", "numba")  # versions whose results do not mix
 
 
 @contextmanager
@@ -30,17 +29,25 @@ def only_here(folder: Path) -> Iterator[None]:
     if fcntl is None:
         yield
         return
+    made = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     number = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)  # it goes with the process, however that ends
+        _lock(number, folder)
         yield
-    except BlockingIOError:
-        raise ConfigError(f"--out {folder}: another batch is at work there") from None
     finally:
         os.close(number)
-        with suppress(OSError):
-            folder.rmdir()  # only where nothing came into it
+        if made:
+            with suppress(OSError):
+                folder.rmdir()  # only where nothing came into it
+
+
+def _lock(number: int, folder: Path) -> None:
+    """Until the descriptor is closed, or the process ends in whatever way."""
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise ConfigError(f"--out {folder}: another batch is at work there") from None
 
 
 def clear(folder: Path) -> None:
@@ -66,7 +73,7 @@ def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
         raise ConfigError(f"--out {folder}: holds {what}; {ways}")
     if manifest["shard"] != wanted["shard"]:
         raise ConfigError(f"--out {folder}: holds shard {manifest['shard']}, not {wanted['shard']}; each shard has a folder of its own")
-    for name in _SAME:
+    for name in DECIDING:
         there, here = manifest["versions"][name], wanted["versions"][name]
         if there != here:
             raise ConfigError(f"--out {folder}: was begun with {name} {there}, this is {here}; {ways}")

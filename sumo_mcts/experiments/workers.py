@@ -18,12 +18,12 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError
+from sumo_mcts.experiments.experiment import DECIDING
 
 PATIENCE_S = 3.0  # for a worker that was told to end, before it is killed
-LONGEST = 200  # tasks of one process, then a new one takes over: libsumo grows by some MB in a hundred episodes
+LONGEST = 200  # tasks of one process, then a new one takes over: it grows by 4 MB in a hundred episodes
 ANSWER_S = 10.0  # for a scheduler
 AHEAD = 2  # episodes handed out for each worker: one that it drives, and the next
-SAME = ("sumo_mcts", "sumo", "numpy", "numba")  # versions that have to agree between the machines of a cluster
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -80,7 +80,7 @@ def _check_workers(client: Any, address: str) -> None:
         raise ConfigError(f"--scheduler {address}: a worker has {max(threads.values())} threads; start them with --nthreads 1 (and --nworkers N)")
     here = records.versions()
     for worker, there in client.run(records.versions).items():
-        for name in SAME:
+        for name in DECIDING:
             if there[name] != here[name]:
                 raise ConfigError(f"--scheduler {address}: {name} is {there[name]} on worker {worker}, {here[name]} here")
 
@@ -197,7 +197,7 @@ class _Worker:
         try:
             self._pipe.send(call)
             answer: tuple[bool, Any] = self._pipe.recv()
-        except (EOFError, ConnectionError):
+        except (EOFError, OSError):
             self.process.join(PATIENCE_S)
             raise DeadWorkerError(f"the worker died ({_cause(self.process.exitcode)})") from None
         self.answered += 1
@@ -231,5 +231,5 @@ def _work(pipe: Connection, scratch: str) -> None:
             except Exception as error:
                 answer = (False, error)
             pipe.send(answer)
-    except (EOFError, ConnectionError):
+    except (EOFError, OSError):  # nobody is
         pass
