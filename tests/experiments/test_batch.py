@@ -44,9 +44,11 @@ def on_disk(out: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (out / records.ROWS).read_text().splitlines()]
 
 
-def start(*words: str, **more: Any) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "sumo_mcts.cli", "batch", *words]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, **more)
+def start(experiment: Path, out: Path, jobs: int, **more: Any) -> subprocess.Popen[str]:
+    """The command in a group of processes of its own, with its temporary files beside the experiment."""
+    words = [sys.executable, "-m", "sumo_mcts.cli", "batch", str(experiment), "--out", str(out), "--jobs", str(jobs)]
+    environment = {**os.environ, "TMPDIR": str(experiment.parent)}
+    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment, **more)
 
 
 def wait_for(there: Callable[[], bool], process: subprocess.Popen[str] | None) -> None:
@@ -148,17 +150,18 @@ def test_two_workers_and_two_shards_give_the_same(whole: Reference, tmp_path: Pa
 
 def test_killed_and_resumed(whole: Reference, tmp_path: Path) -> None:
     small, out = begun(whole, tmp_path)
-    process = start(str(small), "--out", str(out), "--jobs", "2")
+    process = start(small, out, 2)
     wait_for(lambda: count(out) >= 3, process)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
+    wait_for(lambda: nobody(process.pid), None)  # the workers leave by themselves
     survived = on_disk(out)
     assert 3 <= len(survived) < 8
     # what a loss of power may leave: a torn line, a row twice, a trace whose row is lost
     lost = next(row["key"] for row in whole[1] if row["key"] not in {found["key"] for found in survived})
     with (out / records.ROWS).open("ab") as file:
         file.write(json.dumps(survived[0]).encode() + b"\n" + json.dumps({"key": lost, "outcome": "arrived"}).encode()[:-3] + b"\0\0\0")
-    process = start(str(small), "--out", str(out), "--jobs", "1")
+    process = start(small, out, 1)
     printed, told = process.communicate()
     assert process.returncode == 0, told
     assert printed.splitlines()[0].split() == ["unprotected-left-turn", "constant", "2", "collision"]
@@ -173,7 +176,7 @@ def test_killed_and_resumed(whole: Reference, tmp_path: Path) -> None:
 
 def test_interrupted(whole: Reference, tmp_path: Path) -> None:
     slow, out = begun(whole, tmp_path, SLOW)
-    process = start(str(slow), "--out", str(out), "--jobs", "2")
+    process = start(slow, out, 2)
     wait_for(lambda: count(out) >= 2, process)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: workers too
     began = time.monotonic()
@@ -183,6 +186,7 @@ def test_interrupted(whole: Reference, tmp_path: Path) -> None:
     assert told.splitlines()[-1] == "interrupted"
     assert "Traceback" not in told
     wait_for(lambda: nobody(process.pid), None)
+    assert not list(tmp_path.glob("sumo_mcts-*"))
     rows = on_disk(out)
     assert 2 <= len(rows) < 60
     assert (out / records.TABLE).read_text().count("\n") == 1 + len(rows)
@@ -195,7 +199,7 @@ def test_a_full_disk(whole: Reference, tmp_path: Path) -> None:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))  # room for two rows
 
-    process = start(str(small), "--out", str(out), "--jobs", "1", preexec_fn=limit)
+    process = start(small, out, 1, preexec_fn=limit)
     _, told = process.communicate(timeout=60)
     assert process.returncode == 1
     last = told.splitlines()[-1]
