@@ -204,9 +204,6 @@ def _convergence_text(found: dict[str, Any]) -> str:
     return "\n".join([*lines, f"actions of which only one of the two finds a way without a loss: {found['other_outcome']}"])
 
 
-# --- batch ---
-
-
 def batch(
     experiment: str, out: Path, jobs: int | None, scheduler: str | None, shard: str, fresh: bool, command: Sequence[str], watch: Callable[[Progress], None]
 ) -> list[dict[str, Any]]:
@@ -239,9 +236,6 @@ def _shard(text: str) -> tuple[int, int]:
     if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
         raise ConfigError(f"--shard {text}: i/n with i from 1 to n, as in 2/8")
     return int(number), int(count)
-
-
-# --- run ---
 
 
 def failures(result: EpisodeResult) -> list[str]:

@@ -468,7 +468,7 @@ def _assign(data: dict[str, Any], override: str) -> None:
 def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
     """What is wrong with the input for a model: key, what is allowed, what was given."""
     problem = error.errors()[0]
-    key = ".".join(str(part) for part in problem["loc"]) or "the file"
+    key = ".".join(str(part) for part in problem["loc"]) or "scenario"
     message = problem["msg"].removeprefix("Value error, ")
     if problem["type"] == "extra_forbidden":
         message = "unknown key" + _allowed_beside(problem["loc"], model)

@@ -50,7 +50,7 @@ Seeds = Annotated[tuple[int, ...] | None, BeforeValidator(_seeds)]
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, populate_by_name=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
 
 class Egos(_Section):
