@@ -135,13 +135,14 @@ class _Batch:
                 self._report()
         finally:
             with suppress(OSError):  # what stopped us is told instead
-                folder.settle(self._out, self._rows, self._all)
+                folder.settle(self._out, self._all)
             self._report(last=True)
         return folder.done(self._out, self._all)
 
     def _tidy(self) -> None:
         """Leave whole episodes alone in the folder, and the traces that are worth it so far."""
-        folder.settle(self._out, self._rows, self._all)
+        folder.sweep(self._out)
+        folder.settle(self._out, self._all)
         lost = {key for episode in self._waiting for key in episode.keys}
         for row in self._rows:
             lost |= self._worth.add(row)

@@ -86,12 +86,17 @@ def done(folder: Path, episodes: Sequence[Episode]) -> list[Row]:
     return [rows[key] for episode in episodes if all(key in rows for key in episode.keys) for key in episode.keys]
 
 
-def settle(folder: Path, rows: Sequence[Row], episodes: Sequence[Episode]) -> None:
-    """Leave these rows alone in the folder, in the order of the experiment, as JSON lines and as CSV. Raises OSError."""
-    place = {key: k for k, key in enumerate(key for episode in episodes for key in episode.keys)}
-    lines = [records.json_text(row, indent=None) + "\n" for row in sorted(rows, key=lambda row: place[row["key"]])]
-    records.write_whole(folder / ROWS, "".join(lines).encode())
+def settle(folder: Path, episodes: Sequence[Episode]) -> None:
+    """Leave the rows of whole episodes alone in the folder, in the order of the experiment, as JSON lines and as CSV. Raises OSError."""
+    rows = done(folder, episodes)
+    records.write_whole(folder / ROWS, "".join(records.json_text(row, indent=None) + "\n" for row in rows).encode())
     records.write_csv(folder)
+
+
+def sweep(folder: Path) -> None:
+    """Remove files that a killed process was about to write."""
+    for path in (*folder.glob(".*.tmp"), *(folder / TRACES).glob(".*.tmp")):
+        path.unlink()
 
 
 def drop_traces(folder: Path, keys: set[str]) -> None:

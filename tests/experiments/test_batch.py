@@ -161,6 +161,8 @@ def test_killed_and_resumed(whole: Reference, tmp_path: Path) -> None:
     lost = next(row["key"] for row in whole[1] if row["key"] not in {found["key"] for found in survived})
     with (out / records.ROWS).open("ab") as file:
         file.write(json.dumps(survived[0]).encode() + b"\n" + json.dumps({"key": lost, "outcome": "arrived"}).encode()[:-3] + b"\0\0\0")
+    (out / "traces").mkdir(exist_ok=True)
+    (out / "traces" / f".{lost}.npz.1.tmp").touch()
     process = start(small, out, 1)
     printed, told = process.communicate()
     assert process.returncode == 0, told
@@ -191,6 +193,21 @@ def test_interrupted(whole: Reference, tmp_path: Path) -> None:
     assert 2 <= len(rows) < 60
     assert (out / records.TABLE).read_text().count("\n") == 1 + len(rows)
     assert sum(item.done for item in listed(slow, out)) == len(rows)
+
+
+def test_an_interrupt_between_two_steps_loses_nothing(whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small, out = begun(whole, tmp_path)
+    append = records.append_row
+
+    def interrupted(place: Path, row: records.Row) -> None:
+        append(place, row)
+        if count(place) == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(records, "append_row", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(small, out, jobs=1)
+    assert len(on_disk(out)) == 3
 
 
 def test_a_full_disk(whole: Reference, tmp_path: Path) -> None:
