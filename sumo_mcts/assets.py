@@ -27,3 +27,14 @@ def scenario_path(name_or_path: str) -> Path:
     if path.is_file():
         return path
     raise ConfigError(f"{name_or_path}: no such scenario; give a .yaml, a .sumocfg, or one of: {', '.join(scenario_names())}")
+
+
+def experiment_path(name_or_path: str) -> Path:
+    """The experiment file behind a built-in name or a path. Raises ConfigError."""
+    builtin = root() / "configs" / "experiments" / f"{name_or_path}.yaml"
+    if builtin.is_file():
+        return builtin
+    if Path(name_or_path).is_file():
+        return Path(name_or_path)
+    names = sorted(path.stem for path in builtin.parent.glob("*.yaml"))
+    raise ConfigError(f"{name_or_path}: no such experiment; give a .yaml, or one of: {', '.join(names)}")

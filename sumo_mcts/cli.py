@@ -1,16 +1,21 @@
 """The front door: commands, no logic. Heavy imports wait until a command needs them, so that --help is quick."""
 
 import _thread
+import datetime
 import json
+import math
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
+
+if TYPE_CHECKING:
+    from sumo_mcts.experiments.batch import Progress
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
@@ -228,6 +233,80 @@ def _list_recorded(folder: Path, as_json: bool) -> None:
 
 
 # ---
+
+
+@app.command()
+def batch(
+    experiment: Annotated[str, typer.Argument(help="An experiment file, or a built-in one: quick, table1, reactive, varied, ...")],
+    out: Annotated[Path, typer.Option(help="Folder for rows and traces; what is done there is not done again.")],
+    jobs: Annotated[Optional[int], typer.Option(min=1, metavar="N", help="Processes. Default: one a core.")] = None,  # noqa: UP045
+    scheduler: Annotated[Optional[str], typer.Option(metavar="tcp://...", help="Drive on the workers of this dask.distributed scheduler.")] = None,  # noqa: UP045
+    shard: Annotated[str, typer.Option(metavar="I/N", help="Drive only this part of N; a folder of its own for each.")] = "1/1",
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would be driven, and what is done already.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Remove what an earlier batch left in the folder.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Drive an experiment: scenarios x variants x seeds. Goes on where it was interrupted."""
+    with _plain_errors():
+        from sumo_mcts import commands
+        from sumo_mcts.experiments.batch import BatchError
+
+        if dry_run:
+            typer.echo(commands.batch_listing(experiment, out, shard, fresh))
+            return
+        commands.check_folder(out)
+        try:
+            with _BatchVoice(quiet) as voice:
+                rows = commands.batch(experiment, out, jobs, scheduler, shard, fresh, sys.argv[1:], voice.tell)
+        except BatchError as error:
+            typer.echo(f"error: {error}", err=True)
+            raise typer.Exit(FAILED) from None
+    failed = [row for row in rows if row["outcome"] == "error"]
+    if not quiet:
+        typer.echo(f"{commands.batch_summary(rows)}\n{out}: {len(rows)} rows")
+    if failed:
+        typer.echo(f"error: {len(failed)} of {len(rows)} rows have outcome error, the first: {failed[0]['key']}: {failed[0]['error']}", err=True)
+        raise typer.Exit(FAILED)
+
+
+class _BatchVoice:
+    """Tells on standard error how far a batch is: a bar on a terminal, elsewhere a line every ten seconds."""
+
+    EVERY_S = 10.0
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet, self._said, self._text = quiet, -math.inf, ""
+        self._bar: Any = None
+
+    def __enter__(self) -> "_BatchVoice":
+        if sys.stderr.isatty() and not self._quiet:
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+            columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
+            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._bar.start()
+            self._task = self._bar.add_task("", total=None)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def tell(self, at: "Progress") -> None:
+        """Say what has changed."""
+        if self._bar is not None:
+            self._bar.update(self._task, completed=at.done, total=at.total or None, description=at.doing or _how_far(at))
+            return
+        now, text = time.monotonic(), f"{at.doing} ..." if at.doing else f"{at.done}/{at.total} episodes, {_how_far(at)}"
+        if not self._quiet and text != self._text and (at.doing or at.done == at.total or now - self._said >= self.EVERY_S):
+            self._said, self._text = now, text
+            typer.echo(text, err=True)
+
+
+def _how_far(at: "Progress") -> str:
+    pace = "" if at.rate_per_s is None or at.left_s is None else f", {at.rate_per_s:.2g}/s, {datetime.timedelta(seconds=round(at.left_s))} left"
+    return f"{at.collisions} collisions" + (f", {at.errors} errors" if at.errors else "") + pace
 
 
 @app.command()

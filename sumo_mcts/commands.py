@@ -14,6 +14,7 @@ from sumo_mcts import assets, config, records
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.driver import cost_params, make_planner, make_predictor
 from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.experiments.batch import Progress, listed, run_batch
 from sumo_mcts.forecast_error import compare
 from sumo_mcts.planners.reference import LABELS, digest
 from sumo_mcts.regret import FACTOR, FINER, Harvest, Panel, Row, both_efforts, convergence, ranking
@@ -219,6 +220,40 @@ def _convergence_text(found: dict[str, Any]) -> str:
     if found["optimum"]["count"]:
         lines.append(f"the action chosen, by the converged costs: regret {found['choice']['mean']:.4f} on average, {found['choice']['max']:.3f} at most")
     return "\n".join([*lines, f"actions of which only one of the two finds a way without a loss: {found['other_outcome']}"])
+
+
+def batch(
+    experiment: str, out: Path, jobs: int | None, scheduler: str | None, shard: str, fresh: bool, command: Sequence[str], watch: Callable[[Progress], None]
+) -> list[dict[str, Any]]:
+    """The rows of an experiment, driven into a folder as far as they are not there yet. Raises ConfigError and BatchError."""
+    return run_batch(experiment, out, jobs=jobs, scheduler=scheduler, shard=_shard(shard), fresh=fresh, command=command, watch=watch)
+
+
+def batch_listing(experiment: str, out: Path, shard: str, fresh: bool) -> str:
+    """A line for each row that `batch` would bring about. Raises ConfigError."""
+    found = listed(experiment, out, shard=_shard(shard), fresh=fresh)
+    lines = [f"{'done' if item.done else 'to do':6s} {item.key}" for item in found]
+    done = sum(item.done for item in found)
+    return "\n".join([*lines, f"{len(found)} rows, {done} done, {len(found) - done} to do"])
+
+
+def batch_summary(rows: Sequence[dict[str, Any]]) -> str:
+    """How the episodes ended, for a person: a line for each scenario and variant."""
+    counts: dict[tuple[str, str], Counter[str]] = {}
+    for row in rows:
+        counts.setdefault((row["scenario"], row["variant"]), Counter())[row["outcome"]] += 1
+    width = max((len(name) for names in counts for name in names), default=0)
+    return "\n".join(
+        f"{scenario:{width}s}  {variant:{width}s}  {', '.join(f'{n} {outcome}' for outcome, n in found.most_common())}"
+        for (scenario, variant), found in counts.items()
+    )
+
+
+def _shard(text: str) -> tuple[int, int]:
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise ConfigError(f"--shard {text}: i/n with i from 1 to n, as in 2/8")
+    return int(number), int(count)
 
 
 def failures(result: EpisodeResult) -> list[str]:

@@ -412,7 +412,7 @@ def build(data: dict[str, Any], origin: str, overrides: tuple[str, ...] = (), *,
     try:
         scenario = ScenarioConfig.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(f"{origin}: {_first_problem(error)}") from None
+        raise ConfigError(f"{origin}: {first_problem(error, ScenarioConfig)}") from None
     for key, name in plugin_names(scenario):
         require_permission(f"{origin}: {key}", name, allow_plugins)
     return scenario
@@ -459,7 +459,7 @@ def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid YAML: {_yaml_problem(error)}") from None
+        raise ConfigError(f"{path}: not valid YAML: {yaml_problem(error)}") from None
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: a scenario is a mapping of keys, see `sumo-mcts schema`")
     _absolute_paths(data.get("sumo"), path.parent)
@@ -474,7 +474,7 @@ def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     return _overlay(_read(base_path, (*seen, path.resolve())), data)
 
 
-def _yaml_problem(error: Exception) -> str:
+def yaml_problem(error: Exception) -> str:
     """What is wrong and where, in one line."""
     mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
     return " ".join(str(error).split()) if mark is None or problem is None else f"line {mark.line + 1}, column {mark.column + 1}: {problem}"
@@ -527,28 +527,29 @@ def _assign(data: dict[str, Any], override: str) -> None:
         raise ConfigError(f"--set {override}: the value is not valid YAML") from None
 
 
-def _first_problem(error: ValidationError) -> str:
+def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
+    """What is wrong with the input for a model: key, what is allowed, what was given."""
     problem = error.errors()[0]
     key = ".".join(str(part) for part in problem["loc"]) or "scenario"
     message = problem["msg"].removeprefix("Value error, ")
     if problem["type"] == "extra_forbidden":
-        message = "unknown key" + _allowed_beside(problem["loc"])
+        message = "unknown key" + _allowed_beside(problem["loc"], model)
     elif problem["type"] != "missing" and not isinstance(problem["input"], dict):
         message += f", got {problem['input']!r}"
     more = len(error.errors()) - 1
     return f"{key}: {message}" + (f" (and {more} more)" if more else "")
 
 
-def _allowed_beside(location: tuple[int | str, ...]) -> str:
+def _allowed_beside(location: tuple[int | str, ...], model: Any) -> str:
     """The keys allowed where an unknown one stood."""
-    model: Any = ScenarioConfig
     for part in location[:-1]:
         if isinstance(part, int):
             continue
         field = model.model_fields.get(part)
         kinds = () if field is None else (field.annotation, *getattr(field.annotation, "__args__", ()))
-        inner = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
+        plain = [getattr(kind, "__origin__", kind) for kind in kinds]  # Annotated[A, ...] is an A
+        inner = [kind for kind in plain if isinstance(kind, type) and issubclass(kind, BaseModel)]
         if not inner:
             return ""
         model = inner[0]
-    return "; allowed: " + ", ".join(model.model_fields)
+    return "; allowed: " + ", ".join(field.alias or name for name, field in model.model_fields.items())

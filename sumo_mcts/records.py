@@ -170,7 +170,7 @@ def json_text(value: Any, indent: int | None = 2) -> str:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file wholly or not at all; creates the folder. Raises OSError."""
+    """Write a file wholly or not at all, and for good; creates the folder. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
@@ -181,6 +181,17 @@ def write_whole(path: Path, content: bytes) -> None:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+    _sync_folder(path.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have a new name outlast a loss of power; Windows does that by itself."""
+    if os.name == "posix":
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
 
 
 def _safe(part: str) -> str:

@@ -55,6 +55,13 @@ def network_of(sumocfg: str | None, net: str | None) -> str:
     return named[0]
 
 
+def sumo_home() -> str:
+    """The folder of the SUMO that this package comes with, whatever another one the environment names."""
+    import sumo  # type: ignore[import-untyped]
+
+    return str(Path(sumo.__file__).parent)
+
+
 def ssm_options(egos: Sequence[str], folder: Path) -> Options:
     """Options that equip the egos with SUMO's surrogate safety device, as the referee reads it."""
     return {

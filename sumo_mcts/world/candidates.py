@@ -26,10 +26,10 @@ class Candidate(NamedTuple):
     why_not: str
 
 
-def candidates(arguments: Sequence[str], count: int, enough: Callable[[Candidate], bool] | None = None) -> list[Candidate]:
+def candidates(arguments: Sequence[str], count: int, enough: Callable[[Candidate], bool] | None = None, *, patience_s: float = PATIENCE_S) -> list[Candidate]:
     """The first `count` vehicles that depart, or fewer: all until one is `enough`, the traffic ends, or patience does. Raises ConfigError."""
     found: list[Candidate] = []
-    until = time.monotonic() + PATIENCE_S
+    until = time.monotonic() + patience_s
     with Simulation(arguments) as simulation:
         sumo = import_libsumo()
         while len(found) < count and not simulation.finished and time.monotonic() < until:

@@ -1,0 +1,295 @@
+"""Runs an experiment: hands its episodes out, keeps every row as it ends, and goes on where an earlier run was interrupted."""
+
+import os
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import AbstractContextManager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from sumo_mcts import assets, records
+from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts.experiments import drive, folder, workers
+from sumo_mcts.experiments.drive import Driven
+from sumo_mcts.experiments.experiment import Episode, Plan, episodes, load, shard
+from sumo_mcts.experiments.workers import Crew
+from sumo_mcts.experiments.worth import Bar, Worth
+from sumo_mcts.model.kernel import is_compiled
+from sumo_mcts.records import Row
+from sumo_mcts.world.arguments import REFEREE_OPTIONS
+
+TRIES = 2  # of an episode whose worker dies
+WHOLE = (1, 1)  # the only shard
+NEWS_S = 0.5  # between two words about the progress
+
+_T = TypeVar("_T")
+
+
+class BatchError(Exception):
+    """A batch that could not go on: what is done is kept, and the same command goes on. One line."""
+
+
+class Progress(NamedTuple):
+    """How far a batch is. Counts are of episodes."""
+
+    doing: str  # what comes before the first episode; "" while they are driven
+    done: int  # earlier runs included
+    total: int
+    collisions: int  # egos that collided
+    errors: int  # egos with outcome error
+    rate_per_s: float | None  # episodes, in this run; None: none is done yet
+    left_s: float | None
+
+
+class Listing(NamedTuple):
+    """What a batch would drive, and whether it is done already."""
+
+    key: str
+    done: bool
+
+
+Egos = Mapping[str, Sequence[str]]  # of each user's network, by scenario
+Watch = Callable[[Progress], None]
+Drive = Callable[[Episode, Bar], Driven]
+
+
+def run_batch(
+    experiment: str | Path,
+    out: str | Path,
+    *,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    shard: tuple[int, int] = WHOLE,
+    fresh: bool = False,
+    command: Sequence[str] = (),
+    watch: Watch | None = None,
+) -> list[Row]:
+    """Drive all episodes of an experiment file into the folder `out`, and return the rows (keys: docs/measures.md), in the order of the experiment.
+
+    experiment: a file (docs/experiments.md), or the name of a built-in one.
+    jobs: processes, by default one for each core that this process may use.
+    scheduler: the address of a dask.distributed scheduler (tcp://...) whose workers drive instead.
+    shard: (i, n) drives only the i-th of n parts; each part has a folder of its own.
+    fresh: remove what `out` holds of an earlier batch. Otherwise what is done there is not done again.
+    command: goes into the manifest. watch: is told the progress, about twice a second.
+
+    Every row is on the disk as soon as its episode ends, so a batch may be interrupted in any way and called again. The rows are the same with
+    any number of workers, except for times. An episode whose worker dies is driven once more, then its outcome is `error`.
+
+    In a script call it under `if __name__ == "__main__":`, since the worker processes import the script.
+
+    Raises ConfigError where the input is wrong, or `out` holds something else; BatchError where the batch cannot go on.
+    """
+    plan, out = load(assets.experiment_path(str(experiment))), Path(out)
+    tell = watch or _nobody
+    count = jobs or _cores()
+    with folder.only_here(out):
+        wanted = _manifest(plan, shard, command)
+        manifest = None if fresh else folder.begun(out, wanted)
+        if manifest is None:
+            manifest = {**wanted, "egos": _prepared(plan, tell)}
+            _kept(out, lambda: _begin(out, manifest, fresh))
+        elif not is_compiled():
+            _prepared(plan, tell, manifest["egos"])
+        found = _part(plan, manifest["egos"], shard)
+        with _crew(scheduler, count) as crew:
+            return _Batch(out, found, plan.experiment.traces, tell).run(crew)
+
+
+def listed(experiment: str | Path, out: str | Path | None = None, *, shard: tuple[int, int] = WHOLE, fresh: bool = False) -> list[Listing]:
+    """What `run_batch` would drive; nothing is written. Raises ConfigError as it does."""
+    plan = load(assets.experiment_path(str(experiment)))
+    manifest = None if out is None or fresh else folder.begun(Path(out), _manifest(plan, shard, ()))
+    with workers.local(1) as crew:
+        found = _part(plan, manifest["egos"] if manifest is not None else _chosen(plan, crew, _nobody), shard)
+    done = set() if manifest is None or out is None else {row["key"] for row in folder.done(Path(out), found)}
+    return [Listing(key, key in done) for episode in found for key in episode.keys]
+
+
+class _Batch:
+    """The episodes of one run, on their way into the folder."""
+
+    def __init__(self, out: Path, found: Sequence[Episode], traces: str, tell: Watch, drive_one: Drive = drive.drive) -> None:
+        self._out, self._all, self._tell, self._drive = out, found, tell, drive_one
+        self._worth = Worth(traces)
+        self._rows = folder.done(out, found)
+        known = {row["key"] for row in self._rows}
+        self._waiting = deque(episode for episode in found if episode.keys[0] not in known)
+        self._flying: dict[Future[Driven], Episode] = {}
+        self._deaths: Counter[tuple[str, ...]] = Counter()
+        self._began, self._before = time.monotonic(), len(found) - len(self._waiting)
+        self._spoke = -NEWS_S
+
+    def run(self, crew: Crew) -> list[Row]:
+        """Drive what is not done yet. Returns all rows."""
+        _kept(self._out, self._tidy)
+        self._began = time.monotonic()
+        try:
+            while self._waiting or self._flying:
+                self._hand_out(crew)
+                done, _ = wait(self._flying, NEWS_S, FIRST_COMPLETED)
+                for future in done:
+                    self._take(future, crew.deaths)
+                self._report()
+        finally:
+            with suppress(OSError):  # what stopped us is told instead
+                folder.settle(self._out, self._all)
+            self._report(last=True)
+        return folder.done(self._out, self._all)
+
+    def _tidy(self) -> None:
+        """Leave whole episodes alone in the folder, and the traces that are worth it so far."""
+        folder.sweep(self._out)
+        folder.settle(self._out, self._all)
+        lost = {key for episode in self._waiting for key in episode.keys}
+        for row in self._rows:
+            lost |= self._worth.add(row)
+        folder.drop_traces(self._out, lost)
+
+    def _hand_out(self, crew: Crew) -> None:
+        room = crew.most() - len(self._flying)
+        for _ in range(min(room, len(self._waiting))):
+            episode = self._waiting.popleft()
+            bar = self._worth.bar(episode.config.name, episode.variant)
+            self._flying[crew.executor.submit(self._drive, episode, bar)] = episode
+
+    def _take(self, future: "Future[Driven]", deaths: type[Exception]) -> None:
+        """Keep what an episode left, or have it driven again."""
+        episode = self._flying.pop(future)
+        try:
+            driven = future.result()
+        except deaths as error:
+            self._deaths[episode.keys] += 1
+            if self._deaths[episode.keys] < TRIES:
+                self._waiting.append(episode)
+                return
+            driven = Driven(drive.failed(episode, f"{' '.join(str(error).split())}, in each of {TRIES} tries"), {})
+        except BaseException as error:  # a worker answers whatever happens to an episode: this is about the workers
+            if isinstance(error, KeyboardInterrupt | SystemExit):
+                raise
+            raise BatchError(f"the workers are lost ({_told(error)}); what is done is kept, and the same command goes on") from None
+        _kept(self._out, lambda: self._keep(driven))
+
+    def _keep(self, driven: Driven) -> None:
+        """Write traces, then the rows, which say that the episode is done."""
+        for key, content in driven.traces.items():
+            records.write_whole(self._out / folder.TRACES / f"{key}.npz", content)
+        for row in driven.rows:
+            records.append_row(self._out, row)
+        self._rows += driven.rows
+        for row in driven.rows:
+            folder.drop_traces(self._out, self._worth.add(row))
+
+    def _report(self, last: bool = False) -> None:
+        now = time.monotonic()
+        if not last and now - self._spoke < NEWS_S:
+            return
+        self._spoke = now
+        outcomes = Counter(row["outcome"] for row in self._rows)
+        done = len(self._all) - len(self._waiting) - len(self._flying)
+        rate = (done - self._before) / (now - self._began) if done > self._before else None
+        left = None if rate is None else (len(self._all) - done) / rate
+        self._tell(Progress("", done, len(self._all), outcomes["collision"], outcomes["error"], rate, left))
+
+
+# --- before the first episode ---
+
+
+def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict[str, Any]:
+    """What a folder says of its batch, but for the egos that are drawn."""
+    scenarios = {case.name: case.base.model_dump(mode="json") for case in plan.cases}
+    planners = [config.planner for case in plan.cases for config in case.configs.values()]
+    return {
+        "experiment": plan.experiment.model_dump(mode="json", by_alias=True),
+        "experiment_digest": plan.digest,
+        "shard": "{}/{}".format(*part),
+        "scenarios": scenarios,
+        "variants": plan.variants,
+        "versions": records.versions(),
+        "command": ["sumo-mcts", *command] if command else None,
+        "set_by_referee": REFEREE_OPTIONS,
+        "reproducible": all(planner.time_budget_ms is None and not planner.enforce_deadline for planner in planners),
+    }
+
+
+def _prepared(plan: Plan, tell: Watch, egos: Egos | None = None) -> Egos:
+    """The egos of each user's network, chosen unless they are given; the scenarios have been tried. Raises ConfigError."""
+    with workers.local(1) as crew:
+        chosen = _chosen(plan, crew, tell) if egos is None else egos
+        _rehearse(plan, crew, tell)
+    return chosen
+
+
+def _begin(out: Path, manifest: Mapping[str, Any], fresh: bool) -> None:
+    """Say in the folder what is to come, in place of what was."""
+    if fresh:
+        folder.clear(out)
+    records.write_manifest(out, manifest)
+
+
+def _chosen(plan: Plan, crew: Crew, tell: Watch) -> Egos:
+    """The egos of each user's network. Raises ConfigError where there are none such."""
+    found: dict[str, Sequence[str]] = {}
+    for case in plan.cases:
+        if case.egos is not None:
+            tell(_before(f"looking for egos in {case.name}"))
+            found[case.name] = _asked(plan, case.name, crew.executor.submit(drive.choose, case.base, case.egos), crew)
+    return found
+
+
+def _rehearse(plan: Plan, crew: Crew, tell: Watch) -> None:
+    """Start every scenario once with every planner, in one process: wrong input ends the batch here, and the search is compiled for all. Raises ConfigError."""
+    tell(_before("starting SUMO" if is_compiled() else "compiling the search, once for this version (about half a minute)"))
+    for case in plan.cases:
+        for config in {_kind(config): config for config in case.configs.values()}.values():
+            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0]), crew)
+            if problem:
+                raise ConfigError(f"{plan.origin}: scenarios: {case.name}: {problem}")
+
+
+def _kind(config: ScenarioConfig) -> tuple[str, str, bool, str, str]:
+    """What decides whether a scenario starts, and what is compiled for it."""
+    return config.planner.name, config.prediction.name, config.failsafe.on, config.sumo.model_dump_json(), config.traffic.model_dump_json()
+
+
+def _asked(plan: Plan, name: str, future: "Future[_T]", crew: Crew) -> _T:
+    """The answer of a worker. Raises ConfigError where it says so, or dies of the question."""
+    try:
+        return future.result()
+    except (ConfigError, crew.deaths) as error:
+        raise ConfigError(f"{plan.origin}: scenarios: {name}: {error}") from None
+
+
+def _part(plan: Plan, egos: Egos, part: tuple[int, int]) -> list[Episode]:
+    return shard(episodes(plan, egos), *part)
+
+
+def _crew(scheduler: str | None, count: int) -> AbstractContextManager[Crew]:
+    return workers.local(count) if scheduler is None else workers.cluster(scheduler)
+
+
+def _cores() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _told(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__} {error}".split())
+
+
+def _before(doing: str) -> Progress:
+    return Progress(doing, 0, 0, 0, 0, None, None)
+
+
+def _nobody(progress: Progress) -> None:
+    """Is told, and tells nobody."""
+
+
+def _kept(out: Path, write: Callable[[], object]) -> None:
+    """Write. Raises BatchError where the disk does not take it."""
+    try:
+        write()
+    except OSError as error:
+        raise BatchError(f"--out {out}: {error.strerror or error}; what is done is kept, and the same command goes on when that is mended") from None

@@ -1,0 +1,112 @@
+"""What a worker of a batch does: look whether a scenario can start, choose egos in a network, drive an episode."""
+
+import math
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_mcts import records
+from sumo_mcts.config import ConfigError, ScenarioConfig, digest
+from sumo_mcts.driver import FORECASTING, warm_up
+from sumo_mcts.episode import Loop, run_episode
+from sumo_mcts.experiments.experiment import Egos, Episode
+from sumo_mcts.experiments.worth import Bar, is_worth
+from sumo_mcts.records import Row
+from sumo_mcts.world.arguments import sumo_arguments
+from sumo_mcts.world.candidates import Candidate, candidates
+from sumo_mcts.world.crowd import Cast
+
+AMONG = 4  # egos are drawn from the first suitable vehicles: so many times as many, and
+AMONG_LEAST = 100  # no fewer than these
+
+
+class Driven(NamedTuple):
+    """What is left of an episode."""
+
+    rows: tuple[Row, ...]
+    traces: dict[str, bytes]  # by key, as they stand in their files: those that may be worth keeping
+
+
+def drive(episode: Episode, bar: Bar) -> Driven:
+    """Drive an episode. Whatever fails is its outcome."""
+    try:
+        result = run_episode(episode.config, episode.seed, variant=episode.variant)
+    except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
+        return Driven(failed(episode, f"{type(error).__name__}: {error}"), {})
+    key_of = {row["key"]: key for row, key in zip(result.rows, episode.keys, strict=True)}
+    rows = tuple({**row, "key": key_of[row["key"]], "redrawn": result.manifest["redrawn"]} for row in result.rows)
+    kept = {row["key"] for row in rows if is_worth(row, bar)}
+    traces = [trace._replace(key=key_of[trace.key]) for trace in result.traces]
+    return Driven(rows, {trace.key: records.trace_bytes(trace) for trace in traces if trace.key in kept})
+
+
+def failed(episode: Episode, message: str) -> tuple[Row, ...]:
+    """The rows of an episode of which nothing but an error is known."""
+    config = episode.config
+    known = {
+        "scenario": config.name, "variant": episode.variant, "planner": config.planner.name, "seed": episode.seed, "outcome": "error", "error": message,
+        "prediction": config.prediction.name if config.planner.name in FORECASTING else None, "config_digest": digest(config),
+        "redrawn": None,
+    }  # fmt: skip
+    return tuple({**records.row_defaults(), **known, "key": key, "ego": ego.id} for key, ego in zip(episode.keys, config.egos, strict=True))
+
+
+def rehearse(config: ScenarioConfig, seed: int | None) -> str:
+    """Start a scenario and decide once, so that the search is compiled. Returns what is wrong with the input, "" if nothing."""
+    loop = Loop(config, seed)
+    try:
+        loop.start()
+        warm_up(config, loop.world.road, loop.world.physics)
+        if {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}:
+            loop.scenes()  # until the egos are taken over, which is soon
+    except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
+        return " ".join((str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}").split())
+    finally:
+        loop.finish()
+    return ""
+
+
+def choose(config: ScenarioConfig, egos: Egos) -> tuple[str, ...]:
+    """The egos of a user's network. Raises ConfigError where there are none such."""
+    return _drawn(config, egos.random, egos.seed) if egos.random is not None else _known(config, egos.ids)
+
+
+def _drawn(config: ScenarioConfig, count: int, seed: int) -> tuple[str, ...]:
+    """So many of the first suitable vehicles, in the order of their departure."""
+    enough = max(AMONG * count, AMONG_LEAST)
+    suitable: list[str] = []
+
+    def found(candidate: Candidate) -> bool:
+        suitable.extend([candidate.id] if candidate.suitable else [])
+        return len(suitable) >= enough
+
+    _look(config, found)
+    if len(suitable) < count:
+        raise ConfigError(f"egos: random: asks for {count}, the network has {len(suitable)} suitable vehicles")
+    chosen = np.random.default_rng(seed).choice(len(suitable), count, replace=False)
+    return tuple(suitable[k] for k in sorted(chosen.tolist()))
+
+
+def _known(config: ScenarioConfig, ids: Sequence[str]) -> tuple[str, ...]:
+    """The ids themselves, if such vehicles depart."""
+    missing = set(ids)
+
+    def found(candidate: Candidate) -> bool:
+        missing.discard(candidate.id)
+        return not missing
+
+    departed = _look(config, found)
+    if missing:
+        some = ", ".join(candidate.id for candidate in departed[:5]) or "none at all"
+        raise ConfigError(f"egos: {min(missing)}: no such vehicle departs; the first that do: {some}")
+    return tuple(ids)
+
+
+def _look(config: ScenarioConfig, found: Callable[[Candidate], bool]) -> list[Candidate]:
+    """The vehicles that depart, until `found` says that it is enough or the traffic ends."""
+    with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as folder:
+        return candidates(sumo_arguments(config, None, Cast(), Path(folder), ()), sys.maxsize, found, patience_s=math.inf)

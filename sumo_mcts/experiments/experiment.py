@@ -1,0 +1,312 @@
+"""What an experiment file may say, and the episodes that it stands for: scenarios x variants x seeds."""
+
+import hashlib
+import itertools
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from sumo_mcts import assets, config, records
+from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, first_problem, yaml_problem
+from sumo_mcts.world.arguments import sumo_home
+
+TWIN = "sumo"  # planner and variant of the twins
+TRAFFIC = ("sumo", "egos", "traffic", "episode")  # sections in which an episode and its twin have to agree
+DECIDING = ("sumo_mcts", "sumo", "numpy", "numba")  # versions that decide what comes of an episode, so that rows of others do not mix
+SUMO_FOLDER = "${SUMO_HOME}"
+UNKNOWN_EGO = "any"  # stands for an ego of a user's network until it is chosen
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+Changes = dict[str, Any]
+
+
+def _seeds(value: object) -> object:
+    """The seeds in `0..9`, `[3, 7]` or `[0..9, 20..29]`, ascending, each once."""
+    if value is None:
+        return None
+    parts = value if isinstance(value, list | tuple) else [value] if isinstance(value, str) else None
+    if not parts:
+        raise ValueError("a range such as 0..9, or a list of numbers and ranges")
+    return tuple(sorted({seed for part in parts for seed in _range(part)}))
+
+
+def _range(part: object) -> range:
+    found = re.fullmatch(r"\s*(\d+)\s*(?:\.\.\s*(\d+)\s*)?", str(part)) if isinstance(part, int | str) else None
+    if found is None or isinstance(part, bool):
+        raise ValueError(f"{part}: a number from 0 on, or a range such as 0..9")
+    first, last = int(found[1]), int(found[2] or found[1])
+    if last < first:
+        raise ValueError(f"{part}: the range runs backwards; write {last}..{first}")
+    return range(first, last + 1)
+
+
+Seeds = Annotated[tuple[int, ...] | None, BeforeValidator(_seeds)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+
+class Egos(_Section):
+    """The egos of a user's network, an episode each: given by id, or drawn from its suitable vehicles, the same for all variants."""
+
+    ids: tuple[Annotated[str, Field(min_length=1)], ...] = Field((), description="vehicle ids; a list alone is short for it")
+    random: int | None = Field(None, ge=1, le=100_000, description="or how many are drawn")
+    seed: int = Field(0, ge=0, description="of the draw")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "Egos":
+        if (self.random is None) == (not self.ids):
+            raise ValueError("give vehicle ids or {random: N}")
+        if len(set(self.ids)) < len(self.ids):
+            raise ValueError("ids: one is named twice")
+        return self
+
+
+def _listed(value: object) -> object:
+    return {"ids": value} if isinstance(value, list) else value
+
+
+class Entry(_Section):
+    """A scenario of an experiment: a name or a scenario file, or a .sumocfg with egos."""
+
+    scenario: str | None = Field(None, description="a built-in name, or a scenario file, relative to the experiment's")
+    sumocfg: str | None = Field(None, description="a .sumocfg, relative to the experiment's file; `${SUMO_HOME}` is the folder of the installed SUMO")
+    name: Name | None = Field(None, description="what it is called in keys and tables; default the scenario's own name, or the .sumocfg's")
+    egos: Annotated[Egos | None, BeforeValidator(_listed)] = Field(None, description="with a sumocfg: vehicle ids, or `{random: N, seed: K}`")
+    until: str | None = Field(None, description="with a sumocfg: the goal, the end of this edge; default the last of the ego's route")
+    seeds: Seeds = Field(None, description="its own seeds; default those of the experiment")
+    assign: Changes = Field({}, alias="set", description="keys of the scenario, `a.b: value`, for all variants")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "Entry":
+        if (self.scenario is None) == (self.sumocfg is None):
+            raise ValueError("give either scenario or sumocfg")
+        if (self.sumocfg is None) != (self.egos is None):
+            raise ValueError("egos: vehicle ids or {random: N} belong to a sumocfg, and only there")
+        if self.until is not None and self.sumocfg is None:
+            raise ValueError("until: only with a sumocfg")
+        return self
+
+
+def _entry(value: object) -> object:
+    """A name or a path alone."""
+    if isinstance(value, str):
+        return {"sumocfg" if value.endswith(".sumocfg") else "scenario": value}
+    return value
+
+
+class Experiment(_Section):
+    """One experiment file."""
+
+    name: Name = Field(description="what it is called")
+    description: str = ""
+    scenarios: tuple[Annotated[Entry, BeforeValidator(_entry)], ...] = Field(min_length=1, description="where is driven")
+    variants: dict[str, Changes] = Field({"default": {}}, min_length=1, description="by name: keys of the scenario, `a.b: value`")
+    sweep: dict[str, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(
+        {}, description="by key of the scenario: values. Every variant is run with every combination of them"
+    )
+    seeds: Seeds = Field(None, description="of every scenario, the same for all variants; default 0, for a .sumocfg its own")
+    twins: bool = Field(False, description="drive every episode with planner `sumo` too")
+    traces: Literal["worth", "all", "none"] = Field("worth", description="which traces are kept")
+    assign: Changes = Field({}, alias="set", description="keys of every scenario, `a.b: value`, for all variants")
+
+
+class Case(NamedTuple):
+    """A scenario of an experiment under all its variants."""
+
+    name: str
+    base: ScenarioConfig  # without any variant
+    seeds: tuple[int | None, ...]  # None: the .sumocfg's own
+    configs: Mapping[str, ScenarioConfig]  # by variant; the egos of a user's network are not chosen yet
+    egos: Egos | None  # of a user's network, an episode for each; None: the scenario's own, together
+
+
+class Plan(NamedTuple):
+    """An experiment file that was read and found good."""
+
+    origin: str
+    experiment: Experiment
+    variants: Mapping[str, Changes]  # with the sweep and the twins
+    cases: tuple[Case, ...]
+    digest: str  # SHA-256 of all that decides what is driven
+
+
+class Episode(NamedTuple):
+    """One episode of an experiment."""
+
+    keys: tuple[str, ...]  # of its rows, one an ego
+    variant: str
+    seed: int | None
+    config: ScenarioConfig
+
+
+def load(path: Path) -> Plan:
+    """Read an experiment file and the scenarios that it names. Raises ConfigError."""
+    experiment = _parsed(path)
+    variants = _variants(experiment, str(path))
+    cases = tuple(_case(experiment, k, variants, path) for k in range(len(experiment.scenarios)))
+    for name, count in Counter(case.name for case in cases).items():
+        if count > 1:
+            raise ConfigError(f"{path}: scenarios: {name}: named {count} times; give a `name` of its own to each")
+    told = experiment.model_dump(mode="json", by_alias=True, exclude={"description"})
+    configs = {case.name: {variant: config.digest(found) for variant, found in case.configs.items()} for case in cases}
+    digest = hashlib.sha256(json.dumps([told, configs], sort_keys=True, default=str).encode()).hexdigest()
+    return Plan(str(path), experiment, variants, cases, digest)
+
+
+def episodes(plan: Plan, egos: Mapping[str, Sequence[str]]) -> list[Episode]:
+    """Every episode of an experiment, all scenarios and variants of a seed before those of the next. `egos`: the chosen ones of each user's network."""
+    longest = max(len(case.seeds) for case in plan.cases)
+    return [episode for k in range(longest) for case in plan.cases if k < len(case.seeds) for episode in _of_seed(case, case.seeds[k], egos.get(case.name))]
+
+
+def shard(found: Sequence[Episode], number: int, count: int) -> list[Episode]:
+    """The episodes of shard `number` of 1 .. `count`: each is in exactly one, by its key."""
+    return [episode for episode in found if int(hashlib.sha256(episode.keys[0].encode()).hexdigest(), 16) % count == number - 1]
+
+
+# --- the file ---
+
+
+class _Strict(yaml.SafeLoader):
+    """Refuses a key that is given twice, of which YAML would keep the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        for name, count in Counter(self.construct_object(key, deep=True) for key, _ in node.value if isinstance(key, yaml.ScalarNode)).items():
+            if count > 1:
+                raise yaml.constructor.ConstructorError(None, None, f"{name}: given {count} times", node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+def _parsed(path: Path) -> Experiment:
+    try:
+        data = yaml.load(path.read_text(encoding="utf-8"), _Strict)  # a safe loader
+        if not isinstance(data, dict):
+            raise ConfigError(f"{path}: an experiment is a mapping of keys: {', '.join(_keys(Experiment))}")
+        return Experiment.model_validate(data)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not valid YAML: {yaml_problem(error)}") from None
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {first_problem(error, Experiment)}") from None
+
+
+def _keys(model: type[BaseModel]) -> list[str]:
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+# --- variants ---
+
+
+def _variants(experiment: Experiment, origin: str) -> dict[str, Changes]:
+    """What each variant sets, beyond what all of them do. Raises ConfigError where two have one name."""
+    found: dict[str, Changes] = {}
+    for name, changes in experiment.variants.items():
+        for point in _grid(experiment.sweep):
+            full = "-".join([name, *(f"{_short(key, experiment.sweep)}-{_text(value)}" for key, value in point.items())])
+            if full in found:
+                raise ConfigError(f"{origin}: variants: {full}: two variants have this name, one of them by `sweep`")
+            found[full] = {**changes, **point}
+    if experiment.twins and all(changes.get("planner.name") != TWIN for changes in found.values()):
+        if TWIN in found:
+            raise ConfigError(f"{origin}: variants: {TWIN}: with `twins` this is the name of the twins; give it another, or planner.name: {TWIN}")
+        found[TWIN] = {"planner.name": TWIN}
+    return found
+
+
+def _grid(sweep: Mapping[str, Sequence[Any]]) -> Iterator[Changes]:
+    """Every combination of values; without any key the empty one."""
+    for values in itertools.product(*sweep.values()):
+        yield dict(zip(sweep, values, strict=True))
+
+
+def _short(key: str, sweep: Mapping[str, object]) -> str:
+    """The last part of a key where that tells it from the others."""
+    last = key.rpartition(".")[2]
+    return last if sum(other.rpartition(".")[2] == last for other in sweep) == 1 else key
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, default=str).replace('"', "").replace(" ", "")
+
+
+# --- scenarios ---
+
+
+def _case(experiment: Experiment, number: int, variants: Mapping[str, Changes], path: Path) -> Case:
+    """One entry of `scenarios`, with its configuration under every variant. Raises ConfigError that names the file and the key."""
+    entry = experiment.scenarios[number]
+    try:
+        data = _from_sumocfg(entry, path.parent) if entry.sumocfg is not None else _from_scenario(str(entry.scenario), path.parent)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: scenarios.{number}: {error}") from None
+    data["name"] = name = entry.name or data["name"]
+    for where, changes in (("set", experiment.assign), (f"scenarios.{number}.set", entry.assign)):
+        data = _changed(data, changes, f"{path}: {where}").model_dump(mode="json")
+    configs = {variant: _changed(data, changes, f"{path}: {_origin(experiment, variant)}") for variant, changes in variants.items()}
+    base = config.build(data, str(path))
+    for variant, found in configs.items():
+        if found.name != name or found.egos != base.egos:
+            raise ConfigError(f"{path}: {_origin(experiment, variant)}: name and egos belong to the entries of `scenarios`")
+        if experiment.twins and any(getattr(found, section) != getattr(base, section) for section in TRAFFIC):
+            raise ConfigError(f"{path}: {_origin(experiment, variant)}: changes {', '.join(TRAFFIC)}, which twins share; set it for an entry of `scenarios`")
+    seeds = entry.seeds or experiment.seeds or ((0,) if entry.sumocfg is None else (None,))
+    return Case(name, base, seeds, configs, entry.egos)
+
+
+def _origin(experiment: Experiment, variant: str) -> str:
+    return f"variants.{variant}" if variant in experiment.variants else f"variants, sweep: {variant}"
+
+
+def _changed(data: dict[str, Any], changes: Changes, origin: str) -> ScenarioConfig:
+    """The scenario with these keys set. Raises ConfigError."""
+    assignments = tuple(f"{key}={yaml.safe_dump(value, default_flow_style=True)}" for key, value in changes.items())
+    try:
+        return config.build(json.loads(json.dumps(data)), origin, assignments)
+    except ConfigError as error:
+        told = str(error).replace("\n...\n", "").removeprefix("--set ")
+        raise ConfigError(told if told.startswith(origin) else f"{origin}: {told}") from None
+
+
+def _from_scenario(name: str, folder: Path) -> dict[str, Any]:
+    beside = folder / name
+    return config.load(beside if beside.is_file() else assets.scenario_path(name)).model_dump(mode="json")
+
+
+def _from_sumocfg(entry: Entry, folder: Path) -> dict[str, Any]:
+    named = str(entry.sumocfg)
+    if SUMO_FOLDER in named:
+        named = named.replace(SUMO_FOLDER, sumo_home())
+    path = next((found for found in (folder / named, Path(named)) if found.is_file()), None)
+    if path is None:
+        raise ConfigError(f"sumocfg: {named}: no such file")
+    stem = re.sub(r"[^A-Za-z0-9_-]", "_", path.stem)
+    ego = EgoConfig(id=UNKNOWN_EGO, until=entry.until)
+    data = {"name": stem if stem[:1].isalnum() else f"net{stem}", "sumo": {"sumocfg": str(path.resolve())}, "egos": [ego.model_dump()]}
+    return config.build(data, str(path)).model_dump(mode="json")
+
+
+# --- episodes ---
+
+
+def _of_seed(case: Case, seed: int | None, egos: Sequence[str] | None) -> list[Episode]:
+    """The episodes of a scenario at one seed: for each ego of a user's network, else one, under every variant."""
+    chosen = [None] if egos is None else list(egos)
+    return [_episode(case, variant, seed, ego) for ego in chosen for variant in case.configs]
+
+
+def _episode(case: Case, variant: str, seed: int | None, ego: str | None) -> Episode:
+    scenario = case.configs[variant]
+    if ego is not None:
+        scenario = scenario.model_copy(update={"egos": (scenario.egos[0].model_copy(update={"id": ego}),)})
+    named = ego is not None or len(scenario.egos) > 1
+    keys = tuple(records.episode_key(case.name, variant, seed or 0, each.id if named else None) for each in scenario.egos)
+    return Episode(keys, variant, seed, scenario)

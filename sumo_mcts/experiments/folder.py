@@ -1,0 +1,114 @@
+"""The folder of a batch: whose it is, which rows it holds, and one more at a time."""
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from shutil import rmtree
+from typing import Any
+
+from sumo_mcts import records
+from sumo_mcts.config import ConfigError
+from sumo_mcts.experiments.experiment import DECIDING, Episode
+from sumo_mcts.records import MANIFEST, ROWS, TABLE, Row
+
+try:
+    import fcntl
+except ImportError:  # on Windows
+    fcntl = None  # type: ignore[assignment]
+
+TRACES = "traces"
+
+_LEFT_BEHIND = (MANIFEST, ROWS, TABLE, TRACES, "figures", "report.html", "report.md")  # what --fresh removes
+
+
+@contextmanager
+def only_here(folder: Path) -> Iterator[None]:
+    """Nobody else works in the folder meanwhile, on this machine. Raises ConfigError where somebody does."""
+    if fcntl is None:
+        yield
+        return
+    made = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        _lock(number, folder)
+        yield
+    finally:
+        os.close(number)
+        if made:
+            with suppress(OSError):
+                folder.rmdir()  # only where nothing came into it
+
+
+def _lock(number: int, folder: Path) -> None:
+    """Until the descriptor is closed, or the process ends in whatever way."""
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise ConfigError(f"--out {folder}: another batch is at work there") from None
+
+
+def clear(folder: Path) -> None:
+    """Remove what a batch leaves behind, and nothing else."""
+    for name in _LEFT_BEHIND:
+        if (folder / name).is_dir():
+            rmtree(folder / name)
+        else:
+            (folder / name).unlink(missing_ok=True)
+
+
+def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The manifest of a folder in which a batch like the wanted one was begun; None: in it nothing was. Raises ConfigError where it holds anything else."""
+    ways = "take another --out, or --fresh to remove what is there"
+    if not (folder / MANIFEST).exists():
+        if (folder / ROWS).exists():
+            raise ConfigError(f"--out {folder}: holds rows without {MANIFEST}; {ways}")
+        return None
+    manifest = _manifest(folder)
+    if manifest.get("experiment_digest") != wanted["experiment_digest"]:
+        name = manifest["experiment"]["name"] if "experiment_digest" in manifest else None
+        what = "something else than a batch" if name is None else "another experiment" if name != wanted["experiment"]["name"] else f"another state of {name}"
+        raise ConfigError(f"--out {folder}: holds {what}; {ways}")
+    if manifest["shard"] != wanted["shard"]:
+        raise ConfigError(f"--out {folder}: holds shard {manifest['shard']}, not {wanted['shard']}; each shard has a folder of its own")
+    for name in DECIDING:
+        there, here = manifest["versions"][name], wanted["versions"][name]
+        if there != here:
+            raise ConfigError(f"--out {folder}: was begun with {name} {there}, this is {here}; {ways}")
+    return manifest
+
+
+def done(folder: Path, episodes: Sequence[Episode]) -> list[Row]:
+    """The rows of whole episodes, each once. Those of an episode of which a part is missing do not count."""
+    rows = {row["key"]: row for row in records.read_rows(folder) if "key" in row}
+    return [rows[key] for episode in episodes if all(key in rows for key in episode.keys) for key in episode.keys]
+
+
+def settle(folder: Path, episodes: Sequence[Episode]) -> None:
+    """Leave the rows of whole episodes alone in the folder, in the order of the experiment, as JSON lines and as CSV. Raises OSError."""
+    rows = done(folder, episodes)
+    records.write_whole(folder / ROWS, "".join(records.json_text(row, indent=None) + "\n" for row in rows).encode())
+    records.write_csv(folder)
+
+
+def sweep(folder: Path) -> None:
+    """Remove files that a killed process was about to write."""
+    for path in (*folder.glob(".*.tmp"), *(folder / TRACES).glob(".*.tmp")):
+        path.unlink()
+
+
+def drop_traces(folder: Path, keys: set[str]) -> None:
+    """Remove the traces of these keys."""
+    for key in keys:
+        (folder / TRACES / f"{key}.npz").unlink(missing_ok=True)
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    """The manifest in a folder; empty where it is none."""
+    try:
+        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -1,0 +1,235 @@
+"""Who drives the episodes of a batch, behind `concurrent.futures.Executor`: processes of this machine, or a dask cluster."""
+
+import multiprocessing
+import queue
+import signal
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.connection import wait as ended
+from multiprocessing.context import SpawnProcess
+from typing import Any, NamedTuple, ParamSpec, TypeVar
+
+from sumo_mcts import records
+from sumo_mcts.config import ConfigError
+from sumo_mcts.experiments.experiment import DECIDING
+
+PATIENCE_S = 3.0  # for a worker that was told to end, before it is killed
+LONGEST = 200  # tasks of one process, then a new one takes over: it grows by 4 MB in a hundred episodes
+ANSWER_S = 10.0  # for a scheduler
+AHEAD = 2  # episodes handed out for each worker: one that it drives, and the next
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+_Task = tuple[Future[Any], tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]]
+
+
+class DeadWorkerError(Exception):
+    """The process that was at work is gone."""
+
+
+class Crew(NamedTuple):
+    """An executor with what a batch has to know of it."""
+
+    executor: Executor
+    most: Callable[[], int]  # how many episodes to hand out at a time
+    deaths: type[Exception]  # what a future raises where its worker died
+
+
+@contextmanager
+def local(count: int) -> Iterator[Crew]:
+    """`count` processes of this machine. They end with the context, whatever they are doing."""
+    pool = LocalPool(count)
+    try:
+        yield Crew(pool, lambda: AHEAD * count, DeadWorkerError)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Crew]:
+    """The workers of a dask.distributed scheduler. Raises ConfigError where there are none such, or other versions than here."""
+    try:
+        from distributed import Client
+        from distributed.scheduler import KilledWorker
+    except ImportError:
+        raise ConfigError("--scheduler: needs dask.distributed: pip install 'sumo-mcts[cluster]'") from None
+    try:
+        client: Any = Client(address, timeout=ANSWER_S, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--scheduler {address}: no scheduler answers: {' '.join(str(error).split())}") from None
+    with client:
+        _check_workers(client, address)
+        executor = client.get_executor(pure=False)
+        try:
+            yield Crew(executor, lambda: AHEAD * max(1, len(client.nthreads())), KilledWorker)
+        finally:
+            executor.shutdown(wait=False)
+
+
+def _check_workers(client: Any, address: str) -> None:
+    """Raise ConfigError where a worker could not give our results. One SUMO runs in a process, so a worker has to have one thread."""
+    threads = client.nthreads()
+    if any(count != 1 for count in threads.values()):
+        raise ConfigError(f"--scheduler {address}: a worker has {max(threads.values())} threads; start them with --nthreads 1 (and --nworkers N)")
+    here = records.versions()
+    for worker, there in client.run(records.versions).items():
+        for name in DECIDING:
+            if there[name] != here[name]:
+                raise ConfigError(f"--scheduler {address}: {name} is {there[name]} on worker {worker}, {here[name]} here")
+
+
+class LocalPool(Executor):
+    """Processes that are started anew (spawned, not forked) where one died, which costs the task that it was at and no other.
+
+    `ProcessPoolExecutor` fails all tasks with one, and does not tell which it was.
+    """
+
+    def __init__(self, count: int, longest: int = LONGEST) -> None:
+        self._longest = longest
+        self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
+        self._scratch = tempfile.TemporaryDirectory(prefix="sumo_mcts-", ignore_cleanup_errors=True)
+        self._workers: dict[int, _Worker] = {}  # at work or waiting for it
+        self._lock = threading.Lock()
+        self._ending = self._cancelled = False
+        if sys.platform != "win32":
+            resource_tracker.ensure_running()  # its start would unblock the signal that _tend blocks
+        self._threads = [threading.Thread(target=self._tend, args=(k,), daemon=True) for k in range(count)]
+        for thread in self._threads:
+            thread.start()
+
+    def pids(self) -> list[int]:
+        """The processes that there are now."""
+        with self._lock:
+            return [worker.process.pid or 0 for worker in self._workers.values()]
+
+    def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
+        """Hand out a task; its future raises DeadWorkerError where the process is gone before it is done."""
+        if self._ending:
+            raise RuntimeError("the pool has been shut down")
+        future: Future[_T] = Future()
+        self._tasks.put((future, (fn, args, kwargs)))
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes: after all tasks, or at once with `cancel_futures`, those at work too."""
+        self._ending = True
+        if cancel_futures:
+            self._end_now()
+        for _ in self._threads:
+            self._tasks.put(None)
+        for thread in self._threads if wait or cancel_futures else ():
+            thread.join()
+        if wait or cancel_futures:
+            self._scratch.cleanup()
+
+    def _end_now(self) -> None:
+        """Take back what is not begun, and end the processes; those that do not heed it are killed."""
+        with self._lock:
+            self._cancelled = True
+            processes = [worker.process for worker in self._workers.values()]
+        with suppress(queue.Empty):
+            while task := self._tasks.get_nowait():
+                task[0].cancel()
+        for process in processes:
+            process.terminate()
+        until, left = time.monotonic() + PATIENCE_S, {process.sentinel: process for process in processes}
+        while left and time.monotonic() < until:
+            for sentinel in ended(list(left), until - time.monotonic()):
+                del left[sentinel]  # type: ignore[arg-type]  # sentinels are what we wait for
+        for process in left.values():
+            process.kill()
+
+    def _tend(self, number: int) -> None:
+        """Give one worker its tasks, one at a time."""
+        if sys.platform != "win32":
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited: Ctrl-C is for the main process alone
+        while (task := self._tasks.get()) is not None:
+            future, call = task
+            if future.set_running_or_notify_cancel():
+                try:
+                    done, value = self._worker(number).ask(call)
+                except DeadWorkerError as error:
+                    self._bury(number)
+                    done, value = False, error
+                except Exception as error:  # what cannot be pickled
+                    done, value = False, error
+                (future.set_result if done else future.set_exception)(value)
+                if number in self._workers and self._workers[number].answered >= self._longest:
+                    self._bury(number)
+        self._bury(number)
+
+    def _worker(self, number: int) -> "_Worker":
+        with self._lock:  # starting processes from several threads at a time is not promised to work
+            if self._cancelled:
+                raise DeadWorkerError("the pool was shut down")
+            if number not in self._workers:
+                self._workers[number] = _Worker(self._scratch.name)
+            return self._workers[number]
+
+    def _bury(self, number: int) -> None:
+        with self._lock:
+            worker = self._workers.pop(number, None)
+        if worker is not None:
+            worker.end()
+
+
+class _Worker:
+    """One process and the pipe to it."""
+
+    def __init__(self, scratch: str) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.answered = 0
+        self._pipe, theirs = context.Pipe()
+        self._scratch = tempfile.TemporaryDirectory(dir=scratch, ignore_cleanup_errors=True)
+        self.process: SpawnProcess = context.Process(target=_work, args=(theirs, self._scratch.name), daemon=True)
+        self.process.start()
+        theirs.close()  # so that the pipe ends with the process
+
+    def ask(self, call: object) -> tuple[bool, Any]:
+        """Whether the call returned, and its value or exception. Raises DeadWorkerError."""
+        try:
+            self._pipe.send(call)
+            answer: tuple[bool, Any] = self._pipe.recv()
+        except (EOFError, OSError):
+            self.process.join(PATIENCE_S)
+            raise DeadWorkerError(f"the worker died ({_cause(self.process.exitcode)})") from None
+        self.answered += 1
+        return answer
+
+    def end(self) -> None:
+        """Let the process go; it has nothing to do any more, or is dead."""
+        self._pipe.close()
+        self.process.join(PATIENCE_S)
+        if self.process.exitcode is None:
+            self.process.kill()
+            self.process.join()
+        self._scratch.cleanup()
+
+
+def _cause(code: int | None) -> str:
+    if code is None or code >= 0:
+        return f"exit status {code}"
+    names = {number.value: number.name for number in signal.Signals}
+    return names.get(-code, f"signal {-code}")
+
+
+def _work(pipe: Connection, scratch: str) -> None:
+    """What a worker process does: answer calls until nobody is there any more. Its temporary files lie in `scratch`, so that others can remove them."""
+    tempfile.tempdir = scratch
+    try:
+        while True:
+            fn, args, kwargs = pipe.recv()
+            try:
+                answer = (True, fn(*args, **kwargs))
+            except Exception as error:
+                answer = (False, error)
+            pipe.send(answer)
+    except (EOFError, OSError):  # nobody is
+        pass

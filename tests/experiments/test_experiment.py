@@ -1,0 +1,213 @@
+"""An experiment file stands for the episodes that it says, and wrong ones are refused in one line."""
+
+import re
+import textwrap
+from itertools import chain
+from pathlib import Path
+
+import pytest
+from helpers_batch import write
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sumo_mcts import assets, config
+from sumo_mcts.config import ConfigError
+from sumo_mcts.experiments.experiment import Entry, Experiment, Plan, episodes, load, shard
+
+BUILT_IN = sorted((assets.root() / "configs" / "experiments").glob("*.yaml"))
+GOOD = Path(__file__).parent.parent / "bad_inputs" / "good.sumocfg"
+SCENES = "name: x\nscenarios: [highway-exit]\n"
+
+
+def plan(folder: Path, text: str) -> Plan:
+    return load(write(folder, text))
+
+
+def keys(found: Plan, egos: dict[str, tuple[str, ...]] | None = None) -> list[str]:
+    return [key for episode in episodes(found, egos or {}) for key in episode.keys]
+
+
+@pytest.mark.parametrize("path", BUILT_IN, ids=lambda path: path.stem)
+def test_built_in_experiments(path: Path) -> None:
+    found = load(path)
+    assert found.experiment.name == path.stem
+    assert found.experiment.description
+    assert assets.experiment_path(path.stem) == path
+
+
+def test_the_fixed_table_is_fixed_and_knows_the_scripts() -> None:
+    for name, planner in (("table1", "paper"), ("table1-mcts", "mcts")):
+        for episode in episodes(load(assets.experiment_path(name)), {}):
+            assert (episode.config.planner.name, episode.config.prediction.name, episode.config.traffic.vary) == (planner, "script", 0.0)
+
+
+def test_a_configuration_is_that_of_run(tmp_path: Path) -> None:
+    text = SCENES + "set: {cost.jerk: 0.1, planner.iterations: 5}\nvariants: {a: {planner.iterations: 7, planner.accelerations_mps2: [-2, 0, 0.00001]}}\n"
+    (episode,) = episodes(plan(tmp_path, text), {})
+    assignments = ("cost.jerk=0.1", "planner.iterations=7", "planner.accelerations_mps2=[-2, 0, 0.00001]")
+    assert episode.config == config.load(assets.scenario_path("highway-exit"), assignments)
+
+
+def test_variants_times_sweep_times_seeds(tmp_path: Path) -> None:
+    text = """
+name: x
+scenarios: [highway-exit, {scenario: straight-line, seeds: [7]}]
+variants: {mcts: {}, idm: {planner.name: idm}}
+sweep: {planner.iterations: [100, 1000], cost.jerk: [0.5]}
+seeds: [0..1, 4]
+twins: true
+"""
+    variants = ["mcts-iterations-100-jerk-0.5", "mcts-iterations-1000-jerk-0.5", "idm-iterations-100-jerk-0.5", "idm-iterations-1000-jerk-0.5", "sumo"]
+    expected = [[f"highway-exit--{variant}--{seed}" for variant in variants] for seed in (0, 1, 4)]
+    expected.insert(1, [f"straight-line--{variant}--7" for variant in variants])
+    found = plan(tmp_path, text)
+    assert keys(found) == list(chain(*expected))
+    by_key = {episode.keys[0]: episode for episode in episodes(found, {})}
+    assert by_key["highway-exit--idm-iterations-100-jerk-0.5--4"].config.planner.iterations == 100
+    assert by_key["highway-exit--sumo--0"].config.planner.name == "sumo"
+    assert by_key["highway-exit--sumo--0"].config.cost.jerk == 0.005
+
+
+def test_sweeping_two_keys_with_one_last_part(tmp_path: Path) -> None:
+    found = plan(tmp_path, SCENES + "sweep: {planner.step_s: [1], paper.step_s: [1]}\n")
+    assert list(found.variants) == ["default-planner.step_s-1-paper.step_s-1"]
+
+
+def test_twins_that_are_there_already(tmp_path: Path) -> None:
+    found = plan(tmp_path, SCENES + "variants: {mcts: {}, sumo: {planner.name: sumo}}\ntwins: true\n")
+    assert list(found.variants) == ["mcts", "sumo"]
+
+
+def test_egos_of_a_network_are_an_episode_each(tmp_path: Path) -> None:
+    text = f"name: x\nscenarios: [{{sumocfg: {GOOD}, egos: [other, ego], name: mine}}]\nvariants: {{a: {{}}, b: {{}}}}\n"
+    found = plan(tmp_path, text)
+    assert keys(found, {"mine": ("other", "ego")}) == ["mine--a--0--other", "mine--b--0--other", "mine--a--0--ego", "mine--b--0--ego"]
+    assert {episode.seed for episode in episodes(found, {"mine": ("other", "ego")})} == {None}  # the file's own
+
+
+def test_egos_of_a_scenario_file_share_an_episode(tmp_path: Path) -> None:
+    (tmp_path / "two.yaml").write_text(f"base: {assets.scenario_path('highway-exit')}\nname: two\negos: [{{id: ego}}, {{id: left_lane}}]\n")
+    (episode,) = episodes(plan(tmp_path, "name: x\nscenarios: [two.yaml]\n"), {})
+    assert episode.keys == ("two--default--0--ego", "two--default--0--left_lane")
+
+
+def test_the_digest_knows_what_is_driven(tmp_path: Path) -> None:
+    first = plan(tmp_path, SCENES).digest
+    assert plan(tmp_path, SCENES + "description: words\n").digest == first
+    for more in ("seeds: 0..1\n", "set: {cost.jerk: 0.1}\n", "variants: {a: {}}\n", "twins: true\n"):
+        assert plan(tmp_path, SCENES + more).digest != first
+    mine = tmp_path / "mine.yaml"
+    digests = set()
+    for jerk in (0.1, 0.2):
+        mine.write_text(f"base: {assets.scenario_path('highway-exit')}\ncost: {{jerk: {jerk}}}\n")
+        digests.add(plan(tmp_path, "name: x\nscenarios: [mine.yaml]\n").digest)
+    assert len(digests) == 2
+
+
+@given(st.integers(1, 12))
+def test_each_episode_is_in_one_shard(count: int) -> None:
+    found = episodes(load(assets.experiment_path("quick")), {})
+    parts = [shard(found, number, count) for number in range(1, count + 1)]
+    assert sorted(episode.keys for part in parts for episode in part) == sorted(episode.keys for episode in found)
+    assert all(part == [episode for episode in found if episode in part] for part in parts)
+
+
+def test_shards_are_of_about_one_size() -> None:
+    found = episodes(load(assets.experiment_path("table1")), {})
+    assert all(abs(len(shard(found, number, 8)) - 450) < 100 for number in range(1, 9))
+
+
+WRONG = {
+    "nothing": ("", "an experiment is a mapping of keys: name, description, scenarios,"),
+    "not yaml": ("name: [", "not valid YAML: line 1"),
+    "key unknown": (SCENES + "seed: 3\n", "seed: unknown key; allowed: name, description, scenarios, variants, sweep, seeds, twins, traces, "),
+    "entry key unknown": ("name: x\nscenarios: [{scenario: highway-exit, ego: a}]\n", "scenarios.0.ego: unknown key; allowed: scenario, sumocfg, name, egos"),
+    "no scenarios": ("name: x\nscenarios: []\n", "scenarios: Tuple should have at least 1 item"),
+    "unknown scenario": ("name: x\nscenarios: [nowhere]\n", "scenarios.0: nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: highway-exit"),
+    "unknown sumocfg": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: [a]}]\n", "scenarios.0: sumocfg: no.sumocfg: no such file"),
+    "sumocfg without egos": ("name: x\nscenarios: [no.sumocfg]\n", "scenarios.0: egos: vehicle ids or {random: N} belong to a sumocfg, and only there"),
+    "egos of a scenario": ("name: x\nscenarios: [{scenario: highway-exit, egos: [a]}]\n", "egos: vehicle ids or {random: N} belong to a sumocfg"),
+    "no egos": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: []}]\n", "scenarios.0.egos: give vehicle ids or {random: N}"),
+    "egos twice": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: [a, a]}]\n", "scenarios.0.egos: ids: one is named twice"),
+    "random zero": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: {random: 0}}]\n", "egos.random: Input should be greater than or equal to 1, got 0"),
+    "both sources": ("name: x\nscenarios: [{scenario: a, sumocfg: b, egos: [c]}]\n", "scenarios.0: give either scenario or sumocfg"),
+    "scenario twice": ("name: x\nscenarios: [highway-exit, highway-exit]\n", "scenarios: highway-exit: named 2 times; give a `name` of its own to each"),
+    "no variants": (SCENES + "variants: {}\n", "variants: Dictionary should have at least 1 item"),
+    "variant twice": (SCENES + "variants:\n  a: {}\n  a: {}\n", "not valid YAML: line 4, column 3: a: given 2 times"),
+    "sweep value twice": (
+        SCENES + "sweep: {planner.iterations: [5, 5]}\n",
+        "variants: default-iterations-5: two variants have this name",
+    ),
+    "empty grid": (SCENES + "sweep: {planner.iterations: []}\n", "sweep.planner.iterations: Tuple should have at least 1 item"),
+    "variant key": (SCENES + "variants: {a: {planner.iteration: 3}}\n", "variants.a: planner.iteration: unknown key; allowed: name, iterations,"),
+    "variant value": (SCENES + "variants: {a: {planner.iterations: many}}\n", "variants.a: planner.iterations: Input should be a valid integer"),
+    "sweep value": (SCENES + "sweep: {planner.iterations: [0]}\n", "variants, sweep: default-iterations-0: planner.iterations: Input should be greater"),
+    "set key": (SCENES + "set: {cost.heading: 1}\n", "set: cost.heading: unknown key; allowed: contact,"),
+    "set below a value": (SCENES + "set: {name.x: 1}\n", "set: name.x=1: name has no keys below it"),
+    "entry set": (
+        "name: x\nscenarios: [{scenario: highway-exit, set: {cost.jerk: -1}}]\n",
+        "scenarios.0.set: cost.jerk: Input should be greater than or equal",
+    ),
+    "variant name": (SCENES + "variants: {a: {name: b}}\n", "variants.a: name and egos belong to the entries of `scenarios`"),
+    "twins of other traffic": (
+        SCENES + "variants: {a: {traffic.vary: 0}}\ntwins: true\n",
+        "variants.a: changes sumo, egos, traffic, episode, which twins share",
+    ),
+    "twins' name": (SCENES + "variants: {sumo: {}}\ntwins: true\n", "variants: sumo: with `twins` this is the name of the twins"),
+    "seeds backwards": (SCENES + "seeds: 9..0\n", "seeds: 9..0: the range runs backwards; write 0..9"),
+    "seeds in a list backwards": (SCENES + "seeds: [1, 5..3]\n", "seeds: 5..3: the range runs backwards"),
+    "seeds negative": (SCENES + "seeds: [-1]\n", "seeds: -1: a number from 0 on, or a range such as 0..9"),
+    "seeds number": (SCENES + "seeds: 100\n", "seeds: a range such as 0..9, or a list of numbers and ranges, got 100"),
+    "seeds none": (SCENES + "seeds: []\n", "seeds: a range such as 0..9, or a list of numbers and ranges"),
+    "seeds truth": (SCENES + "seeds: [true]\n", "seeds: True: a number from 0 on"),
+    "name": ("name: a b\nscenarios: [highway-exit]\n", "name: String should match pattern"),
+    "traces": (SCENES + "traces: some\n", "traces: Input should be 'worth', 'all' or 'none', got 'some'"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_files(case: str, tmp_path: Path) -> None:
+    text, said = WRONG[case]
+    with pytest.raises(ConfigError) as refused:
+        plan(tmp_path, text)
+    message = str(refused.value)
+    assert message.startswith(f"{tmp_path / 'small.yaml'}: ")
+    assert "\n" not in message
+    assert said in message
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nowhere: no such experiment; give a \.yaml, or one of: ablation, baselines"):
+        assets.experiment_path("nowhere")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load(tmp_path / "nowhere.yaml")
+
+
+# --- the page that describes it ---
+
+PAGE = (assets.root() / "docs" / "experiments.md").read_text(encoding="utf-8")
+
+
+def test_every_key_is_documented() -> None:
+    for model in (Experiment, Entry):
+        assert not [name for name, field in model.model_fields.items() if f"| `{field.alias or name}` |" not in PAGE]
+
+
+def test_the_example_is_valid(tmp_path: Path) -> None:
+    (example,) = re.findall(r"((?:^    .*\n)*^    name: .*\n(?:^    .*\n)*)", PAGE, re.MULTILINE)
+    found = plan(tmp_path, textwrap.dedent(example))
+    assert "mcts-period_s-0.3" in found.variants
+    assert len(episodes(found, {})) == (10 + 30) * (3 * 2 + 1)
+
+
+def test_the_sizes_of_the_built_in_ones() -> None:
+    described: set[str] = set()
+    for names, counts in re.findall(r"^\| (`[^|]*`) \| ([\d, each]+) \|", PAGE.split("## Built-in")[1], re.MULTILINE):
+        listed = re.findall(r"`([\w-]+)`", names)
+        numbers = [int(number) for number in re.findall(r"\d+", counts)] * (len(listed) if "each" in counts else 1)
+        for name, number in zip(listed, numbers, strict=True):
+            found = load(assets.experiment_path(name))
+            egos = {case.name: [str(k) for k in range(case.egos.random or 0)] for case in found.cases if case.egos is not None}
+            assert len(episodes(found, egos)) == number, name
+        described.update(listed)
+    assert {path.stem for path in BUILT_IN} == described

@@ -1,0 +1,62 @@
+"""Processes that answer, raise, and die, each of which costs its own task alone."""
+
+import os
+import signal
+import time
+
+import pytest
+from helpers_batch import die, echo, raise_value_error
+
+from sumo_mcts.experiments.workers import DeadWorkerError, LocalPool, local
+
+
+def test_answers_exceptions_and_deaths() -> None:
+    with LocalPool(2) as pool:
+        before = [pool.submit(echo, k) for k in range(3)]
+        bad, dead, unsent = pool.submit(raise_value_error), pool.submit(die), pool.submit(echo, lambda: 0)
+        after = [pool.submit(echo, k) for k in range(3)]
+        assert [future.result(30) for future in before + after] == [0, 1, 2, 0, 1, 2]
+        with pytest.raises(ValueError, match="as asked"):
+            bad.result(30)
+        with pytest.raises(DeadWorkerError, match=r"the worker died \(exit status 3\)"):
+            dead.result(30)
+        assert unsent.exception(30) is not None  # a lambda does not travel
+        assert len(pool.pids()) <= 2
+    with pytest.raises(RuntimeError):
+        pool.submit(echo, 0)
+
+
+def test_the_context_ends_what_is_at_work() -> None:
+    with local(2) as crew:
+        running = [crew.executor.submit(time.sleep, 60.0) for _ in range(4)]
+        pool = crew.executor
+        assert isinstance(pool, LocalPool)
+        until = time.monotonic() + 30.0
+        while len(pool.pids()) < 2 and time.monotonic() < until:
+            time.sleep(0.05)
+        pids = pool.pids()
+        began = time.monotonic()
+    assert time.monotonic() - began < 5.0
+    assert len(pids) == 2
+    assert all(future.done() for future in running)
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_a_killed_worker_is_named_with_its_signal() -> None:
+    with LocalPool(1) as pool:
+        assert pool.submit(echo, 1).result(30) == 1
+        slow = pool.submit(time.sleep, 60.0)
+        (pid,) = pool.pids()
+        os.kill(pid, signal.SIGKILL)
+        with pytest.raises(DeadWorkerError, match="SIGKILL"):
+            slow.result(30)
+        assert pool.submit(echo, 2).result(30) == 2
+        assert pool.pids() != [pid]
+
+
+def test_a_process_does_not_grow_old() -> None:
+    with LocalPool(1, longest=2) as pool:
+        pids = [pool.submit(os.getpid).result(30) for _ in range(4)]
+    assert pids[0] == pids[1] != pids[2] == pids[3]

@@ -1,0 +1,58 @@
+"""Small experiments, and drivers of episodes that crash: in a module that worker processes can import."""
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+from sumo_mcts.experiments.drive import Driven, drive
+from sumo_mcts.experiments.experiment import Episode
+from sumo_mcts.experiments.worth import Bar
+from sumo_mcts.records import ROW_KEYS, Row
+
+# No search, so nothing is compiled and an episode takes tenths of a second.
+SMALL = """
+name: small
+scenarios: [unprotected-left-turn, highway-exit]
+variants: {constant: {planner.name: constant}}
+twins: true
+seeds: 0..1
+"""
+CLOCK = ("plan_ms_p50", "plan_ms_p95", "plan_ms_p99", "plan_ms_max", "deadline_misses", "wall_s", "realtime_factor")
+
+
+def write(folder: Path, text: str = SMALL, name: str = "small.yaml") -> Path:
+    """An experiment file."""
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def timeless(rows: list[Row]) -> list[dict[str, Any]]:
+    """The rows without what a clock says."""
+    return [{key: row[key] for key in (*ROW_KEYS, "redrawn") if key not in CLOCK} for row in rows]
+
+
+def crash_or_drive(episode: Episode, bar: Bar) -> Driven:
+    """Take the process along where the environment's CRASH is the key; leave a file for each start in the folder STARTS."""
+    key = episode.keys[0]
+    number = len(list(Path(os.environ["STARTS"]).glob(f"{key}.*")))
+    (Path(os.environ["STARTS"]) / f"{key}.{number}").touch()
+    if key == os.environ["CRASH"]:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    return drive(episode, bar)
+
+
+def echo(value: object) -> object:
+    """The value itself."""
+    return value
+
+
+def raise_value_error() -> None:
+    """Fail like a function, not like a process."""
+    raise ValueError("as asked")
+
+
+def die() -> None:
+    """End the process at once."""
+    os._exit(3)
