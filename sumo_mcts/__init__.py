@@ -2,6 +2,7 @@
 
 load_scenario   a built-in scene, a scenario file or a .sumocfg, checked
 run_episode     drive it to its end: rows, traces, manifest
+run_batch       the episodes of an experiment file, into a folder
 Controller      the same driver in a libsumo loop of your own
 
 Each is loaded when it is first used, so that `import sumo_mcts` costs nothing.
@@ -14,10 +15,14 @@ if TYPE_CHECKING:
     from sumo_mcts.api import load_scenario
     from sumo_mcts.controller import Controller
     from sumo_mcts.episode import run_episode
+    from sumo_mcts.experiments.batch import run_batch
 
-__all__ = ["Controller", "load_scenario", "run_episode"]
+__all__ = ["Controller", "load_scenario", "run_batch", "run_episode"]
 
-_HOMES = {"Controller": "sumo_mcts.controller", "load_scenario": "sumo_mcts.api", "run_episode": "sumo_mcts.episode"}
+_HOMES = {
+    "Controller": "sumo_mcts.controller", "load_scenario": "sumo_mcts.api", "run_batch": "sumo_mcts.experiments.batch",
+    "run_episode": "sumo_mcts.episode",
+}  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

@@ -244,6 +244,7 @@ def batch(
     shard: Annotated[str, typer.Option(metavar="I/N", help="Drive only this part of N; a folder of its own for each.")] = "1/1",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would be driven, and what is done already.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Remove what an earlier batch left in the folder.")] = False,
+    allow_plugins: AllowPlugins = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Drive an experiment: scenarios x variants x seeds. Goes on where it was interrupted."""
@@ -252,12 +253,12 @@ def batch(
         from sumo_mcts.experiments.batch import BatchError
 
         if dry_run:
-            typer.echo(commands.batch_listing(experiment, out, shard, fresh))
+            typer.echo(commands.batch_listing(experiment, out, shard, fresh, allow_plugins))
             return
         commands.check_folder(out)
         try:
             with _BatchVoice(quiet) as voice:
-                rows = commands.batch(experiment, out, jobs, scheduler, shard, fresh, sys.argv[1:], voice.tell)
+                rows = commands.batch(experiment, out, jobs, scheduler, shard, fresh, allow_plugins, sys.argv[1:], voice.tell)
         except BatchError as error:
             typer.echo(f"error: {error}", err=True)
             raise typer.Exit(FAILED) from None

@@ -223,15 +223,25 @@ def _convergence_text(found: dict[str, Any]) -> str:
 
 
 def batch(
-    experiment: str, out: Path, jobs: int | None, scheduler: str | None, shard: str, fresh: bool, command: Sequence[str], watch: Callable[[Progress], None]
+    experiment: str,
+    out: Path,
+    jobs: int | None,
+    scheduler: str | None,
+    shard: str,
+    fresh: bool,
+    allow_plugins: bool,
+    command: Sequence[str],
+    watch: Callable[[Progress], None],
 ) -> list[dict[str, Any]]:
     """The rows of an experiment, driven into a folder as far as they are not there yet. Raises ConfigError and BatchError."""
-    return run_batch(experiment, out, jobs=jobs, scheduler=scheduler, shard=_shard(shard), fresh=fresh, command=command, watch=watch)
+    return run_batch(
+        experiment, out, jobs=jobs, scheduler=scheduler, shard=_shard(shard), fresh=fresh, allow_plugins=allow_plugins, command=command, watch=watch
+    )
 
 
-def batch_listing(experiment: str, out: Path, shard: str, fresh: bool) -> str:
+def batch_listing(experiment: str, out: Path, shard: str, fresh: bool, allow_plugins: bool) -> str:
     """A line for each row that `batch` would bring about. Raises ConfigError."""
-    found = listed(experiment, out, shard=_shard(shard), fresh=fresh)
+    found = listed(experiment, out, shard=_shard(shard), fresh=fresh, allow_plugins=allow_plugins)
     lines = [f"{'done' if item.done else 'to do':6s} {item.key}" for item in found]
     done = sum(item.done for item in found)
     return "\n".join([*lines, f"{len(found)} rows, {done} done, {len(found) - done} to do"])

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from sumo_mcts import assets, records
+from sumo_mcts import assets, plugins, records
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.experiments import drive, folder, workers
 from sumo_mcts.experiments.drive import Driven
@@ -17,7 +17,7 @@ from sumo_mcts.experiments.experiment import Episode, Plan, episodes, load, shar
 from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.experiments.worth import Bar, Worth
 from sumo_mcts.model.kernel import is_compiled
-from sumo_mcts.records import Row
+from sumo_mcts.records import MAPS, TRACES, Row
 from sumo_mcts.world.arguments import REFEREE_OPTIONS
 
 TRIES = 2  # of an episode whose worker dies
@@ -63,6 +63,7 @@ def run_batch(
     scheduler: str | None = None,
     shard: tuple[int, int] = WHOLE,
     fresh: bool = False,
+    allow_plugins: bool = False,
     command: Sequence[str] = (),
     watch: Watch | None = None,
 ) -> list[Row]:
@@ -73,6 +74,7 @@ def run_batch(
     scheduler: the address of a dask.distributed scheduler (tcp://...) whose workers drive instead.
     shard: (i, n) drives only the i-th of n parts; each part has a folder of its own.
     fresh: remove what `out` holds of an earlier batch. Otherwise what is done there is not done again.
+    allow_plugins: run code that the experiment or its scenarios name as module:name.
     command: goes into the manifest. watch: is told the progress, about twice a second.
 
     Every row is on the disk as soon as its episode ends, so a batch may be interrupted in any way and called again. The rows are the same with
@@ -82,7 +84,7 @@ def run_batch(
 
     Raises ConfigError where the input is wrong, or `out` holds something else; BatchError where the batch cannot go on.
     """
-    plan, out = load(assets.experiment_path(str(experiment))), Path(out)
+    plan, out = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins), Path(out)
     tell = watch or _nobody
     count = jobs or _cores()
     with folder.only_here(out):
@@ -98,9 +100,11 @@ def run_batch(
             return _Batch(out, found, plan.experiment.traces, tell).run(crew)
 
 
-def listed(experiment: str | Path, out: str | Path | None = None, *, shard: tuple[int, int] = WHOLE, fresh: bool = False) -> list[Listing]:
+def listed(
+    experiment: str | Path, out: str | Path | None = None, *, shard: tuple[int, int] = WHOLE, fresh: bool = False, allow_plugins: bool = False
+) -> list[Listing]:
     """What `run_batch` would drive; nothing is written. Raises ConfigError as it does."""
-    plan = load(assets.experiment_path(str(experiment)))
+    plan = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins)
     manifest = None if out is None or fresh else folder.begun(Path(out), _manifest(plan, shard, ()))
     with workers.local(1) as crew:
         found = _part(plan, manifest["egos"] if manifest is not None else _chosen(plan, crew, _nobody), shard)
@@ -165,7 +169,7 @@ class _Batch:
             if self._deaths[episode.keys] < TRIES:
                 self._waiting.append(episode)
                 return
-            driven = Driven(drive.failed(episode, f"{' '.join(str(error).split())}, in each of {TRIES} tries"), {})
+            driven = Driven(drive.failed(episode, f"{' '.join(str(error).split())}, in each of {TRIES} tries"), {}, {})
         except BaseException as error:  # a worker answers whatever happens to an episode: this is about the workers
             if isinstance(error, KeyboardInterrupt | SystemExit):
                 raise
@@ -173,9 +177,12 @@ class _Batch:
         _kept(self._out, lambda: self._keep(driven))
 
     def _keep(self, driven: Driven) -> None:
-        """Write traces, then the rows, which say that the episode is done."""
+        """Write traces and the maps that they refer to, then the rows, which say that the episode is done."""
+        for name, content in driven.maps.items():
+            if not (self._out / MAPS / f"{name}.npz").exists():
+                records.write_whole(self._out / MAPS / f"{name}.npz", content)
         for key, content in driven.traces.items():
-            records.write_whole(self._out / folder.TRACES / f"{key}.npz", content)
+            records.write_whole(self._out / TRACES / f"{key}.npz", content)
         for row in driven.rows:
             records.append_row(self._out, row)
         self._rows += driven.rows
@@ -200,7 +207,7 @@ class _Batch:
 def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict[str, Any]:
     """What a folder says of its batch, but for the egos that are drawn."""
     scenarios = {case.name: case.base.model_dump(mode="json") for case in plan.cases}
-    planners = [config.planner for case in plan.cases for config in case.configs.values()]
+    configs = [config for case in plan.cases for config in case.configs.values()]
     return {
         "experiment": plan.experiment.model_dump(mode="json", by_alias=True),
         "experiment_digest": plan.digest,
@@ -208,9 +215,10 @@ def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict
         "scenarios": scenarios,
         "variants": plan.variants,
         "versions": records.versions(),
+        "plugins": [each for _, each in sorted({str(each): each for config in configs for each in plugins.described(config)}.items())],
         "command": ["sumo-mcts", *command] if command else None,
         "set_by_referee": REFEREE_OPTIONS,
-        "reproducible": all(planner.time_budget_ms is None and not planner.enforce_deadline for planner in planners),
+        "reproducible": all(planner.time_budget_ms is None and not planner.enforce_deadline for planner in (config.planner for config in configs)),
     }
 
 

@@ -29,6 +29,7 @@ class Driven(NamedTuple):
 
     rows: tuple[Row, ...]
     traces: dict[str, bytes]  # by key, as they stand in their files: those that may be worth keeping
+    maps: dict[str, bytes]  # the roads that these refer to, by name, likewise
 
 
 def drive(episode: Episode, bar: Bar) -> Driven:
@@ -36,12 +37,14 @@ def drive(episode: Episode, bar: Bar) -> Driven:
     try:
         result = run_episode(episode.config, episode.seed, variant=episode.variant)
     except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
-        return Driven(failed(episode, f"{type(error).__name__}: {error}"), {})
+        return Driven(failed(episode, f"{type(error).__name__}: {error}"), {}, {})
     key_of = {row["key"]: key for row, key in zip(result.rows, episode.keys, strict=True)}
     rows = tuple({**row, "key": key_of[row["key"]], "redrawn": result.manifest["redrawn"]} for row in result.rows)
     kept = {row["key"] for row in rows if is_worth(row, bar)}
     traces = [trace._replace(key=key_of[trace.key]) for trace in result.traces]
-    return Driven(rows, {trace.key: records.trace_bytes(trace) for trace in traces if trace.key in kept})
+    traces = [trace for trace in traces if trace.key in kept]
+    maps = {} if result.road is None else {trace.setting.map: records.map_bytes(result.road) for trace in traces[:1]}
+    return Driven(rows, {trace.key: records.trace_bytes(trace) for trace in traces}, maps)
 
 
 def failed(episode: Episode, message: str) -> tuple[Row, ...]:

@@ -147,14 +147,16 @@ class Episode(NamedTuple):
     config: ScenarioConfig
 
 
-def load(path: Path) -> Plan:
-    """Read an experiment file and the scenarios that it names. Raises ConfigError."""
+def load(path: Path, *, allow_plugins: bool = False) -> Plan:
+    """Read an experiment file and the scenarios that it names; code that they name only where that is allowed. Raises ConfigError."""
     experiment = _parsed(path)
     variants = _variants(experiment, str(path))
     cases = tuple(_case(experiment, k, variants, path) for k in range(len(experiment.scenarios)))
     for name, count in Counter(case.name for case in cases).items():
         if count > 1:
             raise ConfigError(f"{path}: scenarios: {name}: named {count} times; give a `name` of its own to each")
+    for key, name in {named for case in cases for found in case.configs.values() for named in config.plugin_names(found)}:
+        config.require_permission(f"{path}: {key}", name, allow_plugins)
     told = experiment.model_dump(mode="json", by_alias=True, exclude={"description"})
     configs = {case.name: {variant: config.digest(found) for variant, found in case.configs.items()} for case in cases}
     digest = hashlib.sha256(json.dumps([told, configs], sort_keys=True, default=str).encode()).hexdigest()
@@ -252,7 +254,7 @@ def _case(experiment: Experiment, number: int, variants: Mapping[str, Changes], 
     for where, changes in (("set", experiment.assign), (f"scenarios.{number}.set", entry.assign)):
         data = _changed(data, changes, f"{path}: {where}").model_dump(mode="json")
     configs = {variant: _changed(data, changes, f"{path}: {_origin(experiment, variant)}") for variant, changes in variants.items()}
-    base = config.build(data, str(path))
+    base = config.build(data, str(path), allow_plugins=True)
     for variant, found in configs.items():
         if found.name != name or found.egos != base.egos:
             raise ConfigError(f"{path}: {_origin(experiment, variant)}: name and egos belong to the entries of `scenarios`")
@@ -270,7 +272,7 @@ def _changed(data: dict[str, Any], changes: Changes, origin: str) -> ScenarioCon
     """The scenario with these keys set. Raises ConfigError."""
     assignments = tuple(f"{key}={yaml.safe_dump(value, default_flow_style=True)}" for key, value in changes.items())
     try:
-        return config.build(json.loads(json.dumps(data)), origin, assignments)
+        return config.build(json.loads(json.dumps(data)), origin, assignments, allow_plugins=True)
     except ConfigError as error:
         told = str(error).replace("\n...\n", "").removeprefix("--set ")
         raise ConfigError(told if told.startswith(origin) else f"{origin}: {told}") from None
@@ -278,7 +280,7 @@ def _changed(data: dict[str, Any], changes: Changes, origin: str) -> ScenarioCon
 
 def _from_scenario(name: str, folder: Path) -> dict[str, Any]:
     beside = folder / name
-    return config.load(beside if beside.is_file() else assets.scenario_path(name)).model_dump(mode="json")
+    return config.load(beside if beside.is_file() else assets.scenario_path(name), allow_plugins=True).model_dump(mode="json")
 
 
 def _from_sumocfg(entry: Entry, folder: Path) -> dict[str, Any]:
@@ -291,7 +293,7 @@ def _from_sumocfg(entry: Entry, folder: Path) -> dict[str, Any]:
     stem = re.sub(r"[^A-Za-z0-9_-]", "_", path.stem)
     ego = EgoConfig(id=UNKNOWN_EGO, until=entry.until)
     data = {"name": stem if stem[:1].isalnum() else f"net{stem}", "sumo": {"sumocfg": str(path.resolve())}, "egos": [ego.model_dump()]}
-    return config.build(data, str(path)).model_dump(mode="json")
+    return config.build(data, str(path), allow_plugins=True).model_dump(mode="json")
 
 
 # --- episodes ---

@@ -11,16 +11,14 @@ from typing import Any
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError
 from sumo_mcts.experiments.experiment import DECIDING, Episode
-from sumo_mcts.records import MANIFEST, ROWS, TABLE, Row
+from sumo_mcts.records import MANIFEST, MAPS, ROWS, TABLE, TRACES, Row
 
 try:
     import fcntl
 except ImportError:  # on Windows
     fcntl = None  # type: ignore[assignment]
 
-TRACES = "traces"
-
-_LEFT_BEHIND = (MANIFEST, ROWS, TABLE, TRACES, "figures", "report.html", "report.md")  # what --fresh removes
+_LEFT_BEHIND = (MANIFEST, ROWS, TABLE, TRACES, MAPS, "figures", "tables", "report.html", "report.md")  # what --fresh removes
 
 
 @contextmanager
@@ -95,7 +93,7 @@ def settle(folder: Path, episodes: Sequence[Episode]) -> None:
 
 def sweep(folder: Path) -> None:
     """Remove files that a killed process was about to write."""
-    for path in (*folder.glob(".*.tmp"), *(folder / TRACES).glob(".*.tmp")):
+    for path in (*folder.glob(".*.tmp"), *(folder / TRACES).glob(".*.tmp"), *(folder / MAPS).glob(".*.tmp")):
         path.unlink()
 
 

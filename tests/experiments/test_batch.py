@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 from helpers_batch import SMALL, crash_or_drive, timeless, write
 
-from sumo_mcts import assets, cli, config, records
+from sumo_mcts import assets, cli, config, records, run_batch
 from sumo_mcts.config import ConfigError
 from sumo_mcts.episode import run_episode
-from sumo_mcts.experiments import folder, run_batch, workers
+from sumo_mcts.experiments import folder, workers
 from sumo_mcts.experiments.batch import Progress, _Batch, listed
 from sumo_mcts.experiments.drive import choose, drive, failed, rehearse
 from sumo_mcts.experiments.experiment import Egos, Episode, episodes, load

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from helpers_batch import timeless, write
 
+from sumo_mcts import run_batch
 from sumo_mcts.config import ConfigError
-from sumo_mcts.experiments import run_batch
 from sumo_mcts.experiments.batch import Progress
 from sumo_mcts.experiments.workers import cluster
 
