@@ -192,6 +192,7 @@ def explain(
     episode: Episode = None,
     again: Annotated[bool, typer.Option("--replan", help="Take that decision again from the record, without SUMO.")] = False,
     assign: Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="... with another setting (repeatable; implies --replan).")] = None,  # noqa: UP045
+    allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
 ) -> None:
     """Tell why the ego did what it did at a moment of a recorded episode."""
@@ -204,7 +205,7 @@ def explain(
             _list_recorded(folder, as_json)
             return
         with _Voice(quiet=as_json).progress("reading the trace") as note:
-            told = recorded.explain(folder, key, at, again or bool(assign), tuple(assign or ()), note)
+            told = recorded.explain(folder, key, at, again or bool(assign), tuple(assign or ()), note, allow_plugins=allow_plugins)
         typer.echo(json_text(told, indent=None) if as_json else recorded.explanation_text(told))
 
 

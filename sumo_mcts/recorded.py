@@ -109,8 +109,9 @@ def write(folder: Path, key: str, form: str, out: Path | None, note: Note) -> Pa
     return path
 
 
-def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Sequence[str], note: Note) -> dict[str, Any]:
-    """Why the ego did what it did at a moment (simulation time, s); `again`: with the decision taken once more. Raises ConfigError."""
+def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Sequence[str], note: Note, *, allow_plugins: bool = False) -> dict[str, Any]:
+    """Why the ego did what it did at a moment (simulation time, s); `again`: with the decision taken once more, by code that the trace names only where
+    that is allowed. Raises ConfigError."""
     from sumo_mcts.model.kernel import is_compiled
     from sumo_mcts.reporting import explanation
 
@@ -123,7 +124,7 @@ def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Se
         raise ConfigError(f"{folder}: --episode {key}: --replan: the trace does not hold the scenario it was recorded with")
     if not is_compiled():
         note("compiling the search, once for this version (about half a minute)")
-    return {**told, "replan": explanation.explain_again(trace, map_of(folder, trace), cycle, overrides)}
+    return {**told, "replan": explanation.explain_again(trace, map_of(folder, trace), cycle, overrides, allow_plugins=allow_plugins)}
 
 
 def _map_if_there(folder: Path, trace: Trace) -> RoadMap | None:

@@ -13,9 +13,9 @@ from sumo_mcts.scene import Follow, Ints, PlannerMemory, Release, RoadMap, Scene
 ORACLES = ("routes", "script", "clone")
 
 
-def recorded_config(setting: Setting, overrides: Sequence[str] = ()) -> ScenarioConfig:
-    """The scenario that a trace was recorded with, with some keys set otherwise. Raises ConfigError."""
-    return build(json.loads(setting.config), "the trace's scenario", tuple(overrides))
+def recorded_config(setting: Setting, overrides: Sequence[str] = (), *, allow_plugins: bool = False) -> ScenarioConfig:
+    """The scenario that a trace was recorded with, with some keys set otherwise; code that it names only where that is allowed. Raises ConfigError."""
+    return build(json.loads(setting.config), "the trace's scenario", tuple(overrides), allow_plugins=allow_plugins)
 
 
 def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> Thought:

@@ -47,9 +47,9 @@ def explain(trace: Trace, road: RoadMap | None, number: int) -> dict[str, Any]:
     }
 
 
-def explain_again(trace: Trace, road: RoadMap, number: int, overrides: Sequence[str]) -> dict[str, Any]:
+def explain_again(trace: Trace, road: RoadMap, number: int, overrides: Sequence[str], *, allow_plugins: bool = False) -> dict[str, Any]:
     """The same of the decision taken again, from what is recorded, with some keys set otherwise. Raises ConfigError."""
-    cycle, config = trace.cycles[number], recorded_config(trace.setting, overrides)
+    cycle, config = trace.cycles[number], recorded_config(trace.setting, overrides, allow_plugins=allow_plugins)
     thought = replan(trace, road, number, config)
     forecast = thought.forecast if thought.forecast is not None else no_forecast(cycle.step)
     again = cycle._replace(decision=thought.decision, forecast=forecast, intervened=thought.intervened)
