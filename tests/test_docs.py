@@ -16,6 +16,7 @@ from sumo_mcts import assets, commands, config
 from sumo_mcts.cli import app
 from sumo_mcts.episode import run_episode
 from sumo_mcts.evaluation import referee
+from sumo_mcts.experiments import experiment
 from sumo_mcts.records import ROW_KEYS
 from sumo_mcts.schema_docs import refreshed, schema_text, tables
 
@@ -41,6 +42,11 @@ def fenced(language: str) -> list[Any]:
     """Every fenced example, as test parameters."""
     found = [(page.name, text) for page in PAGES for text in re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)]
     return [pytest.param(text, id=f"{name}-{k}") for k, (name, text) in enumerate(found)]
+
+
+def examples(of_experiments: bool) -> list[Any]:
+    """The examples in YAML: experiments name scenarios, scenarios do not."""
+    return [each for each in fenced("yaml") if ("\nscenarios:" in each.values[0]) == of_experiments]
 
 
 def indented(program: str) -> list[Any]:
@@ -156,7 +162,7 @@ def checkout(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("text", fenced("yaml"))
+@pytest.mark.parametrize("text", examples(of_experiments=False))
 def test_scenario_examples_are_valid(text: str, checkout: Path) -> None:
     path = checkout / "example.yaml"
     path.write_text(text, encoding="utf-8")
@@ -171,8 +177,15 @@ def test_python_examples_import_what_is_there(text: str) -> None:
             assert not [alias.name for alias in node.names if not hasattr(module, alias.name)]
 
 
+@pytest.mark.parametrize("text", examples(of_experiments=True))
+def test_experiment_examples_are_valid(text: str, tmp_path: Path) -> None:
+    (tmp_path / "example.yaml").write_text(text, encoding="utf-8")
+    plan = experiment.load(tmp_path / "example.yaml")
+    assert len(experiment.episodes(plan, {})) == sum(len(case.seeds) * len(plan.variants) for case in plan.cases) > 0
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("text", fenced("yaml"))
+@pytest.mark.parametrize("text", examples(of_experiments=False))
 def test_scenario_examples_run(text: str, checkout: Path) -> None:
     path = checkout / "example.yaml"
     path.write_text(text, encoding="utf-8")

@@ -111,7 +111,7 @@ def test_the_programs_of_the_documents_run(page: str, tmp_path: Path) -> None:
 
 def test_names_are_loaded_when_they_are_used() -> None:
     program = "import sys, sumo_mcts; assert not {'numpy', 'numba', 'pydantic', 'libsumo'} & set(sys.modules); print(sorted(sumo_mcts.__all__))"
-    assert python(TOP, "-c", program).strip() == "['Controller', 'load_scenario', 'run_episode']"
+    assert python(TOP, "-c", program).strip() == "['Controller', 'load_scenario', 'run_batch', 'run_episode']"
     assert sumo_mcts.run_episode is run_episode and sumo_mcts.load_scenario is load_scenario
     assert set(sumo_mcts.__all__) <= set(dir(sumo_mcts))
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
