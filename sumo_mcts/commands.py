@@ -1,6 +1,5 @@
 """What the commands do, as plain functions: no printing, no exit codes."""
 
-import math
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -113,7 +112,8 @@ def regret(
     driven = (*overrides, "planner.name=mcts")
     episodes = [(name, one) for name in scenarios or REGRET_SCENES for one in _episodes(name, egos, until, driven, allow_plugins=allow_plugins)]
     rows: list[Row] = []
-    harvests = [_harvest(name, one, plan, math.ceil(plan.states / len(episodes)), note) for name, one in episodes]
+    each, left = divmod(plan.states, len(episodes))
+    harvests = [_harvest(name, one, plan, each + (k < left), note) for k, (name, one) in enumerate(episodes)]
     with _regret_file(out, rows) as keep:
         for number in range(plan.seeds):
             for (name, one), harvest in zip(episodes, harvests, strict=True):
@@ -167,7 +167,7 @@ def require_egos(scenario: str, egos: Sequence[str]) -> None:
 
 @contextmanager
 def _regret_file(out: Path | None, rows: list[Row]) -> Iterator[Callable[[Row], None]]:
-    """Hands out what keeps a row: in the list and, at once, in regret.jsonl; at the end regret.csv is written."""
+    """Hands out what keeps a row: in the list and, at once, in regret.jsonl; at the end, whatever it is, regret.csv is written."""
     if out is None:
         yield rows.append
         return
@@ -179,8 +179,10 @@ def _regret_file(out: Path | None, rows: list[Row]) -> Iterator[Callable[[Row], 
             file.write(records.json_text(row, indent=None) + "\n")
             file.flush()
 
-        yield keep
-    records.write_table(out / "regret.csv", tuple(rows[0]) if rows else (), rows)
+        try:
+            yield keep
+        finally:  # an interrupt too
+            records.write_table(out / "regret.csv", tuple(rows[0]) if rows else (), rows)
 
 
 def regret_table(document: dict[str, Any]) -> str:
