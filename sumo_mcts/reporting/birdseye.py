@@ -211,7 +211,7 @@ def action_words(cycle: CycleRecord) -> str:
     if change:
         words.append("change to the " + ("left" if change > 0 else "right"))
     elif 0 < cycle.ego.changing < 1:
-        words.append("changing lane")
+        words.append("changing to the " + ("left" if cycle.ego.change_to > cycle.ego.change_from else "right"))
     reason = cycle.decision.reason.partition(":")[0]  # in the fail-safe's reason an explanation follows
     if reason not in ("", "search", words[0].split()[0]):
         words.append(reason)
@@ -224,7 +224,7 @@ def _verb(cycle: CycleRecord) -> str:
         return "release"
     if cycle.ego.v < 0.1 and accel <= 0.1:
         return "stand"
-    limits = ((-4.0, "brake hard"), (-0.5, "brake"), (0.5, "keep speed"))
+    limits = ((-4.0, "brake hard"), (-0.05, "brake"), (0.05, "keep speed"))
     return next((word for limit, word in limits if accel < limit), "accelerate")
 
 

@@ -113,6 +113,20 @@ def test_it_opens_without_an_error_or_a_request(context: BrowserContext, path: P
     assert wrong == []
 
 
+def test_nothing_but_the_page_is_on_the_page(context: BrowserContext, path: Path) -> None:
+    """The packed replays are no text to read, and nothing is wider than the window."""
+    page, _ = visit(context, path)
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    assert not page.evaluate("[...document.scripts].some((script) => script.checkVisibility())")
+
+
+@pytest.mark.parametrize("time", ["abc", "-5", "1e9"])
+def test_an_address_with_a_time_that_is_none_shows_a_moment_all_the_same(time: str, context: BrowserContext, path: Path) -> None:
+    page, wrong = visit(context, path, f"#replay={CRASHED}&t={time}")
+    until(page, "player !== null")
+    assert "NaN" not in page.locator("#replay").inner_text() and wrong == []
+
+
 def test_the_tables_show_what_was_counted(context: BrowserContext, path: Path) -> None:
     page, _ = visit(context, path)
     row = page.locator("#table-outcomes tr", has_text="mcts-idm-100").first

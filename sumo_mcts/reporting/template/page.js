@@ -592,7 +592,8 @@ function closed() {
 
 function follow() {
   const asked = new URLSearchParams(location.hash.slice(1));
-  if (asked.get("replay")) openReplay(asked.get("replay"), asked.has("t") ? Number(asked.get("t")) : undefined);
+  const time = Number(asked.get("t") ?? NaN);
+  if (asked.get("replay")) openReplay(asked.get("replay"), Number.isFinite(time) ? time : undefined);
 }
 
 for (const button of all("button.open")) button.addEventListener("click", () => openReplay(button.closest("tr").dataset.key));
