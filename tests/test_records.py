@@ -3,8 +3,10 @@
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
@@ -112,6 +114,33 @@ def test_a_truncated_trace_is_refused_by_name(tmp_path: Path, share: float) -> N
     with pytest.raises(records.TraceError, match=r"cut\.npz: not a whole trace") as caught:
         records.load_trace(path)
     assert "\n" not in str(caught.value)
+
+
+@given(data=st.data())
+@settings(max_examples=150, deadline=None)
+def test_a_damaged_trace_is_whole_or_refused(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
+    """Bytes overwritten anywhere, most of all where the archive and its headers say what is in them."""
+    path = tmp_path_factory.mktemp("trace") / "t.npz"
+    content = bytearray(records.trace_bytes(crossing_trace()._replace(cycles=crossing_trace().cycles[:1])))
+    heads = [found.start() for mark in (b"PK\x01\x02", b"PK\x03\x04", b"PK\x05\x06") for found in re.finditer(re.escape(mark), content)]
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.sampled_from(heads)) + data.draw(st.integers(0, 90)) if data.draw(st.booleans()) else data.draw(st.integers(0, len(content) - 1))
+        content[at : at + 1] = data.draw(st.binary(min_size=1, max_size=1))
+    path.write_bytes(content)
+    with suppress(records.TraceError):
+        records.load_trace(path)
+
+
+@pytest.mark.parametrize(("what", "changed"), [(b"PK\x01\x02", (10, b"\x07")), (b"\x93NUMPY", (10, b"{'a': (")), (b"\x93NUMPY", (10, b"[" * 40))])
+def test_damage_that_the_archive_does_not_know_is_refused(tmp_path: Path, what: bytes, changed: tuple[int, bytes]) -> None:
+    """A kind of packing that nobody knows, and headers that cannot be parsed."""
+    np.savez(tmp_path / "t.npz", format=np.array(3))
+    content, (offset, new) = bytearray((tmp_path / "t.npz").read_bytes()), changed
+    at = content.index(what) + offset
+    content[at : at + len(new)] = new
+    (tmp_path / "t.npz").write_bytes(content)
+    with pytest.raises(records.TraceError, match="not a whole trace"):
+        records.load_trace(tmp_path / "t.npz")
 
 
 def test_flipped_bits_in_a_trace_are_noticed(tmp_path: Path) -> None:
