@@ -35,6 +35,8 @@ ROW_KEYS = (
     "realtime_factor", "trace_digest", "config_digest",
 )  # fmt: skip
 
+WHOLE = ("key", "scenario", "variant", "outcome")  # texts without which a line is no row
+
 Row = dict[str, Any]
 
 
@@ -126,7 +128,7 @@ def append_row(folder: Path, row: Mapping[str, Any]) -> None:
 
 
 def read_rows(folder: Path) -> list[Row]:
-    """The rows of episodes.jsonl, without lines that a killed process left unfinished; none where there is no file."""
+    """The rows of episodes.jsonl, without lines that are no whole row, as a killed process leaves one; none where there is no file."""
     return [row for line in _lines(folder) if (row := _parsed(line)) is not None]
 
 
@@ -214,11 +216,12 @@ def _lines(folder: Path) -> list[str]:
 
 
 def _parsed(line: str) -> Row | None:
+    """The row that a line holds; None where it is no whole one."""
     try:
         row = json.loads(line)
-    except json.JSONDecodeError:
+    except (ValueError, RecursionError):  # numbers of too many digits, and brackets without end, too
         return None
-    return row if isinstance(row, dict) else None
+    return row if isinstance(row, dict) and all(isinstance(row.get(key), str) and row[key] for key in WHOLE) else None
 
 
 def _cell(value: Any) -> Any:

@@ -1,7 +1,7 @@
 """What folders of results hold, merged: the rows, where their traces lie, and what is wrong with them."""
 
 import json
-import math
+import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,7 +13,6 @@ from sumo_mcts.experiments.statistics import TWIN, place
 from sumo_mcts.records import ROW_KEYS, Row
 
 _TEXTS = ("key", "scenario", "variant", "planner", "prediction", "ego", "outcome", "error", "trace_digest", "config_digest")
-_NEEDED = ("key", "scenario", "variant", "outcome")  # without these a line is no row
 _TRUTHS = ("at_fault", "inevitable", "in_time")
 _ORDER = ("mcts", "paper", "exhaustive")  # planners in the order in which they are shown; then all others,
 _LAST = ("idm", "random", "constant", TWIN)  # and these at the end
@@ -76,23 +75,16 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
     if not (folder / records.ROWS).is_file():
         return {}, [f"{folder}: {records.ROWS}: no such file; `sumo-mcts run` and `sumo-mcts batch` write one with --out"]
     lines = records.read_rows(folder)
-    whole = [(line, row) for line in lines if (row := _whole(line)) is not None]
-    missing = Counter(key for line, _ in whole for key in ROW_KEYS if key not in line)
+    missing = Counter(key for line in lines for key in ROW_KEYS if key not in line)
     notes = []
-    if torn := records.torn_lines(folder) + len(lines) - len(whole):
+    if torn := records.torn_lines(folder):
         notes.append(f"{folder}: {records.ROWS}: {torn} of its lines {'is' if torn == 1 else 'are'} not a whole row, and left out")
     if missing:
-        notes.append(f"{folder}: {records.ROWS}: up to {max(missing.values())} of {len(whole)} rows are of another version, without {', '.join(missing)}")
-    rows = {row["key"]: row for _, row in whole}
+        notes.append(f"{folder}: {records.ROWS}: up to {max(missing.values())} of {len(lines)} rows are of another version, without {', '.join(missing)}")
+    rows = {line["key"]: {key: _kind(key, line.get(key)) for key in ROW_KEYS} for line in lines}
     if not rows:
         notes.append(f"{folder}: {records.ROWS}: no episode in it")
     return rows, notes
-
-
-def _whole(line: Row) -> Row | None:
-    """The row with every key and nothing but values of the right kind; None where it is none."""
-    row = {key: _kind(key, line.get(key)) for key in ROW_KEYS}
-    return row if all(row[key] for key in _NEEDED) else None
 
 
 def _kind(key: str, value: Any) -> Any:
@@ -101,7 +93,7 @@ def _kind(key: str, value: Any) -> Any:
         return value if isinstance(value, str) else None
     if key in _TRUTHS:
         return value if isinstance(value, bool) else None
-    return value if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) else None
+    return value if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max else None
 
 
 def _doubts(rows: Sequence[Row]) -> list[str]:

@@ -55,6 +55,18 @@ def test_torn_lines_and_foreign_values_are_told(tmp_path: Path) -> None:
     assert found.notes == (f"{folder}: {ROWS}: 3 of its lines are not a whole row, and left out",)
 
 
+def test_numbers_beyond_all_bounds_are_unknown_and_lines_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
+    folder = write_rows(tmp_path, [made_row(seed=seed) for seed in range(4)])
+    lines = (folder / ROWS).read_text().splitlines()
+    lines[1] = lines[1].replace('"cycles": 40', f'"cycles": {"9" * 400}').replace('"rms_jerk_mps3": 1.1', '"rms_jerk_mps3": 1e400')
+    lines[2] = lines[2].replace('"cycles": 40', f'"cycles": {"9" * 5000}')
+    lines[3] = lines[3].replace('"cycles": 40', f'"cycles": {"[" * 200_000}')
+    (folder / ROWS).write_text("\n".join(lines))
+    found = gather([folder])
+    assert [(row["cycles"], row["rms_jerk_mps3"]) for row in found.rows] == [(40, 1.0), (None, None)]
+    assert found.notes == (f"{folder}: {ROWS}: 2 of its lines are not a whole row, and left out",)
+
+
 def test_rows_of_another_version_are_told_and_filled(tmp_path: Path) -> None:
     old = {key: value for key, value in made_row().items() if key not in ("min_pet_s", "decision_flips")}
     found = gather([write_rows(tmp_path, [old, made_row(seed=1)])])
