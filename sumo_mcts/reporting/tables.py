@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.config import is_oracle
 from sumo_mcts.experiments.statistics import (
     TWIN,
     Contrast,
@@ -30,7 +31,6 @@ from sumo_mcts.reporting.results import Results, planner_rank
 
 NOT_WORSE = 1.0  # so many more episodes in a hundred than the twin's are allowed
 EACH = 3  # hard moments of one kind, of a scenario and variant, that are worth a look
-ORACLES = ("routes", "script", "clone")  # forecasts that know what no sensor sees
 
 Cell = Rate | Estimate | Contrast | float | int | str | None
 
@@ -132,7 +132,7 @@ def grouped(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
 
 def labelled(row: Row) -> str:
     """The variant of a row, with a word where its forecast is an oracle."""
-    return f"{row['variant']} (oracle)" if row["prediction"] in ORACLES else str(row["variant"])
+    return f"{row['variant']} (oracle)" if is_oracle(row["prediction"]) else str(row["variant"])
 
 
 Groups = dict[tuple[str, str], list[Row]]

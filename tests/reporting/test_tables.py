@@ -80,7 +80,8 @@ def test_medians_are_over_what_is_known() -> None:
 
 
 def test_an_oracle_is_labelled() -> None:
-    assert [row["variant"] for row in cells("outcomes", [made_row(prediction="script"), made_row(variant="idm")])] == ["mcts-idm-100 (oracle)", "idm"]
+    rows = [made_row(prediction="script"), made_row(variant="idm"), made_row(variant="mine", prediction="mine:Knowing (oracle)")]
+    assert [row["variant"] for row in cells("outcomes", rows)] == ["mcts-idm-100 (oracle)", "idm", "mine (oracle)"]
 
 
 def test_inevitable_is_of_the_collisions_that_were_judged() -> None:
