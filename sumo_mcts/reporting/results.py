@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError
 from sumo_mcts.experiments.statistics import TWIN, place
+from sumo_mcts.experiments.worth import order
 from sumo_mcts.records import ROW_KEYS, Row
 
 _TEXTS = ("key", "scenario", "variant", "planner", "prediction", "ego", "outcome", "error", "trace_digest", "config_digest")
@@ -57,7 +58,7 @@ def _order(row: Row, scenarios: Mapping[str, int], variants: Mapping[str, int]) 
     """As the experiment names them; what no experiment names comes after, by planner and name."""
     place_of = scenarios.get(row["scenario"], len(scenarios)), row["scenario"], variants.get(row["variant"], len(variants))
     who = planner_rank(row["planner"]), _natural(row["variant"])
-    return *place_of, *who, row["seed"] if row["seed"] is not None else -1, row["ego"] or "", row["key"]
+    return *place_of, *who, *order(row)
 
 
 def _natural(text: str) -> tuple[Any, ...]:
