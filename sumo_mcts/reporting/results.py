@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError
+from sumo_mcts.experiments.experiment import DECIDING
 from sumo_mcts.experiments.statistics import TWIN, place
 from sumo_mcts.experiments.worth import order
 from sumo_mcts.records import ROW_KEYS, Row
@@ -37,7 +38,7 @@ def gather(folders: Sequence[Path]) -> Results:
     notes: list[str] = []
     for folder in folders:
         found, problems = _rows_of(folder)
-        notes += problems
+        notes += [*problems, *_replaced(folder, rows, found)]
         rows |= found
         traces = {key: path for key, path in traces.items() if key not in found} | _traces_of(folder, found)
     if not rows:
@@ -45,7 +46,7 @@ def gather(folders: Sequence[Path]) -> Results:
     manifests = [_manifest_of(folder, notes) for folder in folders]
     scenarios, variants = (_order_in(manifests, key) for key in ("scenarios", "variants"))
     ordered = tuple(sorted(rows.values(), key=lambda row: _order(row, scenarios, variants)))
-    return Results(*_title(folders, manifests, ordered), ordered, traces, _versions(manifests), (*notes, *_doubts(ordered)))
+    return Results(*_title(folders, manifests, ordered), ordered, traces, _versions(manifests), (*notes, *_doubts(ordered, manifests)))
 
 
 def planner_rank(planner: str | None) -> int:
@@ -97,11 +98,24 @@ def _kind(key: str, value: Any) -> Any:
     return value if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max else None
 
 
-def _doubts(rows: Sequence[Row]) -> list[str]:
+def _replaced(folder: Path, before: Mapping[str, Row], found: Mapping[str, Row]) -> list[str]:
+    """A word about rows that take the place of the rows of other scenarios, which were of the same name."""
+    digests = [(before[key]["config_digest"], row["config_digest"]) for key, row in found.items() if key in before]
+    others = sum(one is not None and other is not None and one != other for one, other in digests)
+    return [f"{folder}: {others} of its episodes replace those of the same key that were driven with other settings"] if others else []
+
+
+def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list[str]:
     """What makes numbers doubtful."""
     of_twins = Counter(place(row) for row in rows if row["planner"] == TWIN)
     several = sum(count > 1 for count in of_twins.values())
-    return [f"{several} episodes have several twins (planner {TWIN}); the first of them is the one compared with"] if several else []
+    doubts = [f"{several} episodes have several twins (planner {TWIN}); the first of them is the one compared with"] if several else []
+    told = [manifest["versions"] for manifest in manifests if isinstance(manifest.get("versions"), dict)]
+    for name in DECIDING:
+        found = list(dict.fromkeys(str(versions[name]) for versions in told if versions.get(name)))
+        if len(found) > 1:
+            doubts.append(f"the folders were written with different versions of {name}: {', '.join(found)}")
+    return doubts
 
 
 # --- manifests and traces ---

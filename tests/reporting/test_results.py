@@ -21,6 +21,18 @@ def test_of_the_same_key_the_last_counts(tmp_path: Path) -> None:
     assert found.notes == ()
 
 
+def test_folders_that_do_not_belong_together_are_told(tmp_path: Path) -> None:
+    first = [made_row(seed=1, config_digest="a"), made_row(seed=2, config_digest="a"), made_row(seed=3)]
+    second = [made_row(seed=1, config_digest="a"), made_row(seed=2, config_digest="b"), made_row(seed=3, config_digest="b")]
+    versions = [{"sumo_mcts": "1.0", "sumo": "1.25", "platform": "x"}, {"sumo_mcts": "1.0", "sumo": "1.26", "platform": "y"}]
+    folders = [write_rows(tmp_path / name, rows, {"versions": told}) for name, rows, told in zip("ab", (first, second), versions, strict=True)]
+    assert gather(folders).notes == (
+        f"{tmp_path / 'b'}: 1 of its episodes replace those of the same key that were driven with other settings",
+        "the folders were written with different versions of sumo: 1.25, 1.26",
+    )
+    assert gather(folders[:1]).notes == ()
+
+
 def test_the_order_is_the_experiments(tmp_path: Path) -> None:
     manifest = {
         "experiment": {"name": "trial", "description": "Of order."},
