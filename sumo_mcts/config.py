@@ -16,6 +16,8 @@ CROWD_ID = "crowd_"
 
 PLANNERS = ("mcts", "paper", "idm", "random", "sumo", "constant", "exhaustive")
 PREDICTORS = ("idm", "constant_velocity", "routes", "script", "clone")
+ORACLES = ("routes", "script", "clone")  # of these, those that know what no sensor sees;
+ORACLE_MARK = " (oracle)"  # one of the user's own has this behind its name wherever results name it
 # Where installed packages name planners, predictors and cost terms of their own (entry points).
 PLANNER_GROUP, PREDICTOR_GROUP, TERM_GROUP = "sumo_mcts.planners", "sumo_mcts.predictors", "sumo_mcts.cost_terms"
 _CODE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
@@ -416,6 +418,11 @@ def build(data: dict[str, Any], origin: str, overrides: tuple[str, ...] = (), *,
     for key, name in plugin_names(scenario):
         require_permission(f"{origin}: {key}", name, allow_plugins)
     return scenario
+
+
+def is_oracle(prediction: str | None) -> bool:
+    """Whether a forecast, as results name it, knows what no sensor sees."""
+    return prediction is not None and (prediction in ORACLES or prediction.endswith(ORACLE_MARK))
 
 
 def plugin_names(scenario: ScenarioConfig) -> Iterator[tuple[str, str]]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts import plugins
-from sumo_mcts.config import PLANNERS, PREDICTORS, ConfigError, ScenarioConfig
+from sumo_mcts.config import ORACLE_MARK, PLANNERS, PREDICTORS, ConfigError, ScenarioConfig
 from sumo_mcts.model.cost import CostParams, Term, compiled_term
 from sumo_mcts.model.ego import HALF, EgoParams
 from sumo_mcts.model.intentions import foresee
@@ -216,13 +216,16 @@ class Driver:
         return None if self._route is None or scene.ego.lane < 0 else ego_state(self._route, as_seen(self._road, scene.ego))
 
     def _foreseen(self, scene: Scene, state: State) -> tuple[Forecast, str]:
-        """What the scenario's predictor says, as far as its planner looks; where one of the user's own fails, what ours says, and why."""
+        """What the scenario's predictor says, as far as its planner looks; where one of the user's own fails, what ours says, and why. Raises ConfigError
+        where a record does not answer what it asks."""
         name, route = self._config.prediction.name, self._task.route
         most = self._config.prediction.hypotheses if isinstance(self._planner, MctsPlanner) else 1
         if self._predictor is None:
             return self._forecast(scene, route, state, name, self._horizon(), most), ""
         try:
             return self._forecast(scene, route, state, name, self._horizon()), ""
+        except ConfigError:  # of oracles that only know what was recorded
+            raise
         except Exception as error:  # whatever a predictor may do
             return self._forecast(scene, route, state, "idm", self._horizon()), plugins.in_words(error)
 
@@ -348,7 +351,12 @@ def prediction_label(config: ScenarioConfig) -> str:
     """What the scenario's predictor is called in results: a plugin that is an oracle is labelled. Raises ConfigError where it cannot be loaded."""
     name = config.prediction.name
     oracle = name not in PREDICTORS and getattr(plugins.loaded("prediction.name", name), "oracle", False)
-    return f"{name} (oracle)" if oracle else name
+    return f"{name}{ORACLE_MARK}" if oracle else name
+
+
+def forecast_label(config: ScenarioConfig) -> str | None:
+    """What the forecast is called that a scenario's planner reads; None: it reads none. Raises ConfigError where a plugin cannot be loaded."""
+    return prediction_label(config) if reads_forecast(config) else None
 
 
 def make_predictor(config: ScenarioConfig) -> Predictor | None:

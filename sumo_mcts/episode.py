@@ -13,7 +13,7 @@ import numpy as np
 
 from sumo_mcts import plugins, records
 from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest
-from sumo_mcts.driver import SEARCHING, Driver, as_seen, ego_params, prediction_label, reads_forecast, streams, warm_up
+from sumo_mcts.driver import SEARCHING, Driver, as_seen, ego_params, forecast_label, reads_forecast, streams, warm_up
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import COLLISION, Goal, Referee
@@ -478,7 +478,7 @@ def completed(row: Row, config: ScenarioConfig, seed: int | None, variant: str, 
         "scenario": config.name,
         "variant": variant,
         "planner": config.planner.name,
-        "prediction": prediction_label(config) if reads_forecast(config) else None,
+        "prediction": forecast_label(config),
         "seed": seed,
         "wall_s": wall,
         "realtime_factor": recorder.simulated(period) / wall if wall > 0 else None,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_mcts.config import ConfigError
-from sumo_mcts.records import MAPS, TRACES, Row, Trace, TraceError, load_map, load_trace, read_rows
+from sumo_mcts.records import MAPS, TRACES, Trace, TraceError, load_map, load_trace, read_rows
 from sumo_mcts.scene import RoadMap
 
 PICTURES, TABLES = ("png", "gif", "mp4"), ("csv", "fcd")
@@ -31,7 +31,7 @@ def choices(folder: Path) -> list[Choice]:
     keys = sorted(path.stem for path in (folder / TRACES).glob("*.npz"))
     if not keys:
         raise ConfigError(f"{folder}: no recorded episode: {TRACES}/*.npz is what `run --out` and `batch --out` leave")
-    outcomes = {row["key"]: str(row["outcome"]) for row in _rows(folder)}
+    outcomes = {row["key"]: row["outcome"] for row in read_rows(folder)}
     return [Choice(key, outcomes.get(key, "")) for key in keys]
 
 
@@ -42,7 +42,7 @@ def chosen(folder: Path, episode: str | None) -> str | None:
         return keys[0] if len(keys) == 1 else None
     if episode in keys:
         return episode
-    if any(row["key"] == episode for row in _rows(folder)):
+    if any(row["key"] == episode for row in read_rows(folder)):
         raise ConfigError(f"{folder}: --episode {episode}: it was run, but its trace was not kept; an experiment keeps all of them with traces: all")
     near = get_close_matches(episode, keys, NAMED, 0.4) or keys[:NAMED]
     raise ConfigError(f"{folder}: --episode {episode}: no such episode; close to it: {', '.join(near)}")
@@ -146,7 +146,3 @@ def _cycle_at(trace: Trace, at: float | None) -> int:
         given = "not given" if at is None else f"{at:g}"
         raise ConfigError(f"--at: {given}; {trace.key} was driven from {times[0]:g} s to {times[-1] + period:g} s")
     return sum(time <= at + 1e-6 for time in times) - 1
-
-
-def _rows(folder: Path) -> list[Row]:
-    return [row for row in read_rows(folder) if row.get("key") is not None]

@@ -8,8 +8,6 @@ import math
 import os
 import platform
 import re
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import metadata
 from itertools import pairwise
@@ -36,6 +34,8 @@ ROW_KEYS = (
     "iterations", "cycles", "deadline_s", "deadline_misses", "plan_ms_p50", "plan_ms_p95", "plan_ms_p99", "plan_ms_max", "wall_s",
     "realtime_factor", "trace_digest", "config_digest",
 )  # fmt: skip
+
+WHOLE = ("key", "scenario", "variant", "outcome")  # texts without which a line is no row
 
 Row = dict[str, Any]
 
@@ -128,7 +128,7 @@ def append_row(folder: Path, row: Mapping[str, Any]) -> None:
 
 
 def read_rows(folder: Path) -> list[Row]:
-    """The rows of episodes.jsonl, without lines that a killed process left unfinished; none where there is no file."""
+    """The rows of episodes.jsonl, without lines that are no whole row, as a killed process leaves one; none where there is no file."""
     return [row for line in _lines(folder) if (row := _parsed(line)) is not None]
 
 
@@ -216,11 +216,12 @@ def _lines(folder: Path) -> list[str]:
 
 
 def _parsed(line: str) -> Row | None:
+    """The row that a line holds; None where it is no whole one."""
     try:
         row = json.loads(line)
-    except json.JSONDecodeError:
+    except (ValueError, RecursionError):  # numbers of too many digits, and brackets without end, too
         return None
-    return row if isinstance(row, dict) else None
+    return row if isinstance(row, dict) and all(isinstance(row.get(key), str) and row[key] for key in WHOLE) else None
 
 
 def _cell(value: Any) -> Any:
@@ -395,7 +396,9 @@ def _load(path: Path, kind: type, what: str) -> Any:
         if int(columns["format"]) != _FORMAT:
             raise TraceError(f"{path}: written in {what} format {int(columns['format'])}, this version reads {_FORMAT}")
         return _decode(kind, 1, kind.__name__.lower(), columns)[0]
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, TypeError, KeyError, IndexError) as error:
+    except (TraceError, OSError):
+        raise
+    except Exception as error:  # whatever unpacking damaged bytes may do: zipfile and numpy alone raise a dozen kinds
         raise TraceError(f"{path}: not a whole {what}: {' '.join(str(error).split())}") from None
 
 

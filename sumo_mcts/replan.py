@@ -3,14 +3,12 @@
 import json
 from collections.abc import Sequence
 
-from sumo_mcts.config import ConfigError, ScenarioConfig, build
-from sumo_mcts.driver import Driver, Physics, Thought
+from sumo_mcts.config import ConfigError, ScenarioConfig, build, is_oracle
+from sumo_mcts.driver import Driver, Physics, Thought, prediction_label
 from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.records import CycleRecord, Setting, Trace
 from sumo_mcts.scene import Follow, Ints, PlannerMemory, Release, RoadMap, Scene
-
-ORACLES = ("routes", "script", "clone")
 
 
 def recorded_config(setting: Setting, overrides: Sequence[str] = (), *, allow_plugins: bool = False) -> ScenarioConfig:
@@ -23,15 +21,16 @@ def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> T
     now, setting, before = trace.cycles[cycle], trace.setting, json.loads(trace.setting.config)
     physics = Physics(setting.step, setting.ballistic, setting.change_duration)
     memory = now.memory if config.planner.name == before["planner"]["name"] else now.memory._replace(planner=PlannerMemory())
-    driver = Driver(config, road, physics, setting.seed, _witness(now, before["prediction"]["name"], config.prediction.name))
+    driver = Driver(config, road, physics, setting.seed, _witness(now, before["prediction"]["name"], config))
     last = trace.cycles[cycle - 1] if cycle else None
     driver.recall(now.ego, memory, None if last is None else last.decision, 0.0 if last is None else last.time)
     return driver.decide(Scene(now.time, now.step, now.ego, now.agents, now.signals))
 
 
-def _witness(now: CycleRecord, recorded: str, asked: str) -> Oracles:
+def _witness(now: CycleRecord, recorded: str, config: ScenarioConfig) -> Oracles:
     """Answers what the oracles answered. Raises ConfigError where they were not asked."""
-    if asked in ORACLES and asked != recorded:
+    asked = config.prediction.name
+    if asked != recorded and is_oracle(prediction_label(config)):
         allowed = ", ".join(dict.fromkeys((recorded, "idm", "constant_velocity")))
         raise ConfigError(f"prediction.name: {asked} is an oracle that this episode did not ask; allowed: {allowed}")
     told = now.answers
@@ -39,6 +38,8 @@ def _witness(now: CycleRecord, recorded: str, asked: str) -> Oracles:
     of = {now.agents.ids[i]: k for k, i in enumerate(told.agent.tolist())}
 
     def way(vehicle: str, lane: int) -> Ints:
+        if not told.ways:
+            raise ConfigError(f"prediction.name: {asked} asks where {vehicle} goes, and the oracle of this episode was not asked that")
         return told.ways[now.agents.ids.index(vehicle)]
 
     def script(vehicle: str, time: float, step: float, count: int) -> Scripted | None:

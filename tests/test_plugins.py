@@ -23,10 +23,16 @@ from sumo_mcts import commands, config, driver, plugins
 from sumo_mcts.api import load_scenario
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.experiments.drive import failed
+from sumo_mcts.experiments.experiment import Episode
 from sumo_mcts.forecast_error import compare
 from sumo_mcts.model.cost import Term, compiled_term, step_own
 from sumo_mcts.model.ego import advance
 from sumo_mcts.planners.tree import search
+from sumo_mcts.replan import recorded_config, replan
+from sumo_mcts.reporting.explanation import explain
+from sumo_mcts.reporting.explanation_text import text
+from sumo_mcts.scene import Answers
 
 TOP = Path(__file__).resolve().parent.parent
 
@@ -130,6 +136,9 @@ from sumo_mcts.scene import Plan
 class Good(ConstantPlanner):
     def __init__(self, options, scenario):
         super().__init__(scenario.planner.period_s)
+
+class Reader(Good):
+    needs_forecast = True
 
 class Picky(Good):
     def __init__(self, options, scenario):
@@ -311,6 +320,44 @@ def test_an_oracle_is_labelled_and_only_an_oracle_is_told(mine: str) -> None:
     routes = driven("prediction.name=routes").rows[0]
     assert row["prediction"] == "of_mine:Knowing (oracle)"
     assert row["trace_digest"] == routes["trace_digest"]
+
+
+def test_an_explanation_names_the_forecast_that_a_plugin_reads_without_running_it(mine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By what is recorded."""
+    cases = {
+        "of_mine:Good": ("idm", ""),
+        "of_mine:Reader": ("idm", ", forecast idm"),
+        "mcts": ("of_mine:Knowing", ", forecast of_mine:Knowing (an oracle)"),
+    }
+    traces = {planner: driven(f"planner.name={planner}", f"prediction.name={name}").traces[0] for planner, (name, _) in cases.items()}
+    monkeypatch.setattr(plugins, "loaded", lambda *_: pytest.fail("code of a plugin was loaded"))
+    for planner, (_, said) in cases.items():
+        assert text(explain(traces[planner], None, 1)).splitlines()[0].endswith(f"; planner {planner}{said}")
+
+
+def test_an_episode_that_failed_is_labelled_as_any_other(mine: str) -> None:
+    oracle = "of_mine:Knowing"
+    for planner, prediction, label in (("Good", oracle, None), ("Reader", "idm", "idm"), ("Reader", oracle, f"{oracle} (oracle)")):
+        episode = Episode(("k",), "v", 0, scene(f"planner.name=of_mine:{planner}", f"prediction.name={prediction}"))
+        (row,) = failed(episode, "a reason")
+        assert row["prediction"] == label
+    (row,) = failed(Episode(("k",), "v", 0, scene("planner.name=of_mine:Gone")), "a reason")
+    assert (row["prediction"], row["error"]) == (None, "a reason")
+
+
+def test_an_oracle_of_mine_cannot_be_asked_later(mine: str) -> None:
+    """It is no failure of the predictor, which would lead to a manoeuvre: the record does not know."""
+    result = driven("prediction.name=idm")
+    trace, road = result.traces[0], result.road
+    assert road is not None
+    with pytest.raises(ConfigError, match=r"prediction.name: of_mine:Knowing is an oracle that this episode did not ask; allowed: idm, constant_velocity"):
+        replan(trace, road, 1, recorded_config(trace.setting, ("prediction.name=of_mine:Knowing",), allow_plugins=True))
+    knowing = driven("prediction.name=of_mine:Knowing").traces[0]
+    same_settings = recorded_config(knowing.setting, allow_plugins=True)
+    assert replan(knowing, road, 1, same_settings).decision.reason == knowing.cycles[1].decision.reason
+    silent = knowing._replace(cycles=tuple(cycle._replace(answers=Answers()) for cycle in knowing.cycles))
+    with pytest.raises(ConfigError, match=r"of_mine:Knowing asks where \S+ goes, and the oracle of this episode was not asked that"):
+        replan(silent, road, 1, same_settings)
 
 
 def test_regret_asks_plugins(mine: str) -> None:

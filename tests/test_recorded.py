@@ -58,7 +58,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def several(tmp_path: Path) -> Path:
     """Three recorded episodes of a batch, and a fourth whose trace was not kept."""
     for seed, outcome in ((7, "arrived"), (8, "collision"), (9, "timeout"), (10, "arrived")):
-        records.append_row(tmp_path, {"key": f"crossing--mcts--{seed}", "outcome": outcome})
+        records.append_row(tmp_path, {"key": f"crossing--mcts--{seed}", "scenario": "crossing", "variant": "mcts", "outcome": outcome})
     for seed in (7, 8, 9):
         trace = crossing_trace()
         keep_trace(tmp_path, trace._replace(key=f"crossing--mcts--{seed}", cycles=trace.cycles[:3]))

@@ -3,8 +3,10 @@
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
@@ -19,6 +21,11 @@ from sumo_mcts import records
 from sumo_mcts.scene import Decision, EgoState, Follow, Release, RoadMap
 
 MEASURES = Path("docs/measures.md")
+
+
+def named(key: str, **known: Any) -> records.Row:
+    """What makes a row whole, and what else is known."""
+    return {"key": key, "scenario": "s", "variant": "v", "outcome": "arrived", **known}
 
 
 def random_value(kind: Any, rng: np.random.Generator, path: str = "") -> Any:
@@ -114,6 +121,33 @@ def test_a_truncated_trace_is_refused_by_name(tmp_path: Path, share: float) -> N
     assert "\n" not in str(caught.value)
 
 
+@given(data=st.data())
+@settings(max_examples=150, deadline=None)
+def test_a_damaged_trace_is_whole_or_refused(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
+    """Bytes overwritten anywhere, most of all where the archive and its headers say what is in them."""
+    path = tmp_path_factory.mktemp("trace") / "t.npz"
+    content = bytearray(records.trace_bytes(crossing_trace()._replace(cycles=crossing_trace().cycles[:1])))
+    heads = [found.start() for mark in (b"PK\x01\x02", b"PK\x03\x04", b"PK\x05\x06") for found in re.finditer(re.escape(mark), content)]
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.sampled_from(heads)) + data.draw(st.integers(0, 90)) if data.draw(st.booleans()) else data.draw(st.integers(0, len(content) - 1))
+        content[at : at + 1] = data.draw(st.binary(min_size=1, max_size=1))
+    path.write_bytes(content)
+    with suppress(records.TraceError):
+        records.load_trace(path)
+
+
+@pytest.mark.parametrize(("what", "changed"), [(b"PK\x01\x02", (10, b"\x07")), (b"\x93NUMPY", (10, b"{'a': (")), (b"\x93NUMPY", (10, b"[" * 40))])
+def test_damage_that_the_archive_does_not_know_is_refused(tmp_path: Path, what: bytes, changed: tuple[int, bytes]) -> None:
+    """A kind of packing that nobody knows, and headers that cannot be parsed."""
+    np.savez(tmp_path / "t.npz", format=np.array(3))
+    content, (offset, new) = bytearray((tmp_path / "t.npz").read_bytes()), changed
+    at = content.index(what) + offset
+    content[at : at + len(new)] = new
+    (tmp_path / "t.npz").write_bytes(content)
+    with pytest.raises(records.TraceError, match="not a whole trace"):
+        records.load_trace(tmp_path / "t.npz")
+
+
 def test_flipped_bits_in_a_trace_are_noticed(tmp_path: Path) -> None:
     path = tmp_path / "t.npz"
     records.save_trace(path, crossing_trace())
@@ -159,6 +193,14 @@ def test_a_folder_that_cannot_be_is_an_os_error(tmp_path: Path, write: Any) -> N
         write(tmp_path / "file" / "out")
 
 
+@pytest.mark.parametrize("lacking", records.WHOLE)
+def test_a_line_that_does_not_say_which_episode_it_is_or_how_it_ended_is_no_row(tmp_path: Path, lacking: str) -> None:
+    for unknown in ({}, {lacking: None}, {lacking: 3}, {lacking: ""}):
+        records.append_row(tmp_path, {**{key: value for key, value in named("a").items() if key != lacking}, **unknown})
+    assert records.read_rows(tmp_path) == []
+    assert records.torn_lines(tmp_path) == 4
+
+
 def test_rows_have_every_key_in_order_and_no_nan(tmp_path: Path) -> None:
     records.append_row(tmp_path, {"key": "k", "min_ttc_s": float("nan"), "max_drac_mps2": np.float64("inf"), "seed": np.int64(3), "in_time": np.True_})
     row = json.loads((tmp_path / records.ROWS).read_text(), parse_constant=pytest.fail)
@@ -174,32 +216,33 @@ def test_row_keys_are_those_of_the_documentation() -> None:
 
 
 def test_a_row_after_a_torn_line_is_whole(tmp_path: Path) -> None:
-    records.append_row(tmp_path, {"key": "a"})
+    records.append_row(tmp_path, named("a"))
     with (tmp_path / records.ROWS).open("a") as file:
         file.write('{"key": "tor')
-    records.append_row(tmp_path, {"key": "b"})
+    records.append_row(tmp_path, named("b"))
     assert [row["key"] for row in records.read_rows(tmp_path)] == ["a", "b"]
 
 
 def test_a_row_cut_within_a_letter_is_skipped(tmp_path: Path) -> None:
     with (tmp_path / records.ROWS).open("wb") as file:
-        file.write('{"key": "ä"}\n{"key": "ä'.encode()[:-1])
+        line = json.dumps(named("ä"), ensure_ascii=False)
+        file.write(f'{line}\n{{"key": "ä'.encode()[:-1])
     assert [row["key"] for row in records.read_rows(tmp_path)] == ["ä"]
 
 
 def test_line_breaks_of_other_alphabets_do_not_split_a_row(tmp_path: Path) -> None:
-    records.append_row(tmp_path, {"key": "a", "error": "one\u2028two\x85three\nfour"})
+    records.append_row(tmp_path, named("a", error="one\u2028two\x85three\nfour"))
     assert [row["error"] for row in records.read_rows(tmp_path)] == ["one\u2028two\x85three\nfour"]
 
 
 def test_csv_has_the_rows_of_the_jsonl(tmp_path: Path) -> None:
-    records.append_row(tmp_path, {"key": "a", "at_fault": False, "min_ttc_s": 1.5, "error": 'said "no", twice'})
-    records.append_row(tmp_path, {"key": "b", "further": 1})
+    records.append_row(tmp_path, named("a", at_fault=False, min_ttc_s=1.5, error='said "no", twice'))
+    records.append_row(tmp_path, named("b", further=1))
     records.write_csv(tmp_path)
     with (tmp_path / records.TABLE).open(newline="", encoding="utf-8") as file:
         table = list(csv.DictReader(file))
     assert list(table[0]) == [*records.ROW_KEYS, "further"]
-    assert (table[0]["at_fault"], table[0]["min_ttc_s"], table[0]["error"], table[0]["outcome"]) == ("false", "1.5", 'said "no", twice', "")
+    assert (table[0]["at_fault"], table[0]["min_ttc_s"], table[0]["error"], table[0]["planner"]) == ("false", "1.5", 'said "no", twice', "")
     assert (table[1]["key"], table[1]["further"]) == ("b", "1")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError, ScenarioConfig, digest
-from sumo_mcts.driver import FORECASTING, warm_up
+from sumo_mcts.driver import forecast_label, warm_up
 from sumo_mcts.episode import Loop, run_episode
 from sumo_mcts.experiments.experiment import Egos, Episode
 from sumo_mcts.experiments.worth import Bar, is_worth
@@ -52,10 +52,17 @@ def failed(episode: Episode, message: str) -> tuple[Row, ...]:
     config = episode.config
     known = {
         "scenario": config.name, "variant": episode.variant, "planner": config.planner.name, "seed": episode.seed, "outcome": "error", "error": message,
-        "prediction": config.prediction.name if config.planner.name in FORECASTING else None, "config_digest": digest(config),
-        "redrawn": None,
+        "prediction": _prediction(config), "config_digest": digest(config), "redrawn": None,
     }  # fmt: skip
     return tuple({**records.row_defaults(), **known, "key": key, "ego": ego.id} for key, ego in zip(episode.keys, config.egos, strict=True))
+
+
+def _prediction(config: ScenarioConfig) -> str | None:
+    """What the forecast is called, as far as its code can still be loaded."""
+    try:
+        return forecast_label(config)
+    except ConfigError:
+        return None
 
 
 def rehearse(config: ScenarioConfig, seed: int | None) -> str:

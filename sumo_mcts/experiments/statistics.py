@@ -65,9 +65,9 @@ def wilson(k: int, n: int) -> tuple[float, float] | None:
     return max(0.0, (middle - half) / (1 + z * z / n)), min(1.0, (middle + half) / (1 + z * z / n))
 
 
-def rate(happened: Iterable[bool]) -> Rate:
-    """How often."""
-    counts = Counter(bool(each) for each in happened)
+def rate(happened: Iterable[bool | None]) -> Rate:
+    """How often, of those of which it is known."""
+    counts = Counter(bool(each) for each in happened if each is not None)
     k, n = counts[True], counts.total()
     return Rate(k, n, wilson(k, n))
 
@@ -90,9 +90,9 @@ def at_fault(row: Row) -> bool:
     return collided(row) and row["at_fault"] is not False
 
 
-def some(key: str) -> Callable[[Row], bool]:
-    """Whether a count or share is above 0."""
-    return lambda row: (row[key] or 0) > 0
+def some(key: str) -> Callable[[Row], bool | None]:
+    """Whether a count or share is above 0; None: unknown."""
+    return lambda row: None if row[key] is None else row[key] > 0
 
 
 # --- pairs ---
@@ -111,14 +111,16 @@ def pairs(ones: Iterable[Row], others: Iterable[Row]) -> list[Pair]:
     return [Pair(row, known[place(row)]) for row in ones if place(row) in known]
 
 
-def contrast(both: Sequence[Pair], happened: Callable[[Row], bool]) -> Contrast | None:
-    """The paired difference of how often something happened; None without pairs."""
-    if not both:
+def contrast(both: Iterable[Pair], happened: Callable[[Row], bool | None]) -> Contrast | None:
+    """The paired difference of how often something happened, over the pairs of which it is known for both; None without any."""
+    judged = [(happened(pair.one), happened(pair.other)) for pair in both]
+    known = np.array([each for each in judged if None not in each], dtype=np.float64).reshape(-1, 2)
+    if not len(known):
         return None
-    ones, others = ([happened(row) for row in rows] for rows in zip(*both, strict=True))
-    difference = np.array(ones, dtype=np.float64) - np.array(others, dtype=np.float64)
+    difference = known[:, 0] - known[:, 1]
     low, high = interval(resampled_means(difference))
-    return Contrast(sum(ones), sum(others), len(both), 100 * float(difference.mean()), 100 * low, 100 * high)
+    k, other = (int(count) for count in known.sum(axis=0))
+    return Contrast(k, other, len(known), 100 * float(difference.mean()), 100 * low, 100 * high)
 
 
 def time_ratio(both: Sequence[Pair]) -> Estimate | None:

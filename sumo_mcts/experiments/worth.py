@@ -1,33 +1,68 @@
-"""Which traces of a batch are worth keeping: what went wrong, and of each scenario and variant the hardest moments."""
+"""Which episodes are worth a look: what went wrong, and of each scenario and variant the hardest moments, else its first episode. Of these a batch keeps the
+traces, and of these a report shows some."""
 
 import bisect
 import math
 from collections import defaultdict
 from typing import NamedTuple
 
+from sumo_mcts.experiments.statistics import TWIN, arrived, at_fault, collided
 from sumo_mcts.records import Row
 
-HARDEST = 5  # of each scenario, variant and score
+HARDEST = 5  # of each scenario, variant and kind of hard moment a batch keeps so many
+KINDS, WRONG = 7, 3  # kinds of reasons; up to this one something went wrong, beyond it are hard moments
 
-_SCORES = {"imposed_max_decel_mps2": 1.0, "min_ttc_s": -1.0, "min_pet_s": -1.0}  # key of the row -> sign with which more is harder
-_NOTHING = -math.inf  # the score of a row that has none
+Order = tuple[float, str, str]  # of the episodes of a variant: seed, ego, key
+_FIRST, _LAST = (-math.inf, "", ""), (math.inf, "", "")
+
+
+class Reason(NamedTuple):
+    """Why an episode may be worth a look."""
+
+    kind: int  # 0: gravest
+    gravity: float  # within the kind; lower is graver
+    words: str
 
 
 class Bar(NamedTuple):
     """What a trace has to reach to be worth keeping, as known when its episode began. It only rises, so no trace is missed."""
 
-    wrong: bool  # whether those of episodes in which something went wrong are
-    scores: tuple[float, ...]  # and those that reach one of these
+    twins: bool  # whether those of SUMO's own driver are, which no report shows
+    wrong: bool  # whether those of episodes in which something went wrong are,
+    hard: tuple[float, ...]  # those with a hard moment as grave as this, by kind,
+    quiet: Order  # and those in which nothing happened, before this one
 
 
-def went_wrong(row: Row) -> bool:
-    """A collision or any other outcome than arriving, or a fail-safe manoeuvre."""
-    return row["outcome"] != "arrived" or bool(row["failsafe_interventions"])
+def reasons(row: Row) -> list[Reason]:
+    """Why an episode may be worth a look."""
+    found: list[Reason] = []
+    if collided(row):
+        found.append(Reason(0, 0.0, "collision at fault") if at_fault(row) else Reason(1, 0.0, "collision, not at fault"))
+    elif not arrived(row):
+        found.append(Reason(2, 0.0, row["outcome"].replace("_", " ")))
+    if count := row["failsafe_interventions"]:
+        found.append(Reason(3, -count, f"{count:g} fail-safe intervention{'s' if count > 1 else ''}"))
+    ttc, pet, imposed = row["min_ttc_s"], row["min_pet_s"], row["imposed_max_decel_mps2"]
+    if ttc is not None and not collided(row):
+        found.append(Reason(4, ttc, f"TTC {ttc:.2f} s"))
+    if pet is not None and not collided(row):
+        found.append(Reason(5, pet, f"PET {pet:.2f} s"))
+    if imposed:
+        found.append(Reason(6, -imposed, f"imposed braking {imposed:.1f} m/s²"))
+    return found
+
+
+def order(row: Row) -> Order:
+    """Where an episode stands among those of its variant."""
+    return row["seed"] if row["seed"] is not None else -1, row["ego"] or "", row["key"]
 
 
 def is_worth(row: Row, bar: Bar) -> bool:
     """Whether a trace is wanted, as far as the bar tells."""
-    return (bar.wrong and went_wrong(row)) or any(score >= least for score, least in zip(_scores(row), bar.scores, strict=True))
+    if row["planner"] == TWIN:
+        return bar.twins
+    found = reasons(row)
+    return any(bar.wrong if each.kind <= WRONG else each.gravity <= bar.hard[each.kind - WRONG - 1] for each in found) if found else order(row) < bar.quiet
 
 
 class Worth:
@@ -36,37 +71,38 @@ class Worth:
     def __init__(self, rule: str) -> None:
         """`rule`: the key `traces` of the experiment, worth, all or none."""
         self._rule = rule
-        self._hardest: dict[tuple[str, str], list[list[tuple[float, str]]]] = defaultdict(lambda: [[] for _ in _SCORES])
+        self._hardest: dict[tuple[str, str], list[list[tuple[float, str]]]] = defaultdict(lambda: [[] for _ in range(WRONG + 1, KINDS)])
+        self._quiet: dict[tuple[str, str], Order] = defaultdict(lambda: _LAST)  # the first of those in which nothing happened; _FIRST: something did
         self._wrong: set[str] = set()
 
     def bar(self, scenario: str, variant: str) -> Bar:
         """For the next episode of this scenario and variant."""
+        hardest = self._hardest[scenario, variant]
         match self._rule:
             case "all":
-                return Bar(True, (_NOTHING,) * len(_SCORES))
+                return Bar(True, True, (math.inf,) * len(hardest), _LAST)
             case "none":
-                return Bar(False, (math.inf,) * len(_SCORES))
-        return Bar(True, tuple(-best[-1][0] if len(best) == HARDEST else math.nextafter(_NOTHING, 0.0) for best in self._hardest[scenario, variant]))
+                return Bar(False, False, (-math.inf,) * len(hardest), _FIRST)
+        return Bar(False, True, tuple(best[-1][0] if len(best) == HARDEST else math.inf for best in hardest), self._quiet[scenario, variant])
 
     def add(self, row: Row) -> set[str]:
         """Count a row; returns the keys whose traces are not worth it any more, perhaps its own."""
-        key = row["key"]
-        if self._rule != "worth":
+        key, group = row["key"], (row["scenario"], row["variant"])
+        if self._rule != "worth" or row["planner"] == TWIN:
             return set() if self._rule == "all" else {key}
-        if went_wrong(row):
-            self._wrong.add(key)
-        lost = {key}
-        for score, best in zip(_scores(row), self._hardest[row["scenario"], row["variant"]], strict=True):
-            if score > _NOTHING:
-                bisect.insort(best, (-score, key))
-                lost.update(key for _, key in best[HARDEST:])
-                del best[HARDEST:]
-        return {key for key in lost if not self._holds(row["scenario"], row["variant"], key)}
+        found, lost = reasons(row), {key}
+        for each in found:
+            if each.kind <= WRONG:
+                self._wrong.add(key)
+                continue
+            best = self._hardest[group][each.kind - WRONG - 1]
+            bisect.insort(best, (each.gravity, key))
+            lost.update(key for _, key in best[HARDEST:])
+            del best[HARDEST:]
+        before = self._quiet[group]
+        self._quiet[group] = _FIRST if found else min(before, order(row))
+        lost |= {before[2]} - {""}
+        return {key for key in lost if not self._holds(group, key)}
 
-    def _holds(self, scenario: str, variant: str, key: str) -> bool:
-        return key in self._wrong or any(key == held for best in self._hardest[scenario, variant] for _, held in best)
-
-
-def _scores(row: Row) -> list[float]:
-    """How hard each of the moments was; nothing where nothing is known, and where nobody had to brake."""
-    return [sign * row[name] if row[name] is not None and (sign < 0.0 or row[name] > 0.0) else _NOTHING for name, sign in _SCORES.items()]
+    def _holds(self, group: tuple[str, str], key: str) -> bool:
+        return key in self._wrong or self._quiet[group][2] == key or any(key == held for best in self._hardest[group] for _, held in best)

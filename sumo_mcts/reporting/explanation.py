@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sumo_mcts.config import ORACLE_MARK, PLANNERS, PREDICTORS
 from sumo_mcts.driver import FORECASTING, no_forecast
 from sumo_mcts.model.geometry import box_distance
 from sumo_mcts.model.local import ego_state
@@ -33,7 +34,7 @@ def explain(trace: Trace, road: RoadMap | None, number: int) -> dict[str, Any]:
         "cycle": number + 1,
         "cycles": len(trace.cycles),
         "planner": config.get("planner", {}).get("name"),
-        "prediction": config.get("prediction", {}).get("name") if config.get("planner", {}).get("name") in FORECASTING else None,
+        "prediction": _prediction(trace),
         **_thought(cycle, road, trace.setting),
         "executed": {
             "until_s": None if after is None else after.time,
@@ -220,6 +221,16 @@ def _name(children: Sequence[RootChild], i: int, setting: Setting) -> str:
 def _command(decision: Decision) -> tuple[Any, ...]:
     command = decision.command
     return (*command.speeds.tolist(), command.lane_change) if isinstance(command, Follow) else ()
+
+
+def _prediction(trace: Trace) -> str | None:
+    """What the forecast is called that the planner read; None: it read none. Code that the trace names is not run: whether a plugin reads a forecast, and
+    whether one is an oracle, is seen by what was recorded."""
+    config = _config(trace.setting)
+    planner, name = (config.get(section, {}).get("name") for section in ("planner", "prediction"))
+    read = planner in FORECASTING if planner in PLANNERS or planner is None else any(cycle.forecast.pose.size for cycle in trace.cycles)
+    oracle = name not in PREDICTORS and any(cycle.answers.ways or len(cycle.answers.agent) for cycle in trace.cycles)
+    return None if not read else f"{name}{ORACLE_MARK}" if oracle else name
 
 
 def _config(setting: Setting) -> dict[str, Any]:

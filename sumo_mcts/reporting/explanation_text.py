@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from sumo_mcts.replan import ORACLES
+from sumo_mcts.config import ORACLE_MARK, is_oracle
 from sumo_mcts.scene import TERMS
 
 SHOWN = 6  # agents in the text
@@ -22,8 +22,8 @@ LOST = "every sequence ends in a contact: the one that loses least"
 
 def text(told: dict[str, Any]) -> str:
     """The explanation for a person."""
-    oracle = " (an oracle)" if told["prediction"] in ORACLES else ""
-    forecast = "" if told["prediction"] is None else f", forecast {told['prediction']}{oracle}"
+    oracle = " (an oracle)" if is_oracle(told["prediction"]) else ""
+    forecast = "" if told["prediction"] is None else f", forecast {told['prediction'].removesuffix(ORACLE_MARK)}{oracle}"
     head = f"{told['key']}: decision {told['cycle']} of {told['cycles']}, at {told['time_s']:.1f} s; planner {told['planner'] or 'unknown'}{forecast}"
     parts = [[head], _ego_lines(told["ego"]), _agent_lines(told), _hypothesis_lines(told), _action_lines(told), _decision_lines(told), _executed_lines(told)]
     if "replan" in told:

@@ -91,7 +91,8 @@ def sweeps(rows: Sequence[Row]) -> dict[str, list[Swept]]:
         budgets = {row["iterations_per_decision"] for row in those if row["iterations_per_decision"] is not None}
         if len(budgets) == 1:
             budget = budgets.pop()
-            family = re.sub(rf"(-iterations)?[-_=, ]*(?<![\d.]){budget:g}(?![\d.])", "", variant)
+            written = re.escape(str(int(budget) if budget == int(budget) else budget))
+            family = re.sub(rf"(-iterations)?[-_=, ]*(?<![\d.]){written}(?![\d.])", "", variant)
             found[scenario][those[0]["planner"] or "", family].setdefault(budget, []).extend(those)
     result = {}
     for scenario, families in found.items():
@@ -135,7 +136,7 @@ def _swept_line(family: Swept, which: str, places: Sequence[float], up: Axis) ->
         low, high = cell.interval or (0.0, 1.0)
         parts.append(f'<line class="whisker" x1="{x:.1f}" x2="{x:.1f}" y1="{up.at(100 * low):.1f}" y2="{up.at(100 * high):.1f}"/>')
         disc, square = f'<circle class="dot" cx="{x:.1f}" cy="{y:.1f}" r="4"', f'<rect class="dot" x="{x - 3.5:.1f}" y="{y - 3.5:.1f}" width="7" height="7"'
-        tip = _tip(f"{family.label}, {budget:g} iterations: {which} {cell.k}/{cell.n}{spread(cell)}")
+        tip = _tip(f"{family.label}, {number(budget, 0)} iterations: {which} {cell.k}/{cell.n}{spread(cell)}")
         parts.append(f"{disc if which == 'arrived' else square} {tip}/>")
     return "".join(parts)
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.planners.failsafe import REASON
 from sumo_mcts.records import CycleRecord, Lanes, Trace
 from sumo_mcts.reporting.birdseye import BRAKES, action_words
 from sumo_mcts.scene import TERMS, Decision, EgoState, Floats, Forecast, Release, RootChild
@@ -148,7 +147,7 @@ def _cycle(cycle: CycleRecord, origin: Floats) -> Packed:
     return {
         "does": action_words(cycle),
         "why": decision.reason,
-        "failsafe": int(decision.reason.startswith(REASON)),
+        "failsafe": int(cycle.intervened),
         "released": int(isinstance(decision.command, Release)),
         "off": cycle.deviation,
         "ms": round(cycle.plan_ms, 2) if math.isfinite(cycle.plan_ms) else None,

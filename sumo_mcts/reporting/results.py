@@ -1,7 +1,7 @@
 """What folders of results hold, merged: the rows, where their traces lie, and what is wrong with them."""
 
 import json
-import math
+import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError
+from sumo_mcts.experiments.experiment import DECIDING
 from sumo_mcts.experiments.statistics import TWIN, place
+from sumo_mcts.experiments.worth import order
 from sumo_mcts.records import ROW_KEYS, Row
 
 _TEXTS = ("key", "scenario", "variant", "planner", "prediction", "ego", "outcome", "error", "trace_digest", "config_digest")
-_NEEDED = ("key", "scenario", "variant", "outcome")  # without these a line is no row
 _TRUTHS = ("at_fault", "inevitable", "in_time")
 _ORDER = ("mcts", "paper", "exhaustive")  # planners in the order in which they are shown; then all others,
 _LAST = ("idm", "random", "constant", TWIN)  # and these at the end
@@ -37,7 +38,7 @@ def gather(folders: Sequence[Path]) -> Results:
     notes: list[str] = []
     for folder in folders:
         found, problems = _rows_of(folder)
-        notes += problems
+        notes += [*problems, *_replaced(folder, rows, found)]
         rows |= found
         traces = {key: path for key, path in traces.items() if key not in found} | _traces_of(folder, found)
     if not rows:
@@ -45,7 +46,7 @@ def gather(folders: Sequence[Path]) -> Results:
     manifests = [_manifest_of(folder, notes) for folder in folders]
     scenarios, variants = (_order_in(manifests, key) for key in ("scenarios", "variants"))
     ordered = tuple(sorted(rows.values(), key=lambda row: _order(row, scenarios, variants)))
-    return Results(*_title(folders, manifests, ordered), ordered, traces, _versions(manifests), (*notes, *_doubts(ordered)))
+    return Results(*_title(folders, manifests, ordered), ordered, traces, _versions(manifests), (*notes, *_doubts(ordered, manifests)))
 
 
 def planner_rank(planner: str | None) -> int:
@@ -58,7 +59,7 @@ def _order(row: Row, scenarios: Mapping[str, int], variants: Mapping[str, int]) 
     """As the experiment names them; what no experiment names comes after, by planner and name."""
     place_of = scenarios.get(row["scenario"], len(scenarios)), row["scenario"], variants.get(row["variant"], len(variants))
     who = planner_rank(row["planner"]), _natural(row["variant"])
-    return *place_of, *who, row["seed"] if row["seed"] is not None else -1, row["ego"] or "", row["key"]
+    return *place_of, *who, *order(row)
 
 
 def _natural(text: str) -> tuple[Any, ...]:
@@ -76,23 +77,16 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
     if not (folder / records.ROWS).is_file():
         return {}, [f"{folder}: {records.ROWS}: no such file; `sumo-mcts run` and `sumo-mcts batch` write one with --out"]
     lines = records.read_rows(folder)
-    whole = [(line, row) for line in lines if (row := _whole(line)) is not None]
-    missing = Counter(key for line, _ in whole for key in ROW_KEYS if key not in line)
+    missing = Counter(key for line in lines for key in ROW_KEYS if key not in line)
     notes = []
-    if torn := records.torn_lines(folder) + len(lines) - len(whole):
+    if torn := records.torn_lines(folder):
         notes.append(f"{folder}: {records.ROWS}: {torn} of its lines {'is' if torn == 1 else 'are'} not a whole row, and left out")
     if missing:
-        notes.append(f"{folder}: {records.ROWS}: up to {max(missing.values())} of {len(whole)} rows are of another version, without {', '.join(missing)}")
-    rows = {row["key"]: row for _, row in whole}
+        notes.append(f"{folder}: {records.ROWS}: up to {max(missing.values())} of {len(lines)} rows are of another version, without {', '.join(missing)}")
+    rows = {line["key"]: {key: _kind(key, line.get(key)) for key in ROW_KEYS} for line in lines}
     if not rows:
         notes.append(f"{folder}: {records.ROWS}: no episode in it")
     return rows, notes
-
-
-def _whole(line: Row) -> Row | None:
-    """The row with every key and nothing but values of the right kind; None where it is none."""
-    row = {key: _kind(key, line.get(key)) for key in ROW_KEYS}
-    return row if all(row[key] for key in _NEEDED) else None
 
 
 def _kind(key: str, value: Any) -> Any:
@@ -101,14 +95,27 @@ def _kind(key: str, value: Any) -> Any:
         return value if isinstance(value, str) else None
     if key in _TRUTHS:
         return value if isinstance(value, bool) else None
-    return value if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) else None
+    return value if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max else None
 
 
-def _doubts(rows: Sequence[Row]) -> list[str]:
+def _replaced(folder: Path, before: Mapping[str, Row], found: Mapping[str, Row]) -> list[str]:
+    """A word about rows that take the place of the rows of other scenarios, which were of the same name."""
+    digests = [(before[key]["config_digest"], row["config_digest"]) for key, row in found.items() if key in before]
+    others = sum(one is not None and other is not None and one != other for one, other in digests)
+    return [f"{folder}: {others} of its episodes replace those of the same key that were driven with other settings"] if others else []
+
+
+def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list[str]:
     """What makes numbers doubtful."""
     of_twins = Counter(place(row) for row in rows if row["planner"] == TWIN)
     several = sum(count > 1 for count in of_twins.values())
-    return [f"{several} episodes have several twins (planner {TWIN}); the first of them is the one compared with"] if several else []
+    doubts = [f"{several} episodes have several twins (planner {TWIN}); the first of them is the one compared with"] if several else []
+    told = [manifest["versions"] for manifest in manifests if isinstance(manifest.get("versions"), dict)]
+    for name in DECIDING:
+        found = list(dict.fromkeys(str(versions[name]) for versions in told if versions.get(name)))
+        if len(found) > 1:
+            doubts.append(f"the folders were written with different versions of {name}: {', '.join(found)}")
+    return doubts
 
 
 # --- manifests and traces ---

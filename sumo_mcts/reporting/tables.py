@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.config import is_oracle
 from sumo_mcts.experiments.statistics import (
     TWIN,
     Contrast,
@@ -25,12 +26,12 @@ from sumo_mcts.experiments.statistics import (
     time_ratio,
     wilson,
 )
+from sumo_mcts.experiments.worth import KINDS, WRONG, order, reasons
 from sumo_mcts.records import SCHEMA_VERSION
 from sumo_mcts.reporting.results import Results, planner_rank
 
 NOT_WORSE = 1.0  # so many more episodes in a hundred than the twin's are allowed
-EACH = 3  # hard moments of one kind, of a scenario and variant, that are worth a look
-ORACLES = ("routes", "script", "clone")  # forecasts that know what no sensor sees
+EACH = 3  # hard moments of one kind, of a scenario and variant, that are shown; a batch keeps HARDEST
 
 Cell = Rate | Estimate | Contrast | float | int | str | None
 
@@ -132,7 +133,7 @@ def grouped(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
 
 def labelled(row: Row) -> str:
     """The variant of a row, with a word where its forecast is an oracle."""
-    return f"{row['variant']} (oracle)" if row["prediction"] in ORACLES else str(row["variant"])
+    return f"{row['variant']} (oracle)" if is_oracle(row["prediction"]) else str(row["variant"])
 
 
 Groups = dict[tuple[str, str], list[Row]]
@@ -268,53 +269,28 @@ def _mean(rows: Iterable[Row], key: str) -> float | None:
 # --- episodes worth a look ---
 
 
-_Reason = tuple[int, float, str]  # how grave the kind (0: gravest), how grave within it (lower is graver), in words
-
-
 def worth_a_look(rows: Iterable[Row], most: int) -> tuple[list[Look], int]:
     """Episodes in which something went wrong, and EACH of the hardest moments of every kind, for each scenario and variant, else its first episode; at most so
     many in all, and of how many. In turns, the gravest of everyone first, so that one bad driver does not fill the list; drivers that do not search after
     those that do, and SUMO's own driver not at all."""
     found: list[tuple[tuple[Any, ...], tuple[Any, ...], Look]] = []  # when it is chosen, where it stands
     for those in grouped(row for row in rows if row["planner"] != TWIN).values():
-        reasons = {row["key"]: _reasons(row) for row in those}
-        known = sorted((reason, key) for key, found_here in reasons.items() for reason in found_here)
-        ranks = {each: rank for kind in range(_KINDS) for rank, each in enumerate(each for each in known if each[0][0] == kind)}
+        why = {row["key"]: reasons(row) for row in those}
+        known = sorted((reason, key) for key, found_here in why.items() for reason in found_here)
+        ranks = {each: rank for kind in range(KINDS) for rank, each in enumerate(each for each in known if each[0][0] == kind)}
         for row in those:
-            ranked = [(ranks[reason, row["key"]], *reason) for reason in reasons[row["key"]]]
-            worth = [(rank, gravity, words) for rank, gravity, _, words in ranked if gravity <= _WRONG or rank < EACH]
+            ranked = [(ranks[reason, row["key"]], *reason) for reason in why[row["key"]]]
+            worth = [(rank, gravity, words) for rank, gravity, _, words in ranked if gravity <= WRONG or rank < EACH]
             if worth:
                 planner, gravity = planner_rank(row["planner"]), min(gravity for _, gravity, _ in worth)
-                turn, rank = min((rank // EACH if gravity <= _WRONG else rank, rank) for rank, gravity, _ in worth)
+                turn, rank = min((rank // EACH if gravity <= WRONG else rank, rank) for rank, gravity, _ in worth)
                 look = Look(row, tuple(words for _, _, words in worth))
                 found.append(((planner > planner_rank(""), turn, gravity, rank, planner), (gravity, planner, rank), look))
         if not known:
             planner = planner_rank(those[0]["planner"])
-            found.append(((planner > planner_rank(""), 0, _KINDS, 0, planner), (_KINDS, planner, 0), Look(those[0], ("nothing happened",))))
+            found.append(((planner > planner_rank(""), 0, KINDS, 0, planner), (KINDS, planner, 0), Look(min(those, key=order), ("nothing happened",))))
     chosen = sorted(found, key=lambda each: each[0])[:most]
     return [look for _, _, look in sorted(chosen, key=lambda each: each[1])], len(found)
-
-
-_KINDS, _WRONG = 7, 3  # kinds of reasons; up to this one something went wrong, beyond it are hard moments
-
-
-def _reasons(row: Row) -> list[_Reason]:
-    """Why an episode may be worth a look."""
-    found: list[_Reason] = []
-    if collided(row):
-        found.append((0, 0.0, "collision at fault") if at_fault(row) else (1, 0.0, "collision, not at fault"))
-    elif not arrived(row):
-        found.append((2, 0.0, row["outcome"].replace("_", " ")))
-    if count := row["failsafe_interventions"]:
-        found.append((3, -count, f"{count:g} fail-safe intervention{'s' if count > 1 else ''}"))
-    ttc, pet, imposed = row["min_ttc_s"], row["min_pet_s"], row["imposed_max_decel_mps2"]
-    if ttc is not None and not collided(row):
-        found.append((4, ttc, f"TTC {ttc:.2f} s"))
-    if pet is not None and not collided(row):
-        found.append((5, pet, f"PET {pet:.2f} s"))
-    if imposed:
-        found.append((6, -imposed, f"imposed braking {imposed:.1f} m/s²"))
-    return found
 
 
 # --- as text ---

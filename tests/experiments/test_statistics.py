@@ -31,6 +31,7 @@ def test_the_intervals() -> None:
 def test_a_rate_counts_what_happened() -> None:
     assert rate([True, False, True]) == Rate(2, 3, wilson(2, 3))
     assert rate([]) == Rate(0, 0, None)
+    assert rate([True, None, False, None]) == Rate(1, 2, wilson(1, 2)), "what is unknown is neither"
 
 
 def test_what_is_unclear_counts_as_at_fault() -> None:
@@ -68,9 +69,10 @@ def test_the_paired_difference_is_in_episodes_per_hundred() -> None:
     unknown = row(imposed_brakes_3=None)
     found = contrast([Pair(braked, free)] * 3 + [Pair(free, braked)] + [Pair(braked, braked)] * 4 + [Pair(unknown, free)] * 12, some("imposed_brakes_3"))
     assert found is not None
-    assert (found.k, found.other, found.n, found.per_hundred) == (7, 5, 20, 10.0)
+    assert (found.k, found.other, found.n, found.per_hundred) == (7, 5, 8, 25.0)
     assert found.low < 0.0
-    assert found.high > 10.0
+    assert found.high > 25.0
+    assert contrast([Pair(free, unknown)], some("imposed_brakes_3")) is None
     assert contrast([], arrived) is None
 
 

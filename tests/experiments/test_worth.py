@@ -7,33 +7,45 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_mcts.experiments.worth import HARDEST, Worth, is_worth
+from sumo_mcts.reporting.tables import worth_a_look
 
 SCORES = st.one_of(st.none(), st.sampled_from([0.0, 0.5, 1.0, 2.0, 4.5]))
+
+QUIET = {
+    "key": "k", "scenario": "s", "variant": "a", "planner": "mcts", "seed": 1, "ego": None, "outcome": "arrived", "at_fault": None, "prediction": "idm",
+    "failsafe_interventions": 0, "imposed_max_decel_mps2": 0.0, "min_ttc_s": None, "min_pet_s": None,
+}  # fmt: skip
 
 
 @st.composite
 def rows(draw: st.DrawFn) -> list[dict[str, Any]]:
     """Rows of two variants, in some order, with many ties."""
+    seeds, calm = draw(st.permutations(range(25))), draw(st.booleans())  # calm: nothing happens to the second
     found = [
         {
-            "key": f"{variant}-{k}", "scenario": "s", "variant": variant, "outcome": draw(st.sampled_from(["arrived", "arrived", "arrived", "collision"])),
+            "key": f"{variant}-{k}", "scenario": "s", "variant": variant, "planner": "mcts", "seed": seeds[k], "ego": None, "at_fault": None,
+            "prediction": "idm", "outcome": draw(st.sampled_from(["arrived", "arrived", "arrived", "collision"])),
             "failsafe_interventions": draw(st.sampled_from([0, 0, 0, 0, 1, None])), "imposed_max_decel_mps2": draw(SCORES), "min_ttc_s": draw(SCORES),
             "min_pet_s": draw(SCORES),
         }
         for variant in ("a", "b")
         for k in range(draw(st.integers(0, 25)))
     ]  # fmt: skip
-    return draw(st.permutations(found))
+    nothing = {key: QUIET[key] for key in ("outcome", "failsafe_interventions", "imposed_max_decel_mps2", "min_ttc_s", "min_pet_s")}
+    return draw(st.permutations([{**row, **nothing} if calm and row["variant"] == "b" else row for row in found]))
 
 
 def obvious(found: list[dict[str, Any]]) -> set[str]:
-    """What went wrong, and the first few of each variant in each respect."""
+    """What went wrong, and the first few of each variant in each respect, a collision being no close call; or its first episode."""
     kept = {row["key"] for row in found if row["outcome"] != "arrived" or row["failsafe_interventions"]}
     for variant in ("a", "b"):
         of = [row for row in found if row["variant"] == variant]
         kept |= {row["key"] for row in sorted((r for r in of if r["imposed_max_decel_mps2"]), key=lambda r: (-r["imposed_max_decel_mps2"], r["key"]))[:HARDEST]}
         for name in ("min_ttc_s", "min_pet_s"):
-            kept |= {row["key"] for row in sorted((r for r in of if r[name] is not None), key=lambda r, name=name: (r[name], r["key"]))[:HARDEST]}
+            close = [row for row in of if row[name] is not None and row["outcome"] != "collision"]
+            kept |= {row["key"] for row in sorted(close, key=lambda r, name=name: (r[name], r["key"]))[:HARDEST]}
+        if of and not kept & {row["key"] for row in of}:
+            kept.add(min(of, key=lambda row: row["seed"])["key"])
     return kept
 
 
@@ -53,6 +65,26 @@ def test_what_is_kept_does_not_depend_on_the_order(found: list[dict[str, Any]], 
 
 
 @given(rows())
+def test_what_a_report_shows_has_been_kept(found: list[dict[str, Any]]) -> None:
+    worth, kept = Worth("worth"), set()
+    for row in found:
+        kept |= {row["key"]} if is_worth(row, worth.bar("s", row["variant"])) else set()
+        kept -= worth.add(row)
+    looks, of = worth_a_look(found, 1000)
+    assert {look.row["key"] for look in looks} <= kept
+    assert len(looks) == of
+    assert {look.row["variant"] for look in looks} == {row["variant"] for row in found}
+
+
+def test_twins_are_not_shown_and_not_kept() -> None:
+    twin = {**QUIET, "planner": "sumo", "outcome": "collision", "min_ttc_s": 0.1}
+    for rule, wanted in (("worth", False), ("all", True), ("none", False)):
+        worth = Worth(rule)
+        assert is_worth(twin, worth.bar("s", "a")) is wanted
+        assert worth.add(twin) == (set() if wanted else {"k"})
+
+
+@given(rows())
 def test_all_and_none(found: list[dict[str, Any]]) -> None:
     for rule, wanted in (("all", True), ("none", False)):
         worth = Worth(rule)
@@ -61,21 +93,18 @@ def test_all_and_none(found: list[dict[str, Any]]) -> None:
             assert worth.add(row) == (set() if wanted else {row["key"]})
 
 
-def test_nobody_who_had_to_brake_is_no_score() -> None:
-    row = {
-        "key": "k", "scenario": "s", "variant": "a", "outcome": "arrived", "failsafe_interventions": 0, "imposed_max_decel_mps2": 0.0, "min_ttc_s": None,
-        "min_pet_s": None,
-    }  # fmt: skip
-    assert not is_worth(row, Worth("worth").bar("s", "a"))
-    assert is_worth({**row, "min_ttc_s": 2.9}, Worth("worth").bar("s", "a"))
+def test_nobody_who_had_to_brake_is_no_hard_moment() -> None:
+    worth = Worth("worth")
+    assert worth.add({**QUIET, "key": "first", "seed": 0}) == set()
+    assert not is_worth(QUIET, worth.bar("s", "a"))
+    close = {**QUIET, "min_ttc_s": 2.9}
+    assert is_worth(close, worth.bar("s", "a"))
+    assert worth.add(close) == {"first"}
 
 
 @pytest.mark.parametrize("rule", ["worth", "all", "none"])
 def test_an_unknown_row_is_judged(rule: str) -> None:
-    nothing = {
-        "key": "k", "scenario": "s", "variant": "a", "outcome": "error", "failsafe_interventions": None, "imposed_max_decel_mps2": None, "min_ttc_s": None,
-        "min_pet_s": None,
-    }  # fmt: skip
+    nothing = {**QUIET, "outcome": "error", "failsafe_interventions": None, "imposed_max_decel_mps2": None}
     worth = Worth(rule)
     assert is_worth(nothing, worth.bar("s", "a")) is (rule != "none")
     assert worth.add(nothing) == ({"k"} if rule == "none" else set())

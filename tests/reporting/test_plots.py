@@ -48,6 +48,14 @@ def test_a_sweep_is_what_differs_in_iterations_alone() -> None:
     assert plots.sweeps([row for row in rows if row["variant"] != "mcts-idm-1000" and not row["variant"].startswith("paper")]) == {}
 
 
+def test_a_sweep_goes_on_beyond_a_million() -> None:
+    budgets = (1000, 1_000_000, 2_500_000.0)
+    rows = [made_row(variant=f"mcts-idm-{n:.0f}", planner="mcts", iterations_per_decision=n) for n in budgets]
+    (swept,) = plots.sweeps(rows)["left"]
+    assert (swept.label, [budget for budget, _, _ in swept.points]) == ("mcts-idm", list(budgets))
+    assert "1\u2009000\u2009000 iterations: arrived 1/1" in plots.sweep_figure("left", [swept])
+
+
 def test_the_sweep_shows_every_rate() -> None:
     drawn = plots.sweep_figure("left", plots.sweeps(made_rows(6))["left"])
     ElementTree.fromstring(drawn)

@@ -88,6 +88,13 @@ def test_the_decision_is_told_whole() -> None:
             np.testing.assert_allclose(way(told["plan"], 100) + origin(trace), decision.plan.pose[4::5, :2], atol=0.00501)
 
 
+def test_a_manoeuvre_of_the_fail_safe_is_told_by_what_was_recorded_not_by_its_words() -> None:
+    trace = crossing_trace()
+    said = [cycle._replace(decision=cycle.decision._replace(reason=reason)) for cycle, reason in zip(trace.cycles, ("fail-safety first", "late"), strict=False)]
+    cycles = replay.replay(trace._replace(cycles=(said[0], said[1]._replace(intervened=True))))["cycles"]
+    assert [cycle["failsafe"] for cycle in cycles] == [0, 1]
+
+
 def test_the_forecast_is_drawn_where_it_was() -> None:
     trace = crossing_trace()
     cycle, told = trace.cycles[8], unpacked(trace)["cycles"][8]

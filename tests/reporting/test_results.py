@@ -21,6 +21,18 @@ def test_of_the_same_key_the_last_counts(tmp_path: Path) -> None:
     assert found.notes == ()
 
 
+def test_folders_that_do_not_belong_together_are_told(tmp_path: Path) -> None:
+    first = [made_row(seed=1, config_digest="a"), made_row(seed=2, config_digest="a"), made_row(seed=3)]
+    second = [made_row(seed=1, config_digest="a"), made_row(seed=2, config_digest="b"), made_row(seed=3, config_digest="b")]
+    versions = [{"sumo_mcts": "1.0", "sumo": "1.25", "platform": "x"}, {"sumo_mcts": "1.0", "sumo": "1.26", "platform": "y"}]
+    folders = [write_rows(tmp_path / name, rows, {"versions": told}) for name, rows, told in zip("ab", (first, second), versions, strict=True)]
+    assert gather(folders).notes == (
+        f"{tmp_path / 'b'}: 1 of its episodes replace those of the same key that were driven with other settings",
+        "the folders were written with different versions of sumo: 1.25, 1.26",
+    )
+    assert gather(folders[:1]).notes == ()
+
+
 def test_the_order_is_the_experiments(tmp_path: Path) -> None:
     manifest = {
         "experiment": {"name": "trial", "description": "Of order."},
@@ -53,6 +65,18 @@ def test_torn_lines_and_foreign_values_are_told(tmp_path: Path) -> None:
     assert len(found.rows) == 2
     assert [found.rows[1][key] for key in ("min_ttc_s", "at_fault", "rms_jerk_mps3")] == [None, None, None]
     assert found.notes == (f"{folder}: {ROWS}: 3 of its lines are not a whole row, and left out",)
+
+
+def test_numbers_beyond_all_bounds_are_unknown_and_lines_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
+    folder = write_rows(tmp_path, [made_row(seed=seed) for seed in range(4)])
+    lines = (folder / ROWS).read_text().splitlines()
+    lines[1] = lines[1].replace('"cycles": 40', f'"cycles": {"9" * 400}').replace('"rms_jerk_mps3": 1.1', '"rms_jerk_mps3": 1e400')
+    lines[2] = lines[2].replace('"cycles": 40', f'"cycles": {"9" * 5000}')
+    lines[3] = lines[3].replace('"cycles": 40', f'"cycles": {"[" * 200_000}')
+    (folder / ROWS).write_text("\n".join(lines))
+    found = gather([folder])
+    assert [(row["cycles"], row["rms_jerk_mps3"]) for row in found.rows] == [(40, 1.0), (None, None)]
+    assert found.notes == (f"{folder}: {ROWS}: 2 of its lines are not a whole row, and left out",)
 
 
 def test_rows_of_another_version_are_told_and_filled(tmp_path: Path) -> None:

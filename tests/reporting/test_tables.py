@@ -79,8 +79,24 @@ def test_medians_are_over_what_is_known() -> None:
     assert (found["min_ttc_s"], found["min_pet_s"]) == (3.0, None)
 
 
+def test_what_is_unknown_did_neither_happen_nor_not() -> None:
+    """An episode that ended in an error of the run has no measures."""
+    unknown = dict.fromkeys(("imposed_brakes_3", "hard_brakes", "red_lights_run", "failsafe_interventions"))
+    rows = [made_row(imposed_brakes_3=1, red_lights_run=1, hard_brakes=0), made_row(seed=1, outcome="error", travel_time_s=None, **unknown)]
+    twins = [made_row(variant="sumo", seed=seed) for seed in (0, 1)]
+    (found,) = cells("rules", rows)
+    assert (found["red_lights_run"], found["failsafe"]) == (Rate(1, 1, wilson(1, 1)), Rate(0, 1, wilson(0, 1)))
+    assert cells("comfort", rows)[0]["hard_brakes"] == Rate(0, 1, wilson(0, 1))
+    assert cells("others", rows)[0]["imposed_brakes_3"] == Rate(1, 1, wilson(1, 1))
+    imposed = cells("twin", [*rows, *twins])[0]["imposed_brakes_3"]
+    assert isinstance(imposed, Contrast)
+    assert (imposed.k, imposed.other, imposed.n) == (1, 0, 1)
+    assert cells("outcomes", rows)[0]["arrived"] == Rate(1, 2, wilson(1, 2)), "but it did not arrive"
+
+
 def test_an_oracle_is_labelled() -> None:
-    assert [row["variant"] for row in cells("outcomes", [made_row(prediction="script"), made_row(variant="idm")])] == ["mcts-idm-100 (oracle)", "idm"]
+    rows = [made_row(prediction="script"), made_row(variant="idm"), made_row(variant="mine", prediction="mine:Knowing (oracle)")]
+    assert [row["variant"] for row in cells("outcomes", rows)] == ["mcts-idm-100 (oracle)", "idm", "mine (oracle)"]
 
 
 def test_inevitable_is_of_the_collisions_that_were_judged() -> None:
