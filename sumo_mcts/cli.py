@@ -253,11 +253,11 @@ def batch(
         from sumo_mcts import commands
         from sumo_mcts.experiments.batch import BatchError
 
-        if dry_run:
-            typer.echo(commands.batch_listing(experiment, out, shard, fresh, allow_plugins))
-            return
-        commands.check_folder(out)
         try:
+            if dry_run:
+                typer.echo(commands.batch_listing(experiment, out, shard, fresh, allow_plugins))
+                return
+            commands.check_folder(out)
             with _BatchVoice(quiet) as voice:
                 rows = commands.batch(experiment, out, jobs, scheduler, shard, fresh, allow_plugins, sys.argv[1:], voice.tell)
         except BatchError as error:

@@ -1,6 +1,7 @@
 """Small experiments, and drivers of episodes that crash: in a module that worker processes can import."""
 
 import os
+import resource
 import signal
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,18 @@ def crash_or_drive(episode: Episode, bar: Bar) -> Driven:
     if key == os.environ["CRASH"]:
         os.kill(os.getpid(), signal.SIGSEGV)
     return drive(episode, bar)
+
+
+def exhaust_or_drive(episode: Episode, bar: Bar) -> Driven:
+    """Drive with no file left to open where the environment's EXHAUST is the key."""
+    if episode.keys[0] != os.environ["EXHAUST"]:
+        return drive(episode, bar)
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (3, most[1]))
+    try:
+        return drive(episode, bar)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, most)
 
 
 def echo(value: object) -> object:

@@ -103,7 +103,7 @@ def run_batch(
 def listed(
     experiment: str | Path, out: str | Path | None = None, *, shard: tuple[int, int] = WHOLE, fresh: bool = False, allow_plugins: bool = False
 ) -> list[Listing]:
-    """What `run_batch` would drive; nothing is written. Raises ConfigError as it does."""
+    """What `run_batch` would drive; nothing is written. Raises as it does."""
     plan = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins)
     manifest = None if out is None or fresh else folder.begun(Path(out), _manifest(plan, shard, ()))
     with workers.local(1) as crew:
@@ -173,6 +173,8 @@ class _Batch:
         except BaseException as error:  # a worker answers whatever happens to an episode: this is about the workers
             if isinstance(error, KeyboardInterrupt | SystemExit):
                 raise
+            if drive.of_machine(error):
+                raise _exhausted(f"episode {episode.keys[0]}", error) from None
             raise BatchError(f"the workers are lost ({_told(error)}); what is done is kept, and the same command goes on") from None
         _kept(self._out, lambda: self._keep(driven))
 
@@ -263,11 +265,13 @@ def _kind(config: ScenarioConfig) -> tuple[str, str, bool, str, str]:
 
 
 def _asked(plan: Plan, name: str, future: "Future[_T]", crew: Crew) -> _T:
-    """The answer of a worker. Raises ConfigError where it says so, or dies of the question."""
+    """The answer of a worker. Raises ConfigError where it says so, or dies of the question, BatchError where the machine fails."""
     try:
         return future.result()
     except (ConfigError, crew.deaths) as error:
         raise ConfigError(f"{plan.origin}: scenarios: {name}: {error}") from None
+    except (OSError, MemoryError) as error:
+        raise _exhausted(name, error) from None
 
 
 def _part(plan: Plan, egos: Egos, part: tuple[int, int]) -> list[Episode]:
@@ -300,4 +304,10 @@ def _kept(out: Path, write: Callable[[], object]) -> None:
     try:
         write()
     except OSError as error:
-        raise BatchError(f"--out {out}: {error.strerror or error}; what is done is kept, and the same command goes on when that is mended") from None
+        raise _exhausted(f"--out {out}", error) from None
+
+
+def _exhausted(where: str, error: BaseException) -> BatchError:
+    """What to say where the machine has no room for more."""
+    told = getattr(error, "strerror", None) or _told(error)
+    return BatchError(f"{where}: {told}; what is done is kept, and the same command goes on when that is mended")

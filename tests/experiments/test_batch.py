@@ -1,5 +1,6 @@
 """A batch leaves the rows that single episodes would, whatever happens on the way: none lost, none twice."""
 
+import errno
 import json
 import os
 import resource
@@ -13,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers_batch import SMALL, crash_or_drive, timeless, write
+from helpers_batch import SMALL, crash_or_drive, exhaust_or_drive, timeless, write
 
 from sumo_mcts import assets, cli, config, records, run_batch
 from sumo_mcts.config import ConfigError
 from sumo_mcts.episode import run_episode
 from sumo_mcts.experiments import folder, workers
-from sumo_mcts.experiments.batch import Progress, _Batch, listed
+from sumo_mcts.experiments.batch import BatchError, Progress, _Batch, listed
 from sumo_mcts.experiments.drive import choose, drive, failed, rehearse
 from sumo_mcts.experiments.experiment import Egos, Episode, episodes, load
 from sumo_mcts.experiments.workers import LocalPool, local
@@ -268,6 +269,18 @@ def test_an_episode_that_takes_its_worker_along(whole: Reference, tmp_path: Path
     assert len(on_disk(tmp_path / "out")) == 4
 
 
+def test_a_worker_without_room_ends_the_batch_and_no_row_is_spoilt(whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EXHAUST", "highway-exit--constant--0")
+    found, out = episodes(load(write(tmp_path)), {}), tmp_path / "out"
+    said = r"episode highway-exit--constant--0: Too many open files; what is done is kept, and the same command goes on when that is mended"
+    with local(1) as crew, pytest.raises(BatchError, match=said):
+        _Batch(out, found, "worth", lambda _: None, exhaust_or_drive).run(crew)
+    assert timeless(on_disk(out)) == timeless(whole[1][:2])
+    with local(1) as crew:
+        rows = _Batch(out, found, "worth", lambda _: None).run(crew)
+    assert timeless(rows) == timeless(whole[1])
+
+
 # --- folders ---
 
 
@@ -349,6 +362,19 @@ def test_an_exception_is_the_outcome(two: Episode, monkeypatch: pytest.MonkeyPat
     driven = drive(two, Worth("all").bar("two", "constant"))
     assert [(row["outcome"], row["error"]) for row in driven.rows] == [("error", "RuntimeError: as asked")] * 2
     assert driven.traces == {}
+
+
+@pytest.mark.parametrize("error", [MemoryError(), *(OSError(getattr(errno, name), name) for name in ("ENOSPC", "EDQUOT", "ENFILE", "ENOMEM", "EIO"))])
+def test_what_the_machine_lacks_is_no_outcome(error: Exception, two: Episode, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("sumo_mcts.experiments.drive.run_episode", broken)
+    monkeypatch.setattr("sumo_mcts.experiments.drive.warm_up", broken)
+    with pytest.raises(type(error)):
+        drive(two, Worth("all").bar("two", "constant"))
+    with pytest.raises(type(error)):
+        rehearse(two.config, 0)
 
 
 # --- networks of the user ---
