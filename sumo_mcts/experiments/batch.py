@@ -73,7 +73,7 @@ def run_batch(
     jobs: processes, by default one for each core that this process may use.
     scheduler: the address of a dask.distributed scheduler (tcp://...) whose workers drive instead.
     shard: (i, n) drives only the i-th of n parts; each part has a folder of its own.
-    fresh: remove what `out` holds of an earlier batch. Otherwise what is done there is not done again.
+    fresh: remove what `out` holds of an earlier batch, whichever it was, and of its report. Otherwise what is done there is not done again.
     allow_plugins: run code that the experiment or its scenarios name as module:name.
     command: goes into the manifest. watch: is told the progress, about twice a second.
 
@@ -89,7 +89,7 @@ def run_batch(
     count = jobs or _cores()
     with folder.only_here(out):
         wanted = _manifest(plan, shard, command)
-        manifest = None if fresh else folder.begun(out, wanted)
+        manifest = _begun(out, wanted, fresh)
         if manifest is None:
             manifest = {**wanted, "egos": _prepared(plan, tell)}
             _kept(out, lambda: _begin(out, manifest, fresh))
@@ -105,7 +105,7 @@ def listed(
 ) -> list[Listing]:
     """What `run_batch` would drive; nothing is written. Raises as it does."""
     plan = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins)
-    manifest = None if out is None or fresh else folder.begun(Path(out), _manifest(plan, shard, ()))
+    manifest = None if out is None else _begun(Path(out), _manifest(plan, shard, ()), fresh)
     with workers.local(1) as crew:
         found = _part(plan, manifest["egos"] if manifest is not None else _chosen(plan, crew, _nobody), shard)
     done = set() if manifest is None or out is None else {row["key"] for row in folder.done(Path(out), found)}
@@ -222,6 +222,14 @@ def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict
         "set_by_referee": REFEREE_OPTIONS,
         "reproducible": all(planner.time_budget_ms is None and not planner.enforce_deadline for planner in (config.planner for config in configs)),
     }
+
+
+def _begun(out: Path, wanted: Mapping[str, Any], fresh: bool) -> dict[str, Any] | None:
+    """The manifest of the batch that goes on; None: a new one begins. Raises ConfigError where the folder is not for this batch."""
+    if fresh:
+        folder.check_ours(out)
+        return None
+    return folder.begun(out, wanted)
 
 
 def _prepared(plan: Plan, tell: Watch, egos: Egos | None = None) -> Egos:

@@ -310,14 +310,37 @@ def test_versions_do_not_mix(whole: Reference, tmp_path: Path) -> None:
 def test_fresh_removes_what_a_batch_leaves_and_nothing_else(whole: Reference, tmp_path: Path) -> None:
     small, out = begun(whole, tmp_path)
     records.append_row(out, whole[1][0])
-    for name in ("traces/a.npz", "figures/b.png", "report.html", "mine.txt", "further/c.txt"):
+    for name in ("traces/a.npz", "tables/b.csv", "report.html", "mine.txt", "figures/c.png"):
         (out / name).parent.mkdir(exist_ok=True)
         (out / name).touch()
     assert sum(item.done for item in listed(small, out)) == 1
     assert sum(item.done for item in listed(small, out, fresh=True)) == 0
     folder.clear(out)
-    assert {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()} == {"mine.txt", "further/c.txt"}
+    assert {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()} == {"mine.txt", "figures/c.png"}
     assert folder.begun(out, {}) is None
+
+
+@pytest.mark.parametrize("manifest", [{"scenario": {"name": "x"}}, None])
+def test_fresh_leaves_alone_what_no_batch_wrote(manifest: dict[str, Any] | None, whole: Reference, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    records.append_row(out, whole[1][0])
+    if manifest is not None:
+        records.write_manifest(out, manifest)
+    for name in ("figures/a.png", "report.html", "tables/b.csv", "traces/c.npz"):
+        (out / name).parent.mkdir(exist_ok=True)
+        (out / name).touch()
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    what = r"holds rows without manifest\.json" if manifest is None else "holds something else than a batch"
+    for attempt in (lambda: run_batch(write(tmp_path), out, fresh=True), lambda: listed(write(tmp_path), out, fresh=True), lambda: folder.clear(out)):
+        with pytest.raises(ConfigError, match=f"{what}; take another --out$"):
+            attempt()
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_fresh_takes_nothing_from_a_folder_without_a_batch(tmp_path: Path) -> None:
+    (tmp_path / "report.html").touch()  # of `sumo-mcts report --out`
+    folder.clear(tmp_path)
+    assert (tmp_path / "report.html").exists()
 
 
 def test_one_batch_at_a_time(whole: Reference, tmp_path: Path) -> None:
