@@ -63,6 +63,7 @@ def run(
         say = _Voice(quiet=quiet or as_json)
         if out is not None:
             commands.check_folder(out)
+            commands.check_no_batch(out)
         if scenario.endswith(".sumocfg") and not ego:
             _list_candidates(scenario, seed, tuple(context.args), as_json, say)
             return

@@ -65,8 +65,13 @@ def check_ours(folder: Path) -> None:
     if not (folder / MANIFEST).exists():
         if (folder / ROWS).exists():
             raise ConfigError(f"--out {folder}: holds rows without {MANIFEST}; take another --out")
-    elif "experiment_digest" not in _manifest(folder):
+    elif not holds_batch(folder):
         raise ConfigError(f"--out {folder}: holds something else than a batch; take another --out")
+
+
+def holds_batch(folder: Path) -> bool:
+    """Whether a batch was begun in a folder."""
+    return (folder / MANIFEST).exists() and "experiment_digest" in _manifest(folder)
 
 
 def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
