@@ -14,7 +14,7 @@ from sumo_mcts import records
 from sumo_mcts.config import ConfigError, ScenarioConfig, digest
 from sumo_mcts.driver import FORECASTING, warm_up
 from sumo_mcts.episode import Loop, run_episode
-from sumo_mcts.experiments.experiment import Egos, Episode
+from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode
 from sumo_mcts.experiments.worth import Bar, is_worth
 from sumo_mcts.records import Row
 from sumo_mcts.world.arguments import sumo_arguments
@@ -45,7 +45,8 @@ def drive(episode: Episode, bar: Bar) -> Driven:
             raise
         return Driven(failed(episode, f"{type(error).__name__}: {error}"), {}, {})
     key_of = {row["key"]: key for row, key in zip(result.rows, episode.keys, strict=True)}
-    rows = tuple({**row, "key": key_of[row["key"]], "redrawn": result.manifest["redrawn"]} for row in result.rows)
+    further = {"redrawn": result.manifest["redrawn"], "traffic_digest": digest(episode.config, TRAFFIC)}
+    rows = tuple({**row, "key": key_of[row["key"]], **further} for row in result.rows)
     kept = {row["key"] for row in rows if is_worth(row, bar)}
     traces = [trace._replace(key=key_of[trace.key]) for trace in result.traces]
     traces = [trace for trace in traces if trace.key in kept]
@@ -59,7 +60,7 @@ def failed(episode: Episode, message: str) -> tuple[Row, ...]:
     known = {
         "scenario": config.name, "variant": episode.variant, "planner": config.planner.name, "seed": episode.seed, "outcome": "error", "error": message,
         "prediction": config.prediction.name if config.planner.name in FORECASTING else None, "config_digest": digest(config),
-        "redrawn": None,
+        "redrawn": None, "traffic_digest": digest(config, TRAFFIC),
     }  # fmt: skip
     return tuple({**records.row_defaults(), **known, "key": key, "ego": ego.id} for key, ego in zip(episode.keys, config.egos, strict=True))
 

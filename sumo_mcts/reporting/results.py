@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError
-from sumo_mcts.experiments.statistics import TWIN, place
+from sumo_mcts.experiments.statistics import TRAFFIC_DIGEST, TWIN, place
 from sumo_mcts.records import ROW_KEYS, Row
 
-_TEXTS = ("key", "scenario", "variant", "planner", "prediction", "ego", "outcome", "error", "trace_digest", "config_digest")
+_TEXTS = ("key", "scenario", "variant", "planner", "prediction", "ego", "outcome", "error", "trace_digest", "config_digest", TRAFFIC_DIGEST)
 _NEEDED = ("key", "scenario", "variant", "outcome")  # without these a line is no row
 _TRUTHS = ("at_fault", "inevitable", "in_time")
 _ORDER = ("mcts", "paper", "exhaustive")  # planners in the order in which they are shown; then all others,
@@ -24,7 +24,7 @@ class Results(NamedTuple):
 
     name: str  # of the experiment or the only scenario, else of the folder
     description: str
-    rows: tuple[Row, ...]  # every key of ROW_KEYS; by scenario, variant, seed, ego
+    rows: tuple[Row, ...]  # every key of ROW_KEYS, and TRAFFIC_DIGEST of a batch; by scenario, variant, seed, ego
     traces: dict[str, Path]  # by the key of the row; only those that exist
     versions: dict[str, str]  # of the first folder that tells
     notes: tuple[str, ...]  # what a reader has to know about missing or broken things
@@ -91,7 +91,7 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
 
 def _whole(line: Row) -> Row | None:
     """The row with every key and nothing but values of the right kind; None where it is none."""
-    row = {key: _kind(key, line.get(key)) for key in ROW_KEYS}
+    row = {key: _kind(key, line.get(key)) for key in (*ROW_KEYS, *({TRAFFIC_DIGEST} & line.keys()))}
     return row if all(row[key] for key in _NEEDED) else None
 
 

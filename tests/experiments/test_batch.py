@@ -17,14 +17,16 @@ import pytest
 from helpers_batch import SMALL, crash_or_drive, exhaust_or_drive, timeless, write
 
 from sumo_mcts import assets, cli, config, records, run_batch
-from sumo_mcts.config import ConfigError
+from sumo_mcts.config import ConfigError, digest
 from sumo_mcts.episode import run_episode
 from sumo_mcts.experiments import folder, workers
 from sumo_mcts.experiments.batch import BatchError, Progress, _Batch, listed
 from sumo_mcts.experiments.drive import choose, drive, failed, rehearse
-from sumo_mcts.experiments.experiment import Egos, Episode, episodes, load
+from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode, episodes, load
+from sumo_mcts.experiments.statistics import Pair, pairs
 from sumo_mcts.experiments.workers import LocalPool, local
 from sumo_mcts.experiments.worth import Worth
+from sumo_mcts.reporting.results import gather
 
 GOOD = Path(__file__).parent.parent / "bad_inputs" / "good.sumocfg"
 SLOW = SMALL.replace("name: small", "name: slow").replace("0..1", "0..14") + "set: {sumo.step_length_s: 0.02}\n"
@@ -144,6 +146,19 @@ def test_two_workers_and_two_shards_give_the_same(whole: Reference, tmp_path: Pa
     assert sum(part[-1].collisions for part in told) == sum(row["outcome"] == "collision" for row in rows) > 0
     with pytest.raises(ConfigError, match="holds shard 1/2, not 2/2; each shard has a folder of its own"):
         run_batch(write(tmp_path), tmp_path / "1", shard=(2, 2))
+
+
+def test_pairs_are_made_in_the_same_traffic(whole: Reference, tmp_path: Path) -> None:
+    out, rows = whole
+    pair = [Pair(row, twin) for row, twin in zip(rows[::2], rows[1::2], strict=True)]
+    assert pairs(rows[::2], rows[1::2]) == pair
+    assert {row["traffic_digest"] for row in rows} == {digest(case.base, TRAFFIC) for case in load(write(tmp_path)).cases}
+    other = "name: x\nscenarios: [highway-exit]\nvariants: {constant: {planner.name: constant}, sumo: {planner.name: sumo, episode.time_limit_s: 50.0}}\n"
+    driven = run_batch(write(tmp_path, other), tmp_path / "out", jobs=1)
+    assert [row["planner"] for row in driven] == ["constant", "sumo"]
+    assert pairs(driven[:1], driven[1:]) == []
+    assert failed(episodes(load(write(tmp_path)), {})[0], "a reason")[0]["traffic_digest"] == rows[0]["traffic_digest"]
+    assert {row["key"]: row["traffic_digest"] for row in gather([out]).rows} == {row["key"]: row["traffic_digest"] for row in rows}  # as a report reads them
 
 
 # --- interrupted ---
