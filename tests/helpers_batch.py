@@ -10,6 +10,7 @@ from sumo_mcts.experiments.drive import Driven, drive
 from sumo_mcts.experiments.experiment import Episode
 from sumo_mcts.experiments.worth import Bar
 from sumo_mcts.records import ROW_KEYS, Row
+from sumo_mcts.scene import Decision, Release
 
 # No search, so nothing is compiled and an episode takes tenths of a second.
 SMALL = """
@@ -54,6 +55,28 @@ def exhaust_or_drive(episode: Episode, bar: Bar) -> Driven:
         return drive(episode, bar)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, most)
+
+
+class Picky:
+    """A planner that takes one number only."""
+
+    needs_forecast = False
+
+    def __init__(self, options: dict[str, Any], scenario: object) -> None:
+        if options["number"] != 1:
+            raise ValueError("number: 1 and nothing else")
+
+    def start(self, task: object, seed: int) -> None:
+        """Nothing to do."""
+
+    def plan(self, situation: object) -> Decision:
+        """SUMO drives."""
+        return Decision(Release(), None, (), -1, "", 0, 0)
+
+
+def rate(t: float, lane: int, s: float, v: float, a: float, jerk: float, min_gap: float, weight: float) -> float:
+    """A cost term that cannot be compiled."""
+    return weight * os.getpid()
 
 
 def echo(value: object) -> object:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from sumo_mcts import assets, plugins, records
-from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names
 from sumo_mcts.experiments import drive, folder, workers
 from sumo_mcts.experiments.drive import Driven
 from sumo_mcts.experiments.experiment import Episode, Plan, episodes, load, shard
@@ -267,9 +267,10 @@ def _rehearse(plan: Plan, crew: Crew, tell: Watch) -> None:
                 raise ConfigError(f"{plan.origin}: scenarios: {case.name}: {problem}")
 
 
-def _kind(config: ScenarioConfig) -> tuple[str, str, bool, str, str]:
-    """What decides whether a scenario starts, and what is compiled for it."""
-    return config.planner.name, config.prediction.name, config.failsafe.on, config.sumo.model_dump_json(), config.traffic.model_dump_json()
+def _kind(config: ScenarioConfig) -> tuple[object, ...]:
+    """What decides whether a scenario starts, and what is compiled for it. A plugin may read, and refuse, anything."""
+    sections = (config.sumo, config.traffic, config.sensor, *([config] if any(plugin_names(config)) else []))
+    return config.planner.name, config.prediction.name, config.failsafe.on, *(section.model_dump_json() for section in sections)
 
 
 def _asked(plan: Plan, name: str, future: "Future[_T]", crew: Crew) -> _T:

@@ -12,7 +12,7 @@ import numpy as np
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError, ScenarioConfig, digest
-from sumo_mcts.driver import FORECASTING, warm_up
+from sumo_mcts.driver import FORECASTING, Driver, warm_up
 from sumo_mcts.episode import Loop, run_episode
 from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode
 from sumo_mcts.experiments.worth import Bar, is_worth
@@ -75,6 +75,7 @@ def rehearse(config: ScenarioConfig, seed: int | None) -> str:
     loop = Loop(config, seed)
     try:
         loop.start()
+        Driver(config, loop.world.road, loop.world.physics, 0, loop.oracles)  # plugins check their options
         warm_up(config, loop.world.road, loop.world.physics)
         if {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}:
             loop.scenes()  # until the egos are taken over, which is soon

@@ -20,7 +20,7 @@ from sumo_mcts import assets, cli, config, records, run_batch
 from sumo_mcts.config import ConfigError, digest
 from sumo_mcts.episode import run_episode
 from sumo_mcts.experiments import folder, workers
-from sumo_mcts.experiments.batch import BatchError, Progress, _Batch, listed
+from sumo_mcts.experiments.batch import BatchError, Progress, _Batch, _kind, listed
 from sumo_mcts.experiments.drive import choose, drive, failed, rehearse
 from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode, episodes, load
 from sumo_mcts.experiments.statistics import Pair, pairs
@@ -456,6 +456,32 @@ def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     for wrong, said in (("sumo.options={warp-speed: 9}", "SUMO does not start"), ("egos=[{id: ego, until: nowhere}]", "the network has no edge nowhere")):
         assert said in rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant", wrong)), 0)
     assert rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant",)), 0) == ""
+
+
+@pytest.mark.parametrize(
+    ("refused", "said"),
+    [
+        (
+            "planner.options: {number: 2}",
+            "planner.name: helpers_batch:Picky: does not take planner.options {'number': 2}: ValueError: number: 1 and nothing else",
+        ),
+        ("cost.term: 'helpers_batch:rate'", "cost.term: helpers_batch:rate: cannot be compiled: "),
+    ],
+)
+def test_what_a_plugin_refuses_in_a_later_variant(refused: str, said: str, tmp_path: Path) -> None:
+    """Both variants have the same planner and predictor; one of them is fine."""
+    picky = "planner.name: 'helpers_batch:Picky', planner.options: {number: 1}"
+    text = f"name: x\nscenarios: [highway-exit]\nset: {{{picky}}}\nvariants: {{good: {{}}, bad: {{{refused}}}}}\n"
+    with pytest.raises(ConfigError) as problem:
+        run_batch(write(tmp_path, text), tmp_path / "out", jobs=1, allow_plugins=True)
+    assert str(problem.value).startswith(f"{tmp_path / 'small.yaml'}: scenarios: highway-exit: {said}")
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_makes_no_difference_to_the_start_is_rehearsed_once(tmp_path: Path) -> None:
+    text = "name: x\nscenarios: [highway-exit]\nvariants: {a: {}, b: {planner.iterations: 7}, c: {cost.jerk: 1.0}, d: {sensor.range_m: 50}}\n"
+    kinds = {variant: _kind(config) for variant, config in load(write(tmp_path, text)).cases[0].configs.items()}
+    assert kinds["a"] == kinds["b"] == kinds["c"] != kinds["d"]
 
 
 # --- the command ---
