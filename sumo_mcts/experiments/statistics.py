@@ -12,7 +12,7 @@ from sumo_mcts.scene import Floats
 Z = 1.96  # of the 95 % interval
 RESAMPLES = 2000  # of a bootstrap interval
 SEED = 0  # of the resampling
-TWIN = "sumo"  # the planner whose episodes are the others' twins
+TWIN = "sumo"  # the planner whose episodes are the others' twins, and their variant where `twins` adds it
 TRAFFIC_DIGEST = "traffic_digest"  # the key that rows of a batch have beyond those of `run`: what everybody but the planner goes by
 
 Row = dict[str, Any]
