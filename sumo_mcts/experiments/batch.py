@@ -1,9 +1,10 @@
 """Runs an experiment: hands its episodes out, keeps every row as it ends, and goes on where an earlier run was interrupted."""
 
+import hashlib
 import os
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
@@ -18,7 +19,7 @@ from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.experiments.worth import Bar, Worth
 from sumo_mcts.model.kernel import is_compiled
 from sumo_mcts.records import MAPS, TRACES, Row
-from sumo_mcts.world.arguments import REFEREE_OPTIONS
+from sumo_mcts.world.arguments import REFEREE_OPTIONS, files_of
 
 TRIES = 2  # of an episode whose worker dies
 WHOLE = (1, 1)  # the only shard
@@ -214,6 +215,7 @@ def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict
         "experiment": plan.experiment.model_dump(mode="json", by_alias=True),
         "experiment_digest": plan.digest,
         "shard": "{}/{}".format(*part),
+        "files": _contents({path for config in configs for path in files_of(config.sumo)}),
         "scenarios": scenarios,
         "variants": plan.variants,
         "versions": records.versions(),
@@ -222,6 +224,16 @@ def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict
         "set_by_referee": REFEREE_OPTIONS,
         "reproducible": all(planner.time_budget_ms is None and not planner.enforce_deadline for planner in (config.planner for config in configs)),
     }
+
+
+def _contents(paths: Iterable[str]) -> dict[str, list[str]]:
+    """SHA-256 of the files of each name, wherever they lie. What is missing is told when SUMO starts."""
+    found: dict[str, set[str]] = {}
+    for path in map(Path, paths):
+        if path.is_file():
+            with path.open("rb") as file:
+                found.setdefault(path.name, set()).add(hashlib.file_digest(file, "sha256").hexdigest())
+    return {name: sorted(found[name]) for name in sorted(found)}
 
 
 def _begun(out: Path, wanted: Mapping[str, Any], fresh: bool) -> dict[str, Any] | None:

@@ -87,11 +87,23 @@ def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
         raise ConfigError(f"--out {folder}: holds {what}; {ways}")
     if manifest["shard"] != wanted["shard"]:
         raise ConfigError(f"--out {folder}: holds shard {manifest['shard']}, not {wanted['shard']}; each shard has a folder of its own")
-    for name in DECIDING:
-        there, here = manifest["versions"][name], wanted["versions"][name]
-        if there != here:
-            raise ConfigError(f"--out {folder}: was begun with {name} {there}, this is {here}; {ways}")
+    _check_same(manifest, wanted, f"--out {folder}", ways)
     return manifest
+
+
+def _check_same(manifest: Mapping[str, Any], wanted: Mapping[str, Any], where: str, ways: str) -> None:
+    """Raise ConfigError where further rows would come of other programs or files than those that are there."""
+    for name in DECIDING:
+        before, now = manifest["versions"][name], wanted["versions"][name]
+        if before != now:
+            raise ConfigError(f"{where}: was begun with {name} {before}, this is {now}; {ways}")
+    there, here = manifest.get("files", wanted["files"]), wanted["files"]
+    for name in sorted(there.keys() | here.keys()):
+        if there.get(name) != here.get(name):
+            raise ConfigError(f"{where}: {name} has changed since the batch was begun; {ways}")
+    for plugin in wanted["plugins"]:
+        if plugin not in manifest["plugins"]:
+            raise ConfigError(f"{where}: plugin {plugin['name']} has changed since the batch was begun; {ways}")
 
 
 def done(folder: Path, episodes: Sequence[Episode]) -> list[Row]:

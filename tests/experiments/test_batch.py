@@ -1,6 +1,7 @@
 """A batch leaves the rows that single episodes would, whatever happens on the way: none lost, none twice."""
 
 import errno
+import hashlib
 import json
 import os
 import resource
@@ -29,6 +30,7 @@ from sumo_mcts.experiments.worth import Worth
 from sumo_mcts.reporting.results import gather
 
 GOOD = Path(__file__).parent.parent / "bad_inputs" / "good.sumocfg"
+NET = GOOD.parent.parent.parent / "networks" / "crossing" / "crossing.net.xml"
 SLOW = SMALL.replace("name: small", "name: slow").replace("0..1", "0..14") + "set: {sumo.step_length_s: 0.02}\n"
 
 Reference = tuple[Path, list[records.Row]]
@@ -320,6 +322,33 @@ def test_versions_do_not_mix(whole: Reference, tmp_path: Path) -> None:
     records.write_manifest(tmp_path / "out", {**manifest, "versions": {**manifest["versions"], "sumo": "1.27.0"}})
     with pytest.raises(ConfigError, match=r"was begun with sumo 1\.27\.0, this is 1\."):
         run_batch(write(tmp_path), tmp_path / "out")
+
+
+def test_files_and_plugins_do_not_mix(tmp_path: Path) -> None:
+    """The scenario says the same before and after: what has changed is only in what it names."""
+    (tmp_path / "net").mkdir()
+    for file, name in ((NET, "net/mine.net.xml"), (GOOD.with_name("one.rou.xml"), "mine.rou.xml")):
+        shutil.copy(file, tmp_path / name)
+    named = "<net-file value='net/mine.net.xml'/><route-files value='mine.rou.xml'/>"
+    (tmp_path / "mine.sumocfg").write_text(f"<configuration>{named}</configuration>")
+    experiment, out = write(tmp_path, network("[ego]").replace(str(GOOD), "mine.sumocfg")), tmp_path / "out"
+    rows = run_batch(experiment, out, jobs=1)
+    manifest = json.loads((out / records.MANIFEST).read_text())
+    assert list(manifest["files"]) == ["mine.net.xml", "mine.rou.xml", "mine.sumocfg"]
+    for name in manifest["files"]:
+        (path,) = tmp_path.rglob(name)
+        before = path.read_bytes()
+        assert manifest["files"][name] == [hashlib.sha256(before).hexdigest()]
+        path.write_bytes(before + b"<!-- -->")
+        with pytest.raises(ConfigError, match=f"{name} has changed since the batch was begun; take another --out, or --fresh"):
+            run_batch(experiment, out, jobs=1)
+        path.write_bytes(before)
+    assert run_batch(experiment, out, jobs=1) == rows
+    plugin = {"key": "planner.name", "name": "mine", "code": "mine:Mine", "package": {"name": "mine", "version": "1"}}
+    now = {**manifest, "plugins": [{**plugin, "package": {"name": "mine", "version": "2"}}]}
+    records.write_manifest(out, {**manifest, "plugins": [plugin]})
+    with pytest.raises(ConfigError, match="plugin mine has changed since the batch was begun"):
+        folder.begun(out, now)
 
 
 def test_fresh_removes_what_a_batch_leaves_and_nothing_else(whole: Reference, tmp_path: Path) -> None:
