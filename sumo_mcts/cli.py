@@ -63,6 +63,7 @@ def run(
         say = _Voice(quiet=quiet or as_json)
         if out is not None:
             commands.check_folder(out)
+            commands.check_no_batch(out)
         if scenario.endswith(".sumocfg") and not ego:
             _list_candidates(scenario, seed, tuple(context.args), as_json, say)
             return
@@ -253,11 +254,11 @@ def batch(
         from sumo_mcts import commands
         from sumo_mcts.experiments.batch import BatchError
 
-        if dry_run:
-            typer.echo(commands.batch_listing(experiment, out, shard, fresh, allow_plugins))
-            return
-        commands.check_folder(out)
         try:
+            if dry_run:
+                typer.echo(commands.batch_listing(experiment, out, shard, fresh, allow_plugins))
+                return
+            commands.check_folder(out)
             with _BatchVoice(quiet) as voice:
                 rows = commands.batch(experiment, out, jobs, scheduler, shard, fresh, allow_plugins, sys.argv[1:], voice.tell)
         except BatchError as error:

@@ -13,6 +13,7 @@ from sumo_mcts import assets, config, records
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.driver import cost_params, make_planner, make_predictor
 from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.experiments import folder as batch_folder
 from sumo_mcts.experiments.batch import Progress, listed, run_batch
 from sumo_mcts.forecast_error import compare
 from sumo_mcts.planners.reference import LABELS, digest
@@ -372,6 +373,12 @@ def check_folder(folder: Path) -> None:
             pass
     except OSError as error:
         raise ConfigError(f"--out {folder}: {existing} {'cannot be written' if existing.is_dir() else error.strerror}") from None
+
+
+def check_no_batch(folder: Path) -> None:
+    """Raise ConfigError where a batch was begun: its rows and manifest are of one experiment."""
+    if batch_folder.holds_batch(folder):
+        raise ConfigError(f"--out {folder}: holds a batch; take another --out")
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -441,9 +441,9 @@ def require_permission(key: str, name: str, allow_plugins: bool) -> None:
         raise ConfigError(f"{key}: {name}: code that a scenario names runs only with --allow-plugins")
 
 
-def digest(config: BaseModel) -> str:
-    """SHA-256 of the resolved configuration, file names without their folders."""
-    data = config.model_dump(mode="json")
+def digest(config: BaseModel, sections: Iterable[str] | None = None) -> str:
+    """SHA-256 of the resolved configuration, or of some sections of it, file names without their folders."""
+    data = config.model_dump(mode="json", include=None if sections is None else set(sections))
     sumo = data.get("sumo", {})
     for key in ("sumocfg", "net"):
         sumo[key] = Path(sumo[key]).name if sumo.get(key) else None

@@ -1,6 +1,7 @@
 """Small experiments, and drivers of episodes that crash: in a module that worker processes can import."""
 
 import os
+import resource
 import signal
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from sumo_mcts.experiments.drive import Driven, drive
 from sumo_mcts.experiments.experiment import Episode
 from sumo_mcts.experiments.worth import Bar
 from sumo_mcts.records import ROW_KEYS, Row
+from sumo_mcts.scene import Decision, Release
 
 # No search, so nothing is compiled and an episode takes tenths of a second.
 SMALL = """
@@ -41,6 +43,40 @@ def crash_or_drive(episode: Episode, bar: Bar) -> Driven:
     if key == os.environ["CRASH"]:
         os.kill(os.getpid(), signal.SIGSEGV)
     return drive(episode, bar)
+
+
+def exhaust_or_drive(episode: Episode, bar: Bar) -> Driven:
+    """Drive with no file left to open where the environment's EXHAUST is the key."""
+    if episode.keys[0] != os.environ["EXHAUST"]:
+        return drive(episode, bar)
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (3, most[1]))
+    try:
+        return drive(episode, bar)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, most)
+
+
+class Picky:
+    """A planner that takes one number only."""
+
+    needs_forecast = False
+
+    def __init__(self, options: dict[str, Any], scenario: object) -> None:
+        if options["number"] != 1:
+            raise ValueError("number: 1 and nothing else")
+
+    def start(self, task: object, seed: int) -> None:
+        """Nothing to do."""
+
+    def plan(self, situation: object) -> Decision:
+        """SUMO drives."""
+        return Decision(Release(), None, (), -1, "", 0, 0)
+
+
+def rate(t: float, lane: int, s: float, v: float, a: float, jerk: float, min_gap: float, weight: float) -> float:
+    """A cost term that cannot be compiled."""
+    return weight * os.getpid()
 
 
 def echo(value: object) -> object:

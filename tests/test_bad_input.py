@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import pytest
 
-from sumo_mcts import cli
+from sumo_mcts import cli, records
 
 FILES = Path(__file__).parent / "bad_inputs"
 PATIENCE_S = 60.0
@@ -214,6 +214,14 @@ def test_an_output_folder_that_cannot_be_written(inside: str, command: Command, 
     assert answer.status == 2
     (line,) = answer.err.splitlines()
     assert f"--out {tmp_path / 'out'}{inside}: {tmp_path / 'out'} is a file, not a folder" in line
+
+
+def test_the_folder_of_a_batch_takes_no_run(command: Command, tmp_path: Path) -> None:
+    records.write_manifest(tmp_path / "out", {"experiment": {"name": "x"}, "experiment_digest": "0"})
+    before = (tmp_path / "out" / records.MANIFEST).read_bytes()
+    answer = command("run", "nowhere", "--out", str(tmp_path / "out"))  # refused before anything is read
+    assert (answer.status, answer.out, answer.err) == (2, "", f"error: --out {tmp_path / 'out'}: holds a batch; take another --out\n")
+    assert [(path.name, path.read_bytes()) for path in (tmp_path / "out").iterdir()] == [(records.MANIFEST, before)]
 
 
 # --- what happens during the run is an outcome ---

@@ -1,16 +1,17 @@
 """Runs an experiment: hands its episodes out, keeps every row as it ends, and goes on where an earlier run was interrupted."""
 
+import hashlib
 import os
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from sumo_mcts import assets, plugins, records
-from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names
 from sumo_mcts.experiments import drive, folder, workers
 from sumo_mcts.experiments.drive import Driven
 from sumo_mcts.experiments.experiment import Episode, Plan, episodes, load, shard
@@ -18,7 +19,7 @@ from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.experiments.worth import Bar, Worth
 from sumo_mcts.model.kernel import is_compiled
 from sumo_mcts.records import MAPS, TRACES, Row
-from sumo_mcts.world.arguments import REFEREE_OPTIONS
+from sumo_mcts.world.arguments import REFEREE_OPTIONS, files_of
 
 TRIES = 2  # of an episode whose worker dies
 WHOLE = (1, 1)  # the only shard
@@ -73,7 +74,7 @@ def run_batch(
     jobs: processes, by default one for each core that this process may use.
     scheduler: the address of a dask.distributed scheduler (tcp://...) whose workers drive instead.
     shard: (i, n) drives only the i-th of n parts; each part has a folder of its own.
-    fresh: remove what `out` holds of an earlier batch. Otherwise what is done there is not done again.
+    fresh: remove what `out` holds of an earlier batch, whichever it was, and of its report. Otherwise what is done there is not done again.
     allow_plugins: run code that the experiment or its scenarios name as module:name.
     command: goes into the manifest. watch: is told the progress, about twice a second.
 
@@ -89,7 +90,7 @@ def run_batch(
     count = jobs or _cores()
     with folder.only_here(out):
         wanted = _manifest(plan, shard, command)
-        manifest = None if fresh else folder.begun(out, wanted)
+        manifest = _begun(out, wanted, fresh)
         if manifest is None:
             manifest = {**wanted, "egos": _prepared(plan, tell)}
             _kept(out, lambda: _begin(out, manifest, fresh))
@@ -103,9 +104,9 @@ def run_batch(
 def listed(
     experiment: str | Path, out: str | Path | None = None, *, shard: tuple[int, int] = WHOLE, fresh: bool = False, allow_plugins: bool = False
 ) -> list[Listing]:
-    """What `run_batch` would drive; nothing is written. Raises ConfigError as it does."""
+    """What `run_batch` would drive; nothing is written. Raises as it does."""
     plan = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins)
-    manifest = None if out is None or fresh else folder.begun(Path(out), _manifest(plan, shard, ()))
+    manifest = None if out is None else _begun(Path(out), _manifest(plan, shard, ()), fresh)
     with workers.local(1) as crew:
         found = _part(plan, manifest["egos"] if manifest is not None else _chosen(plan, crew, _nobody), shard)
     done = set() if manifest is None or out is None else {row["key"] for row in folder.done(Path(out), found)}
@@ -173,6 +174,8 @@ class _Batch:
         except BaseException as error:  # a worker answers whatever happens to an episode: this is about the workers
             if isinstance(error, KeyboardInterrupt | SystemExit):
                 raise
+            if drive.of_machine(error):
+                raise _exhausted(f"episode {episode.keys[0]}", error) from None
             raise BatchError(f"the workers are lost ({_told(error)}); what is done is kept, and the same command goes on") from None
         _kept(self._out, lambda: self._keep(driven))
 
@@ -212,6 +215,7 @@ def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict
         "experiment": plan.experiment.model_dump(mode="json", by_alias=True),
         "experiment_digest": plan.digest,
         "shard": "{}/{}".format(*part),
+        "files": _contents({path for config in configs for path in files_of(config.sumo)}),
         "scenarios": scenarios,
         "variants": plan.variants,
         "versions": records.versions(),
@@ -220,6 +224,24 @@ def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict
         "set_by_referee": REFEREE_OPTIONS,
         "reproducible": all(planner.time_budget_ms is None and not planner.enforce_deadline for planner in (config.planner for config in configs)),
     }
+
+
+def _contents(paths: Iterable[str]) -> dict[str, list[str]]:
+    """SHA-256 of the files of each name, wherever they lie. What is missing is told when SUMO starts."""
+    found: dict[str, set[str]] = {}
+    for path in map(Path, paths):
+        if path.is_file():
+            with path.open("rb") as file:
+                found.setdefault(path.name, set()).add(hashlib.file_digest(file, "sha256").hexdigest())
+    return {name: sorted(found[name]) for name in sorted(found)}
+
+
+def _begun(out: Path, wanted: Mapping[str, Any], fresh: bool) -> dict[str, Any] | None:
+    """The manifest of the batch that goes on; None: a new one begins. Raises ConfigError where the folder is not for this batch."""
+    if fresh:
+        folder.check_ours(out)
+        return None
+    return folder.begun(out, wanted)
 
 
 def _prepared(plan: Plan, tell: Watch, egos: Egos | None = None) -> Egos:
@@ -257,17 +279,20 @@ def _rehearse(plan: Plan, crew: Crew, tell: Watch) -> None:
                 raise ConfigError(f"{plan.origin}: scenarios: {case.name}: {problem}")
 
 
-def _kind(config: ScenarioConfig) -> tuple[str, str, bool, str, str]:
-    """What decides whether a scenario starts, and what is compiled for it."""
-    return config.planner.name, config.prediction.name, config.failsafe.on, config.sumo.model_dump_json(), config.traffic.model_dump_json()
+def _kind(config: ScenarioConfig) -> tuple[object, ...]:
+    """What decides whether a scenario starts, and what is compiled for it. A plugin may read, and refuse, anything."""
+    sections = (config.sumo, config.traffic, config.sensor, *([config] if any(plugin_names(config)) else []))
+    return config.planner.name, config.prediction.name, config.failsafe.on, *(section.model_dump_json() for section in sections)
 
 
 def _asked(plan: Plan, name: str, future: "Future[_T]", crew: Crew) -> _T:
-    """The answer of a worker. Raises ConfigError where it says so, or dies of the question."""
+    """The answer of a worker. Raises ConfigError where it says so, or dies of the question, BatchError where the machine fails."""
     try:
         return future.result()
     except (ConfigError, crew.deaths) as error:
         raise ConfigError(f"{plan.origin}: scenarios: {name}: {error}") from None
+    except (OSError, MemoryError) as error:
+        raise _exhausted(name, error) from None
 
 
 def _part(plan: Plan, egos: Egos, part: tuple[int, int]) -> list[Episode]:
@@ -300,4 +325,10 @@ def _kept(out: Path, write: Callable[[], object]) -> None:
     try:
         write()
     except OSError as error:
-        raise BatchError(f"--out {out}: {error.strerror or error}; what is done is kept, and the same command goes on when that is mended") from None
+        raise _exhausted(f"--out {out}", error) from None
+
+
+def _exhausted(where: str, error: BaseException) -> BatchError:
+    """What to say where the machine has no room for more."""
+    told = getattr(error, "strerror", None) or _told(error)
+    return BatchError(f"{where}: {told}; what is done is kept, and the same command goes on when that is mended")

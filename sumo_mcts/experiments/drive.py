@@ -1,5 +1,6 @@
 """What a worker of a batch does: look whether a scenario can start, choose egos in a network, drive an episode."""
 
+import errno
 import math
 import sys
 import tempfile
@@ -11,9 +12,9 @@ import numpy as np
 
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError, ScenarioConfig, digest
-from sumo_mcts.driver import forecast_label, warm_up
+from sumo_mcts.driver import Driver, forecast_label, warm_up
 from sumo_mcts.episode import Loop, run_episode
-from sumo_mcts.experiments.experiment import Egos, Episode
+from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode
 from sumo_mcts.experiments.worth import Bar, is_worth
 from sumo_mcts.records import Row
 from sumo_mcts.world.arguments import sumo_arguments
@@ -22,6 +23,9 @@ from sumo_mcts.world.crowd import Cast
 
 AMONG = 4  # egos are drawn from the first suitable vehicles: so many times as many, and
 AMONG_LEAST = 100  # no fewer than these
+
+# The disk, the quota, open files, the memory: whatever meets one of these tells nothing about its episode, and the next one would meet it too.
+_EXHAUSTED = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO})
 
 
 class Driven(NamedTuple):
@@ -33,13 +37,16 @@ class Driven(NamedTuple):
 
 
 def drive(episode: Episode, bar: Bar) -> Driven:
-    """Drive an episode. Whatever fails is its outcome."""
+    """Drive an episode. Whatever fails is its outcome; but OSError and MemoryError are raised where it is the machine that fails."""
     try:
         result = run_episode(episode.config, episode.seed, variant=episode.variant)
     except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
+        if of_machine(error):
+            raise
         return Driven(failed(episode, f"{type(error).__name__}: {error}"), {}, {})
     key_of = {row["key"]: key for row, key in zip(result.rows, episode.keys, strict=True)}
-    rows = tuple({**row, "key": key_of[row["key"]], "redrawn": result.manifest["redrawn"]} for row in result.rows)
+    further = {"redrawn": result.manifest["redrawn"], "traffic_digest": digest(episode.config, TRAFFIC)}
+    rows = tuple({**row, "key": key_of[row["key"]], **further} for row in result.rows)
     kept = {row["key"] for row in rows if is_worth(row, bar)}
     traces = [trace._replace(key=key_of[trace.key]) for trace in result.traces]
     traces = [trace for trace in traces if trace.key in kept]
@@ -53,6 +60,7 @@ def failed(episode: Episode, message: str) -> tuple[Row, ...]:
     known = {
         "scenario": config.name, "variant": episode.variant, "planner": config.planner.name, "seed": episode.seed, "outcome": "error", "error": message,
         "prediction": _prediction(config), "config_digest": digest(config), "redrawn": None,
+        "traffic_digest": digest(config, TRAFFIC),
     }  # fmt: skip
     return tuple({**records.row_defaults(), **known, "key": key, "ego": ego.id} for key, ego in zip(episode.keys, config.egos, strict=True))
 
@@ -65,15 +73,23 @@ def _prediction(config: ScenarioConfig) -> str | None:
         return None
 
 
+def of_machine(error: BaseException) -> bool:
+    """Whether an error is about the machine, so that an episode says nothing by it."""
+    return isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in _EXHAUSTED)
+
+
 def rehearse(config: ScenarioConfig, seed: int | None) -> str:
-    """Start a scenario and decide once, so that the search is compiled. Returns what is wrong with the input, "" if nothing."""
+    """Start a scenario and decide once, so that the search is compiled. Returns what is wrong with the input, "" if nothing. Raises as `drive` does."""
     loop = Loop(config, seed)
     try:
         loop.start()
+        Driver(config, loop.world.road, loop.world.physics, 0, loop.oracles)  # plugins check their options
         warm_up(config, loop.world.road, loop.world.physics)
         if {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}:
             loop.scenes()  # until the egos are taken over, which is soon
     except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
+        if of_machine(error):
+            raise
         return " ".join((str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}").split())
     finally:
         loop.finish()

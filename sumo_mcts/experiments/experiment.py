@@ -14,9 +14,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from sumo_mcts import assets, config, records
 from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, first_problem, yaml_problem
+from sumo_mcts.experiments.statistics import TWIN
 from sumo_mcts.world.arguments import sumo_home
 
-TWIN = "sumo"  # planner and variant of the twins
 TRAFFIC = ("sumo", "egos", "traffic", "episode")  # sections in which an episode and its twin have to agree
 DECIDING = ("sumo_mcts", "sumo", "numpy", "numba")  # versions that decide what comes of an episode, so that rows of others do not mix
 SUMO_FOLDER = "${SUMO_HOME}"

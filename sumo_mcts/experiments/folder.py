@@ -18,7 +18,7 @@ try:
 except ImportError:  # on Windows
     fcntl = None  # type: ignore[assignment]
 
-_LEFT_BEHIND = (MANIFEST, ROWS, TABLE, TRACES, MAPS, "figures", "tables", "report.html", "report.md")  # what --fresh removes
+_LEFT_BEHIND = (ROWS, TABLE, TRACES, MAPS, "tables", "report.html", "report.md", MANIFEST)  # what --fresh removes; last what says that it may
 
 
 @contextmanager
@@ -49,7 +49,10 @@ def _lock(number: int, folder: Path) -> None:
 
 
 def clear(folder: Path) -> None:
-    """Remove what a batch leaves behind, and nothing else."""
+    """Remove what a batch and its report leave behind, and nothing else. Raises ConfigError where no batch did."""
+    check_ours(folder)
+    if not (folder / MANIFEST).exists():
+        return
     for name in _LEFT_BEHIND:
         if (folder / name).is_dir():
             rmtree(folder / name)
@@ -57,25 +60,50 @@ def clear(folder: Path) -> None:
             (folder / name).unlink(missing_ok=True)
 
 
-def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The manifest of a folder in which a batch like the wanted one was begun; None: in it nothing was. Raises ConfigError where it holds anything else."""
-    ways = "take another --out, or --fresh to remove what is there"
+def check_ours(folder: Path) -> None:
+    """Raise ConfigError where something else than a batch left rows or a manifest in the folder."""
     if not (folder / MANIFEST).exists():
         if (folder / ROWS).exists():
-            raise ConfigError(f"--out {folder}: holds rows without {MANIFEST}; {ways}")
+            raise ConfigError(f"--out {folder}: holds rows without {MANIFEST}; take another --out")
+    elif not holds_batch(folder):
+        raise ConfigError(f"--out {folder}: holds something else than a batch; take another --out")
+
+
+def holds_batch(folder: Path) -> bool:
+    """Whether a batch was begun in a folder."""
+    return (folder / MANIFEST).exists() and "experiment_digest" in _manifest(folder)
+
+
+def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The manifest of a folder in which a batch like the wanted one was begun; None: in it nothing was. Raises ConfigError where it holds anything else."""
+    check_ours(folder)
+    if not (folder / MANIFEST).exists():
         return None
+    ways = "take another --out, or --fresh to remove what is there"
     manifest = _manifest(folder)
-    if manifest.get("experiment_digest") != wanted["experiment_digest"]:
-        name = manifest["experiment"]["name"] if "experiment_digest" in manifest else None
-        what = "something else than a batch" if name is None else "another experiment" if name != wanted["experiment"]["name"] else f"another state of {name}"
+    if manifest["experiment_digest"] != wanted["experiment_digest"]:
+        name = manifest["experiment"]["name"]
+        what = "another experiment" if name != wanted["experiment"]["name"] else f"another state of {name}"
         raise ConfigError(f"--out {folder}: holds {what}; {ways}")
     if manifest["shard"] != wanted["shard"]:
         raise ConfigError(f"--out {folder}: holds shard {manifest['shard']}, not {wanted['shard']}; each shard has a folder of its own")
-    for name in DECIDING:
-        there, here = manifest["versions"][name], wanted["versions"][name]
-        if there != here:
-            raise ConfigError(f"--out {folder}: was begun with {name} {there}, this is {here}; {ways}")
+    _check_same(manifest, wanted, f"--out {folder}", ways)
     return manifest
+
+
+def _check_same(manifest: Mapping[str, Any], wanted: Mapping[str, Any], where: str, ways: str) -> None:
+    """Raise ConfigError where further rows would come of other programs or files than those that are there."""
+    for name in DECIDING:
+        before, now = manifest["versions"][name], wanted["versions"][name]
+        if before != now:
+            raise ConfigError(f"{where}: was begun with {name} {before}, this is {now}; {ways}")
+    there, here = manifest.get("files", wanted["files"]), wanted["files"]
+    for name in sorted(there.keys() | here.keys()):
+        if there.get(name) != here.get(name):
+            raise ConfigError(f"{where}: {name} has changed since the batch was begun; {ways}")
+    for plugin in wanted["plugins"]:
+        if plugin not in manifest["plugins"]:
+            raise ConfigError(f"{where}: plugin {plugin['name']} has changed since the batch was begun; {ways}")
 
 
 def done(folder: Path, episodes: Sequence[Episode]) -> list[Row]:

@@ -12,10 +12,11 @@ from sumo_mcts.scene import Floats
 Z = 1.96  # of the 95 % interval
 RESAMPLES = 2000  # of a bootstrap interval
 SEED = 0  # of the resampling
-TWIN = "sumo"  # the planner whose episodes are the others' twins
+TWIN = "sumo"  # the planner whose episodes are the others' twins, and their variant where `twins` adds it
+TRAFFIC_DIGEST = "traffic_digest"  # the key that rows of a batch have beyond those of `run`: what everybody but the planner goes by
 
 Row = dict[str, Any]
-Place = tuple[str, int | None, str | None]  # scenario, seed, ego: what the two of a pair have in common
+Place = tuple[str, int | None, str | None, str | None]  # scenario, seed, ego, traffic: what the two of a pair have in common
 
 
 class Rate(NamedTuple):
@@ -47,7 +48,7 @@ class Contrast(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """Two episodes of the same scenario, seed and ego."""
+    """Two episodes of the same scenario, seed and ego, in the same traffic."""
 
     one: Row
     other: Row
@@ -100,7 +101,7 @@ def some(key: str) -> Callable[[Row], bool | None]:
 
 def place(row: Row) -> Place:
     """What an episode has in common with its twin."""
-    return row["scenario"], row["seed"], row["ego"]
+    return row["scenario"], row["seed"], row["ego"], row.get(TRAFFIC_DIGEST)
 
 
 def pairs(ones: Iterable[Row], others: Iterable[Row]) -> list[Pair]:

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError
 from sumo_mcts.experiments.experiment import DECIDING
-from sumo_mcts.experiments.statistics import TWIN, place
+from sumo_mcts.experiments.statistics import TRAFFIC_DIGEST, TWIN, place
 from sumo_mcts.experiments.worth import order
 from sumo_mcts.records import ROW_KEYS, Row
 
-_TEXTS = ("key", "scenario", "variant", "planner", "prediction", "ego", "outcome", "error", "trace_digest", "config_digest")
+_TEXTS = ("key", "scenario", "variant", "planner", "prediction", "ego", "outcome", "error", "trace_digest", "config_digest", TRAFFIC_DIGEST)
 _TRUTHS = ("at_fault", "inevitable", "in_time")
 _ORDER = ("mcts", "paper", "exhaustive")  # planners in the order in which they are shown; then all others,
 _LAST = ("idm", "random", "constant", TWIN)  # and these at the end
@@ -25,7 +25,7 @@ class Results(NamedTuple):
 
     name: str  # of the experiment or the only scenario, else of the folder
     description: str
-    rows: tuple[Row, ...]  # every key of ROW_KEYS; by scenario, variant, seed, ego
+    rows: tuple[Row, ...]  # every key of ROW_KEYS, and TRAFFIC_DIGEST of a batch; by scenario, variant, seed, ego
     traces: dict[str, Path]  # by the key of the row; only those that exist
     versions: dict[str, str]  # of the first folder that tells
     notes: tuple[str, ...]  # what a reader has to know about missing or broken things
@@ -83,7 +83,7 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
         notes.append(f"{folder}: {records.ROWS}: {torn} of its lines {'is' if torn == 1 else 'are'} not a whole row, and left out")
     if missing:
         notes.append(f"{folder}: {records.ROWS}: up to {max(missing.values())} of {len(lines)} rows are of another version, without {', '.join(missing)}")
-    rows = {line["key"]: {key: _kind(key, line.get(key)) for key in ROW_KEYS} for line in lines}
+    rows = {line["key"]: {key: _kind(key, line.get(key)) for key in (*ROW_KEYS, *({TRAFFIC_DIGEST} & line.keys()))} for line in lines}
     if not rows:
         notes.append(f"{folder}: {records.ROWS}: no episode in it")
     return rows, notes

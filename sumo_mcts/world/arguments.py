@@ -55,6 +55,12 @@ def network_of(sumocfg: str | None, net: str | None) -> str:
     return named[0]
 
 
+def files_of(sumo: SumoConfig) -> list[str]:
+    """The files that decide what SUMO simulates: those of the scenario, and those that its .sumocfg names. Raises ConfigError where that is none."""
+    named = [path for name in ("net-file", "route-files", "additional-files") for path in _named_in(sumo.sumocfg, name)]
+    return [path for path in (sumo.sumocfg, sumo.net, *sumo.routes, *sumo.additional, *named) if path is not None]
+
+
 def sumo_home() -> str:
     """The folder of the SUMO that this package comes with, whatever another one the environment names."""
     import sumo  # type: ignore[import-untyped]

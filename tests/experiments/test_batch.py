@@ -1,5 +1,7 @@
 """A batch leaves the rows that single episodes would, whatever happens on the way: none lost, none twice."""
 
+import errno
+import hashlib
 import json
 import os
 import resource
@@ -13,19 +15,22 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers_batch import SMALL, crash_or_drive, timeless, write
+from helpers_batch import SMALL, crash_or_drive, exhaust_or_drive, timeless, write
 
 from sumo_mcts import assets, cli, config, records, run_batch
-from sumo_mcts.config import ConfigError
+from sumo_mcts.config import ConfigError, digest
 from sumo_mcts.episode import run_episode
 from sumo_mcts.experiments import folder, workers
-from sumo_mcts.experiments.batch import Progress, _Batch, listed
+from sumo_mcts.experiments.batch import BatchError, Progress, _Batch, _kind, listed
 from sumo_mcts.experiments.drive import choose, drive, failed, rehearse
-from sumo_mcts.experiments.experiment import Egos, Episode, episodes, load
+from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode, episodes, load
+from sumo_mcts.experiments.statistics import Pair, pairs
 from sumo_mcts.experiments.workers import LocalPool, local
 from sumo_mcts.experiments.worth import Worth
+from sumo_mcts.reporting.results import gather
 
 GOOD = Path(__file__).parent.parent / "bad_inputs" / "good.sumocfg"
+NET = GOOD.parent.parent.parent / "networks" / "crossing" / "crossing.net.xml"
 SLOW = SMALL.replace("name: small", "name: slow").replace("0..1", "0..14") + "set: {sumo.step_length_s: 0.02}\n"
 
 Reference = tuple[Path, list[records.Row]]
@@ -143,6 +148,19 @@ def test_two_workers_and_two_shards_give_the_same(whole: Reference, tmp_path: Pa
     assert sum(part[-1].collisions for part in told) == sum(row["outcome"] == "collision" for row in rows) > 0
     with pytest.raises(ConfigError, match="holds shard 1/2, not 2/2; each shard has a folder of its own"):
         run_batch(write(tmp_path), tmp_path / "1", shard=(2, 2))
+
+
+def test_pairs_are_made_in_the_same_traffic(whole: Reference, tmp_path: Path) -> None:
+    out, rows = whole
+    pair = [Pair(row, twin) for row, twin in zip(rows[::2], rows[1::2], strict=True)]
+    assert pairs(rows[::2], rows[1::2]) == pair
+    assert {row["traffic_digest"] for row in rows} == {digest(case.base, TRAFFIC) for case in load(write(tmp_path)).cases}
+    other = "name: x\nscenarios: [highway-exit]\nvariants: {constant: {planner.name: constant}, sumo: {planner.name: sumo, episode.time_limit_s: 50.0}}\n"
+    driven = run_batch(write(tmp_path, other), tmp_path / "out", jobs=1)
+    assert [row["planner"] for row in driven] == ["constant", "sumo"]
+    assert pairs(driven[:1], driven[1:]) == []
+    assert failed(episodes(load(write(tmp_path)), {})[0], "a reason")[0]["traffic_digest"] == rows[0]["traffic_digest"]
+    assert {row["key"]: row["traffic_digest"] for row in gather([out]).rows} == {row["key"]: row["traffic_digest"] for row in rows}  # as a report reads them
 
 
 # --- interrupted ---
@@ -268,6 +286,18 @@ def test_an_episode_that_takes_its_worker_along(whole: Reference, tmp_path: Path
     assert len(on_disk(tmp_path / "out")) == 4
 
 
+def test_a_worker_without_room_ends_the_batch_and_no_row_is_spoilt(whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EXHAUST", "highway-exit--constant--0")
+    found, out = episodes(load(write(tmp_path)), {}), tmp_path / "out"
+    said = r"episode highway-exit--constant--0: Too many open files; what is done is kept, and the same command goes on when that is mended"
+    with local(1) as crew, pytest.raises(BatchError, match=said):
+        _Batch(out, found, "worth", lambda _: None, exhaust_or_drive).run(crew)
+    assert timeless(on_disk(out)) == timeless(whole[1][:2])
+    with local(1) as crew:
+        rows = _Batch(out, found, "worth", lambda _: None).run(crew)
+    assert timeless(rows) == timeless(whole[1])
+
+
 # --- folders ---
 
 
@@ -294,17 +324,67 @@ def test_versions_do_not_mix(whole: Reference, tmp_path: Path) -> None:
         run_batch(write(tmp_path), tmp_path / "out")
 
 
+def test_files_and_plugins_do_not_mix(tmp_path: Path) -> None:
+    """The scenario says the same before and after: what has changed is only in what it names."""
+    (tmp_path / "net").mkdir()
+    for file, name in ((NET, "net/mine.net.xml"), (GOOD.with_name("one.rou.xml"), "mine.rou.xml")):
+        shutil.copy(file, tmp_path / name)
+    named = "<net-file value='net/mine.net.xml'/><route-files value='mine.rou.xml'/>"
+    (tmp_path / "mine.sumocfg").write_text(f"<configuration>{named}</configuration>")
+    experiment, out = write(tmp_path, network("[ego]").replace(str(GOOD), "mine.sumocfg")), tmp_path / "out"
+    rows = run_batch(experiment, out, jobs=1)
+    manifest = json.loads((out / records.MANIFEST).read_text())
+    assert list(manifest["files"]) == ["mine.net.xml", "mine.rou.xml", "mine.sumocfg"]
+    for name in manifest["files"]:
+        (path,) = tmp_path.rglob(name)
+        before = path.read_bytes()
+        assert manifest["files"][name] == [hashlib.sha256(before).hexdigest()]
+        path.write_bytes(before + b"<!-- -->")
+        with pytest.raises(ConfigError, match=f"{name} has changed since the batch was begun; take another --out, or --fresh"):
+            run_batch(experiment, out, jobs=1)
+        path.write_bytes(before)
+    assert run_batch(experiment, out, jobs=1) == rows
+    plugin = {"key": "planner.name", "name": "mine", "code": "mine:Mine", "package": {"name": "mine", "version": "1"}}
+    now = {**manifest, "plugins": [{**plugin, "package": {"name": "mine", "version": "2"}}]}
+    records.write_manifest(out, {**manifest, "plugins": [plugin]})
+    with pytest.raises(ConfigError, match="plugin mine has changed since the batch was begun"):
+        folder.begun(out, now)
+
+
 def test_fresh_removes_what_a_batch_leaves_and_nothing_else(whole: Reference, tmp_path: Path) -> None:
     small, out = begun(whole, tmp_path)
     records.append_row(out, whole[1][0])
-    for name in ("traces/a.npz", "figures/b.png", "report.html", "mine.txt", "further/c.txt"):
+    for name in ("traces/a.npz", "tables/b.csv", "report.html", "mine.txt", "figures/c.png"):
         (out / name).parent.mkdir(exist_ok=True)
         (out / name).touch()
     assert sum(item.done for item in listed(small, out)) == 1
     assert sum(item.done for item in listed(small, out, fresh=True)) == 0
     folder.clear(out)
-    assert {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()} == {"mine.txt", "further/c.txt"}
+    assert {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()} == {"mine.txt", "figures/c.png"}
     assert folder.begun(out, {}) is None
+
+
+@pytest.mark.parametrize("manifest", [{"scenario": {"name": "x"}}, None])
+def test_fresh_leaves_alone_what_no_batch_wrote(manifest: dict[str, Any] | None, whole: Reference, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    records.append_row(out, whole[1][0])
+    if manifest is not None:
+        records.write_manifest(out, manifest)
+    for name in ("figures/a.png", "report.html", "tables/b.csv", "traces/c.npz"):
+        (out / name).parent.mkdir(exist_ok=True)
+        (out / name).touch()
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    what = r"holds rows without manifest\.json" if manifest is None else "holds something else than a batch"
+    for attempt in (lambda: run_batch(write(tmp_path), out, fresh=True), lambda: listed(write(tmp_path), out, fresh=True), lambda: folder.clear(out)):
+        with pytest.raises(ConfigError, match=f"{what}; take another --out$"):
+            attempt()
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_fresh_takes_nothing_from_a_folder_without_a_batch(tmp_path: Path) -> None:
+    (tmp_path / "report.html").touch()  # of `sumo-mcts report --out`
+    folder.clear(tmp_path)
+    assert (tmp_path / "report.html").exists()
 
 
 def test_one_batch_at_a_time(whole: Reference, tmp_path: Path) -> None:
@@ -351,6 +431,19 @@ def test_an_exception_is_the_outcome(two: Episode, monkeypatch: pytest.MonkeyPat
     assert driven.traces == {}
 
 
+@pytest.mark.parametrize("error", [MemoryError(), *(OSError(getattr(errno, name), name) for name in ("ENOSPC", "EDQUOT", "ENFILE", "ENOMEM", "EIO"))])
+def test_what_the_machine_lacks_is_no_outcome(error: Exception, two: Episode, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("sumo_mcts.experiments.drive.run_episode", broken)
+    monkeypatch.setattr("sumo_mcts.experiments.drive.warm_up", broken)
+    with pytest.raises(type(error)):
+        drive(two, Worth("all").bar("two", "constant"))
+    with pytest.raises(type(error)):
+        rehearse(two.config, 0)
+
+
 # --- networks of the user ---
 
 
@@ -392,6 +485,32 @@ def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     for wrong, said in (("sumo.options={warp-speed: 9}", "SUMO does not start"), ("egos=[{id: ego, until: nowhere}]", "the network has no edge nowhere")):
         assert said in rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant", wrong)), 0)
     assert rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant",)), 0) == ""
+
+
+@pytest.mark.parametrize(
+    ("refused", "said"),
+    [
+        (
+            "planner.options: {number: 2}",
+            "planner.name: helpers_batch:Picky: does not take planner.options {'number': 2}: ValueError: number: 1 and nothing else",
+        ),
+        ("cost.term: 'helpers_batch:rate'", "cost.term: helpers_batch:rate: cannot be compiled: "),
+    ],
+)
+def test_what_a_plugin_refuses_in_a_later_variant(refused: str, said: str, tmp_path: Path) -> None:
+    """Both variants have the same planner and predictor; one of them is fine."""
+    picky = "planner.name: 'helpers_batch:Picky', planner.options: {number: 1}"
+    text = f"name: x\nscenarios: [highway-exit]\nset: {{{picky}}}\nvariants: {{good: {{}}, bad: {{{refused}}}}}\n"
+    with pytest.raises(ConfigError) as problem:
+        run_batch(write(tmp_path, text), tmp_path / "out", jobs=1, allow_plugins=True)
+    assert str(problem.value).startswith(f"{tmp_path / 'small.yaml'}: scenarios: highway-exit: {said}")
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_makes_no_difference_to_the_start_is_rehearsed_once(tmp_path: Path) -> None:
+    text = "name: x\nscenarios: [highway-exit]\nvariants: {a: {}, b: {planner.iterations: 7}, c: {cost.jerk: 1.0}, d: {sensor.range_m: 50}}\n"
+    kinds = {variant: _kind(config) for variant, config in load(write(tmp_path, text)).cases[0].configs.items()}
+    assert kinds["a"] == kinds["b"] == kinds["c"] != kinds["d"]
 
 
 # --- the command ---

@@ -46,6 +46,12 @@ def test_pairs_share_scenario_seed_and_ego() -> None:
     assert [(pair.one["seed"], pair.other["travel_time_s"]) for pair in pairs(ones, others)] == [(2, 7.0)]
 
 
+def test_pairs_share_the_traffic() -> None:
+    ones, others = ([row(seed, traffic_digest=traffic) for seed, traffic in enumerate(known)] for known in (("a", "a", None, None), ("a", "b", "a", None)))
+    assert [pair.one["seed"] for pair in pairs(ones, others)] == [0, 3]
+    assert [pair.other["seed"] for pair in pairs([row(0)], [row(0, traffic_digest="a"), row(0, traffic_digest=None)])] == [0]
+
+
 def test_who_does_not_arrive_takes_for_ever_and_whose_twin_does_not_is_left_out() -> None:
     both = [Pair(row(travel_time_s=5.0), row()), Pair(stopped(), row()), Pair(row(travel_time_s=9.0), row()), Pair(row(travel_time_s=1.0), stopped())]
     found = time_ratio(both)

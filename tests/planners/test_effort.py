@@ -251,4 +251,6 @@ def test_there_is_an_answer_however_short_the_time(monkeypatch: pytest.MonkeyPat
 
 def test_a_deadline_that_is_kept_can_be_enforced(monkeypatch: pytest.MonkeyPatch) -> None:
     row, _ = timed(monkeypatch, "unprotected-left-turn", "planner.time_budget_ms=60", "planner.enforce_deadline=true")
-    assert row["outcome"] == "arrived" and row["failsafe_interventions"] <= row["deadline_misses"] <= 3  # one that is nearly late may be late only when all is told
+    assert (
+        row["outcome"] == "arrived" and row["failsafe_interventions"] <= row["deadline_misses"] <= 3
+    )  # one that is nearly late may be late only when all is told
