@@ -342,6 +342,21 @@ def load_trace(path: Path) -> Trace:
     return trace
 
 
+def scenario_of(setting: Setting) -> dict[str, Any]:
+    """The resolved scenario of an episode; empty: unknown. Raises TraceError where the text is none."""
+    if not setting.config:
+        return {}
+    try:
+        scenario: dict[str, Any] = json.loads(setting.config)
+        names = scenario["planner"]["name"], scenario["prediction"]["name"]
+        resolved = all(isinstance(name, str) for name in names) and scenario["planner"]["period_s"] > 0.0
+    except (ValueError, RecursionError, TypeError, KeyError):
+        resolved = False
+    if not resolved:
+        raise TraceError("the scenario in it is not a resolved one")
+    return scenario
+
+
 def same(kind: type, one: Any, other: Any) -> bool:
     """Whether two values of this kind leave the same record, to the last bit that is kept."""
     before, after = _columns(kind, one), _columns(kind, other)
