@@ -158,6 +158,15 @@ def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
     write_whole(folder / MANIFEST, (json_text({"schema_version": SCHEMA_VERSION, **manifest}) + "\n").encode())
 
 
+def read_manifest(folder: Path) -> dict[str, Any] | None:
+    """manifest.json; None where it is damaged. Raises OSError where there is none, or it cannot be read."""
+    try:
+        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
 def versions() -> dict[str, str | None]:
     """What this ran on; null where a package is not installed."""
     packages = {"sumo_mcts": "sumo-mcts", "sumo": "libsumo", "numpy": "numpy", "numba": "numba"}

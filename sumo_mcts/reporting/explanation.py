@@ -58,7 +58,7 @@ def explain_again(trace: Trace, road: RoadMap, number: int, overrides: Sequence[
         "set": list(overrides),
         "identical": same(Decision, thought.decision, cycle.decision),
         "same_command": _command(thought.decision) == _command(cycle.decision),
-        "reproducible": config.planner.time_budget_ms is None and not config.planner.enforce_deadline,
+        "reproducible": config.reproducible,
         **_thought(again, road, setting),
     }
 
