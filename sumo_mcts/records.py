@@ -9,6 +9,7 @@ import os
 import platform
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import metadata
 from itertools import pairwise
 from pathlib import Path
@@ -180,12 +181,18 @@ def json_text(value: Any, indent: int | None = 2) -> str:
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file wholly or not at all, and for good; creates the folder. Raises OSError."""
+    with written_whole(path) as unfinished:
+        unfinished.write_bytes(content)
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """Names a file to write, which in the end takes the place of `path`, unless something was raised; creates the folder. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
+        yield temporary
+        with temporary.open("r+b") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
     finally:
