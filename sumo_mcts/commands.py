@@ -285,11 +285,11 @@ def write(result: EpisodeResult, out: Path, command: Sequence[str], note: Note) 
     records.write_csv(out)
     if result.traces and result.road is not None:
         records.save_map(out, result.road)
-    (out / "traces").mkdir(exist_ok=True)
+    (out / records.TRACES).mkdir(exist_ok=True)
     (out / "figures").mkdir(exist_ok=True)
     shown = []
     for trace in result.traces:
-        records.save_trace(out / "traces" / f"{trace.key}.npz", trace)
+        records.save_trace(out / records.TRACES / f"{trace.key}.npz", trace)
         picture, film = out / "figures" / f"{trace.key}.png", out / "figures" / f"{trace.key}.gif"
         note("drawing the storyboard")
         birdseye.storyboard(trace, picture)

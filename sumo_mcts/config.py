@@ -399,6 +399,11 @@ class ScenarioConfig(_Section):
     cost: CostConfig = CostConfig()
     failsafe: FailSafeConfig = FailSafeConfig()
 
+    @property
+    def reproducible(self) -> bool:
+        """Whether no clock has a say in decisions."""
+        return self.planner.time_budget_ms is None and not self.planner.enforce_deadline
+
 
 def load(path: Path, overrides: tuple[str, ...] = (), *, allow_plugins: bool = False) -> ScenarioConfig:
     """Read a scenario file; `overrides` are `a.b=c` assignments. Files that it names are made absolute. Raises ConfigError, also where the file names

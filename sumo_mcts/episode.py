@@ -505,5 +505,5 @@ def _manifest(config: ScenarioConfig, seed: int | None, loop: Loop) -> dict[str,
         "sumo_arguments": loop.arguments,
         "set_by_referee": REFEREE_OPTIONS,
         "step_s": loop.world.physics.step,
-        "reproducible": config.planner.time_budget_ms is None and not config.planner.enforce_deadline,
+        "reproducible": config.reproducible,
     }

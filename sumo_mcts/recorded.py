@@ -1,13 +1,12 @@
 """What the commands do with recorded episodes, as plain functions: no printing, no exit codes, and no SUMO."""
 
-import json
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_mcts.config import ConfigError
-from sumo_mcts.records import MAPS, TRACES, Trace, TraceError, load_map, load_trace, read_rows
+from sumo_mcts.records import MAPS, TRACES, Trace, TraceError, load_map, load_trace, read_rows, scenario_of
 from sumo_mcts.scene import RoadMap
 
 PICTURES, TABLES = ("png", "gif", "mp4"), ("csv", "fcd")
@@ -50,10 +49,15 @@ def chosen(folder: Path, episode: str | None) -> str | None:
 
 def trace_of(folder: Path, key: str) -> Trace:
     """The trace of an episode. Raises ConfigError where it cannot be read or holds no decision."""
+    path = folder / TRACES / f"{key}.npz"
     try:
-        trace = load_trace(folder / TRACES / f"{key}.npz")
+        trace = load_trace(path)
     except TraceError as error:
         raise ConfigError(str(error)) from None
+    try:
+        scenario_of(trace.setting)
+    except TraceError as error:
+        raise ConfigError(f"{path}: {error}") from None
     if not trace.cycles:
         raise ConfigError(f"{folder}: --episode {key}: its trace holds no decision")
     return trace
@@ -141,7 +145,8 @@ def explanation_text(told: dict[str, Any]) -> str:
 def _cycle_at(trace: Trace, at: float | None) -> int:
     """The decision in force at a time. Raises ConfigError outside the episode, or without a time."""
     times = [cycle.time for cycle in trace.cycles]
-    period = json.loads(trace.setting.config)["planner"]["period_s"] if trace.setting.config else 0.0
+    scenario = scenario_of(trace.setting)
+    period = scenario["planner"]["period_s"] if scenario else 0.0
     if at is None or not times[0] - 1e-6 <= at <= times[-1] + period + 1e-6:
         given = "not given" if at is None else f"{at:g}"
         raise ConfigError(f"--at: {given}; {trace.key} was driven from {times[0]:g} s to {times[-1] + period:g} s")

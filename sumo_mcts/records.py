@@ -9,6 +9,7 @@ import os
 import platform
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import metadata
 from itertools import pairwise
 from pathlib import Path
@@ -158,6 +159,15 @@ def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
     write_whole(folder / MANIFEST, (json_text({"schema_version": SCHEMA_VERSION, **manifest}) + "\n").encode())
 
 
+def read_manifest(folder: Path) -> dict[str, Any] | None:
+    """manifest.json; None where it is damaged. Raises OSError where there is none, or it cannot be read."""
+    try:
+        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
 def versions() -> dict[str, str | None]:
     """What this ran on; null where a package is not installed."""
     packages = {"sumo_mcts": "sumo-mcts", "sumo": "libsumo", "numpy": "numpy", "numba": "numba"}
@@ -171,12 +181,18 @@ def json_text(value: Any, indent: int | None = 2) -> str:
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file wholly or not at all, and for good; creates the folder. Raises OSError."""
+    with written_whole(path) as unfinished:
+        unfinished.write_bytes(content)
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """Names a file to write, which in the end takes the place of `path`, unless something was raised; creates the folder. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
+        yield temporary
+        with temporary.open("r+b") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
     finally:
@@ -340,6 +356,21 @@ def load_trace(path: Path) -> Trace:
     """Read a trace. Raises TraceError where the file is broken or of another format, OSError where it cannot be read."""
     trace: Trace = _load(path, Trace, "trace")
     return trace
+
+
+def scenario_of(setting: Setting) -> dict[str, Any]:
+    """The resolved scenario of an episode; empty: unknown. Raises TraceError where the text is none."""
+    if not setting.config:
+        return {}
+    try:
+        scenario: dict[str, Any] = json.loads(setting.config)
+        names = scenario["planner"]["name"], scenario["prediction"]["name"]
+        resolved = all(isinstance(name, str) for name in names) and scenario["planner"]["period_s"] > 0.0
+    except (ValueError, RecursionError, TypeError, KeyError):
+        resolved = False
+    if not resolved:
+        raise TraceError("the scenario in it is not a resolved one")
+    return scenario
 
 
 def same(kind: type, one: Any, other: Any) -> bool:

@@ -1,24 +1,24 @@
 """One recorded decision taken again: from the trace and its map alone, without SUMO, with the recorded settings or with others."""
 
-import json
 from collections.abc import Sequence
 
 from sumo_mcts.config import ConfigError, ScenarioConfig, build, is_oracle
 from sumo_mcts.driver import Driver, Physics, Thought, prediction_label
 from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.model.traffic import Scripted
-from sumo_mcts.records import CycleRecord, Setting, Trace
+from sumo_mcts.records import CycleRecord, Setting, Trace, scenario_of
 from sumo_mcts.scene import Follow, Ints, PlannerMemory, Release, RoadMap, Scene
 
 
 def recorded_config(setting: Setting, overrides: Sequence[str] = (), *, allow_plugins: bool = False) -> ScenarioConfig:
-    """The scenario that a trace was recorded with, with some keys set otherwise; code that it names only where that is allowed. Raises ConfigError."""
-    return build(json.loads(setting.config), "the trace's scenario", tuple(overrides), allow_plugins=allow_plugins)
+    """The scenario that a trace was recorded with, with some keys set otherwise; code that it names only where that is allowed. Raises ConfigError,
+    and TraceError where the trace holds none."""
+    return build(scenario_of(setting), "the trace's scenario", tuple(overrides), allow_plugins=allow_plugins)
 
 
 def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> Thought:
     """The decision of a cycle, taken again from what is recorded. Raises ConfigError where another oracle would have to be asked."""
-    now, setting, before = trace.cycles[cycle], trace.setting, json.loads(trace.setting.config)
+    now, setting, before = trace.cycles[cycle], trace.setting, scenario_of(trace.setting)
     physics = Physics(setting.step, setting.ballistic, setting.change_duration)
     memory = now.memory if config.planner.name == before["planner"]["name"] else now.memory._replace(planner=PlannerMemory())
     driver = Driver(config, road, physics, setting.seed, _witness(now, before["prediction"]["name"], config))

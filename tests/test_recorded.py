@@ -192,6 +192,16 @@ def test_the_moment_may_be_anywhere_in_the_episode(recorded: Path) -> None:
         assert json.loads(call("explain", recorded, "--at", at, "--json").out)["cycle"] == number
 
 
+@pytest.mark.parametrize("damaged", ["{", "3", "{}", '{"planner": {"name": "mcts"}}', '{"planner": 1, "prediction": 2}', "[" * 99_999, "PERIOD"])
+def test_a_scenario_in_a_trace_that_is_none_is_told(damaged: str, several: Path) -> None:
+    text = '{"planner": {"name": "mcts", "period_s": "soon"}, "prediction": {"name": "idm"}}' if damaged == "PERIOD" else damaged
+    path = several / records.TRACES / "crossing--mcts--7.npz"
+    trace = records.load_trace(path)
+    keep_trace(several, trace._replace(setting=trace.setting._replace(config=text)))
+    for more in ((), ("--at", "1"), ("--at", "1", "--replan")):
+        assert error_of("explain", several, "--episode", "crossing--mcts--7", *more) == f"{path}: the scenario in it is not a resolved one"
+
+
 def test_a_trace_of_another_format_and_a_broken_one_are_told(several: Path) -> None:
     path = several / records.TRACES / "crossing--mcts--7.npz"
     with np.load(path) as archive:

@@ -222,7 +222,7 @@ def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict
         "plugins": [each for _, each in sorted({str(each): each for config in configs for each in plugins.described(config)}.items())],
         "command": ["sumo-mcts", *command] if command else None,
         "set_by_referee": REFEREE_OPTIONS,
-        "reproducible": all(planner.time_budget_ms is None and not planner.enforce_deadline for planner in (config.planner for config in configs)),
+        "reproducible": all(config.reproducible for config in configs),
     }
 
 

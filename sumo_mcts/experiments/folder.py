@@ -1,6 +1,5 @@
 """The folder of a batch: whose it is, which rows it holds, and one more at a time."""
 
-import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -133,8 +132,4 @@ def drop_traces(folder: Path, keys: set[str]) -> None:
 
 def _manifest(folder: Path) -> dict[str, Any]:
     """The manifest in a folder; empty where it is none."""
-    try:
-        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except ValueError:
-        return {}
-    return found if isinstance(found, dict) else {}
+    return records.read_manifest(folder) or {}

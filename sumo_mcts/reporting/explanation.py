@@ -1,6 +1,5 @@
 """Why the ego did what it did at one moment: from a trace, as plain data. `explanation_text.py` puts it in words."""
 
-import json
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +12,7 @@ from sumo_mcts.model.geometry import box_distance
 from sumo_mcts.model.local import ego_state
 from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.failsafe import coming
-from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Setting, Trace, same
+from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Setting, Trace, same, scenario_of
 from sumo_mcts.replan import recorded_config, replan
 from sumo_mcts.reporting.birdseye import action_words
 from sumo_mcts.scene import BRAKES, FORCES, TERMS, TURNS, Decision, Floats, Follow, Intent, RoadMap, RootChild
@@ -25,7 +24,7 @@ def explain(trace: Trace, road: RoadMap | None, number: int) -> dict[str, Any]:
     """What the ego knew, weighed and did in a cycle, and what came of it. Without `road` lanes go by their numbers."""
     cycle = trace.cycles[number]
     after = trace.cycles[number + 1] if number + 1 < len(trace.cycles) else None
-    config = _config(trace.setting)
+    scenario = scenario_of(trace.setting)
     return {
         "schema_version": SCHEMA_VERSION,
         "key": trace.key,
@@ -33,7 +32,7 @@ def explain(trace: Trace, road: RoadMap | None, number: int) -> dict[str, Any]:
         "time_s": cycle.time,
         "cycle": number + 1,
         "cycles": len(trace.cycles),
-        "planner": config.get("planner", {}).get("name"),
+        "planner": scenario.get("planner", {}).get("name"),
         "prediction": _prediction(trace),
         **_thought(cycle, road, trace.setting),
         "executed": {
@@ -59,7 +58,7 @@ def explain_again(trace: Trace, road: RoadMap, number: int, overrides: Sequence[
         "set": list(overrides),
         "identical": same(Decision, thought.decision, cycle.decision),
         "same_command": _command(thought.decision) == _command(cycle.decision),
-        "reproducible": config.planner.time_budget_ms is None and not config.planner.enforce_deadline,
+        "reproducible": config.reproducible,
         **_thought(again, road, setting),
     }
 
@@ -211,7 +210,7 @@ def _action(children: Sequence[RootChild], i: int, setting: Setting) -> dict[str
 
 def _name(children: Sequence[RootChild], i: int, setting: Setting) -> str:
     """What kind of action it is. In the search of `mcts` car following is always the first, and the last plan carried on comes last and was not visited."""
-    if _config(setting).get("planner", {}).get("name") != "mcts":
+    if scenario_of(setting).get("planner", {}).get("name") != "mcts":
         return "acceleration"
     if children[i].visits == 0:
         return "last plan, carried on"
@@ -226,16 +225,11 @@ def _command(decision: Decision) -> tuple[Any, ...]:
 def _prediction(trace: Trace) -> str | None:
     """What the forecast is called that the planner read; None: it read none. Code that the trace names is not run: whether a plugin reads a forecast, and
     whether one is an oracle, is seen by what was recorded."""
-    config = _config(trace.setting)
-    planner, name = (config.get(section, {}).get("name") for section in ("planner", "prediction"))
+    scenario = scenario_of(trace.setting)
+    planner, name = (scenario.get(section, {}).get("name") for section in ("planner", "prediction"))
     read = planner in FORECASTING if planner in PLANNERS or planner is None else any(cycle.forecast.pose.size for cycle in trace.cycles)
     oracle = name not in PREDICTORS and any(cycle.answers.ways or len(cycle.answers.agent) for cycle in trace.cycles)
     return None if not read else f"{name}{ORACLE_MARK}" if oracle else name
-
-
-def _config(setting: Setting) -> dict[str, Any]:
-    config: dict[str, Any] = json.loads(setting.config or "{}")
-    return config
 
 
 def _lane(road: RoadMap | None, lane: int) -> str | None:

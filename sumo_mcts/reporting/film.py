@@ -1,13 +1,12 @@
 """The animation of an episode as a video file (MP4, H.264). Needs the extra `video`, which brings an encoder along."""
 
-import os
 from itertools import chain, repeat
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from sumo_mcts.records import Trace
+from sumo_mcts.records import Trace, written_whole
 from sumo_mcts.reporting.birdseye import FPS, HOLD_MS, Note, frames, silent
 
 WIDTH = 1080  # px
@@ -26,12 +25,11 @@ def film(trace: Trace, path: Path, note: Note = silent) -> None:
         raise EncoderError("needs an encoder that is not installed: pip install 'sumo-mcts[video]'; png and gif need none") from None
     drawn = map(_even, frames(trace, WIDTH, FPS, note))
     first = next(drawn)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.stem}.{os.getpid()}.mp4")
-    unfinished.touch()  # where nothing can be written this says so
-    try:
+    with written_whole(path) as unfinished:
+        unfinished.touch()  # where nothing can be written this says so
         encoder = encoders.write_frames(
-            str(unfinished), first.size, fps=FPS, quality=QUALITY, codec="libx264", macro_block_size=2, ffmpeg_log_level="error"
+            str(unfinished), first.size, fps=FPS, quality=QUALITY, codec="libx264", macro_block_size=2, ffmpeg_log_level="error",
+            output_params=["-f", "mp4"],
         )  # fmt: skip
         encoder.send(None)
         frame = first
@@ -40,9 +38,6 @@ def film(trace: Trace, path: Path, note: Note = silent) -> None:
         for last in repeat(np.asarray(frame), HOLD_MS * FPS // 1000):
             encoder.send(last)
         encoder.close()
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def _even(frame: Image.Image) -> Image.Image:

@@ -1,6 +1,5 @@
 """What folders of results hold, merged: the rows, where their traces lie, and what is wrong with them."""
 
-import json
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -124,12 +123,12 @@ def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list
 def _manifest_of(folder: Path, notes: list[str]) -> dict[str, Any]:
     """The manifest, empty where there is none that can be read; a word in `notes` where it is broken."""
     try:
-        manifest = json.loads((folder / records.MANIFEST).read_text(encoding="utf-8"))
+        manifest = records.read_manifest(folder)
     except FileNotFoundError:
         return {}
-    except (ValueError, OSError):
+    except OSError:
         manifest = None
-    if not isinstance(manifest, dict):
+    if manifest is None:
         notes.append(f"{folder}: {records.MANIFEST}: not a manifest, and left out")
         return {}
     return manifest
@@ -160,5 +159,5 @@ def _versions(manifests: Iterable[dict[str, Any]]) -> dict[str, str]:
 
 def _traces_of(folder: Path, keys: Iterable[str]) -> dict[str, Path]:
     """The traces that are there."""
-    there = {path.stem: path for path in (folder / "traces").glob("*.npz")}
+    there = {path.stem: path for path in (folder / records.TRACES).glob("*.npz")}
     return {key: there[key] for key in keys if key in there}

@@ -30,6 +30,18 @@ def test_the_film_holds_every_frame_and_stays_on_the_last(tmp_path: Path) -> Non
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["f.mp4"]
 
 
+def test_a_film_that_is_broken_off_leaves_the_old_one(tmp_path: Path) -> None:
+    (tmp_path / "f.mp4").write_bytes(b"old")
+
+    def interrupted(said: str) -> None:
+        if said.endswith("frame 8 of 16"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        film.film(crossing_trace()._replace(cycles=crossing_trace().cycles[:4]), tmp_path / "f.mp4", interrupted)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("f.mp4", b"old")]
+
+
 def test_sizes_are_made_even() -> None:
     frame = next(iter(birdseye.frames(crossing_trace(), 721, birdseye.FPS)))
     assert frame.width % 2 == 1

@@ -86,7 +86,7 @@ def test_rows_of_another_version_are_told_and_filled(tmp_path: Path) -> None:
     assert found.notes == (f"{tmp_path}: {ROWS}: up to 1 of 2 rows are of another version, without decision_flips, min_pet_s",)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", "\udcff"])
+@pytest.mark.parametrize("text", ["{", "[]", "\udcff", "[" * 200_000, '{"a": ' + "9" * 5000 + "}"])
 def test_a_broken_manifest_is_told(text: str, tmp_path: Path) -> None:
     (write_rows(tmp_path, [made_row()]) / MANIFEST).write_bytes(text.encode(errors="surrogateescape"))
     assert gather([tmp_path]).notes == (f"{tmp_path}: {MANIFEST}: not a manifest, and left out",)
