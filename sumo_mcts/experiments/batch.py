@@ -156,11 +156,14 @@ class _Batch:
         folder.drop_traces(self._out, lost)
 
     def _hand_out(self, crew: Crew) -> None:
-        room = crew.most() - len(self._flying)
-        for _ in range(min(room, len(self._waiting))):
-            episode = self._waiting.popleft()
-            bar = self._worth.bar(episode.config.name, episode.variant)
-            self._flying[crew.executor.submit(self._drive, episode, bar)] = episode
+        try:
+            room = crew.most() - len(self._flying)
+            for _ in range(min(room, len(self._waiting))):
+                episode = self._waiting.popleft()
+                bar = self._worth.bar(episode.config.name, episode.variant)
+                self._flying[crew.executor.submit(self._drive, episode, bar)] = episode
+        except Exception as error:  # of a scheduler that is gone
+            raise _lost(error) from None
 
     def _take(self, future: "Future[Driven]", deaths: type[Exception]) -> None:
         """Keep what an episode left, or have it driven again."""
@@ -178,7 +181,7 @@ class _Batch:
                 raise
             if drive.of_machine(error):
                 raise _exhausted(f"episode {episode.keys[0]}", error) from None
-            raise BatchError(f"the workers are lost ({_told(error)}); what is done is kept, and the same command goes on") from None
+            raise _lost(error) from None
         _kept(self._out, lambda: self._keep(driven))
 
     def _keep(self, driven: Driven) -> None:
@@ -331,6 +334,11 @@ def _kept(out: Path, write: Callable[[], object]) -> None:
         write()
     except OSError as error:
         raise _exhausted(f"--out {out}", error) from None
+
+
+def _lost(error: BaseException) -> BatchError:
+    """What to say where nobody is left to drive."""
+    return BatchError(f"the workers are lost ({_told(error)}); what is done is kept, and the same command goes on")
 
 
 def _exhausted(where: str, error: BaseException) -> BatchError:

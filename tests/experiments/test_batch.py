@@ -307,6 +307,15 @@ def test_a_worker_without_room_ends_the_batch_and_no_row_is_spoilt(whole: Refere
     assert timeless(rows) == timeless(whole[1])
 
 
+def test_a_crew_that_cannot_be_asked_any_more_is_lost(whole: Reference, tmp_path: Path) -> None:
+    def gone() -> int:
+        raise OSError("the scheduler does not answer")
+
+    found, out = episodes(load(write(tmp_path)), {}), tmp_path / "out"
+    with local(1) as crew, pytest.raises(BatchError, match=r"the workers are lost \(OSError the scheduler does not answer\); what is done is kept"):
+        _Batch(out, found, "worth", lambda _: None).run(crew._replace(most=gone))
+
+
 # --- folders ---
 
 
