@@ -23,6 +23,7 @@ from sumo_mcts.world.arguments import REFEREE_OPTIONS, files_of
 
 TRIES = 2  # of an episode whose worker dies
 WHOLE = (1, 1)  # the only shard
+SHARDS = "i/n with i from 1 to n, as in 2/8"  # what is allowed
 NEWS_S = 0.5  # between two words about the progress
 
 _T = TypeVar("_T")
@@ -106,7 +107,8 @@ def listed(
 ) -> list[Listing]:
     """What `run_batch` would drive; nothing is written. Raises as it does."""
     plan = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins)
-    manifest = None if out is None else _begun(Path(out), _manifest(plan, shard, ()), fresh)
+    wanted = _manifest(plan, shard, ())
+    manifest = None if out is None else _begun(Path(out), wanted, fresh)
     with workers.local(1) as crew:
         found = _part(plan, manifest["egos"] if manifest is not None else _chosen(plan, crew, _nobody), shard)
     done = set() if manifest is None or out is None else {row["key"] for row in folder.done(Path(out), found)}
@@ -154,11 +156,14 @@ class _Batch:
         folder.drop_traces(self._out, lost)
 
     def _hand_out(self, crew: Crew) -> None:
-        room = crew.most() - len(self._flying)
-        for _ in range(min(room, len(self._waiting))):
-            episode = self._waiting.popleft()
-            bar = self._worth.bar(episode.config.name, episode.variant)
-            self._flying[crew.executor.submit(self._drive, episode, bar)] = episode
+        try:
+            room = crew.most() - len(self._flying)
+            for _ in range(min(room, len(self._waiting))):
+                episode = self._waiting.popleft()
+                bar = self._worth.bar(episode.config.name, episode.variant)
+                self._flying[crew.executor.submit(self._drive, episode, bar)] = episode
+        except Exception as error:  # of a scheduler that is gone
+            raise _lost(error) from None
 
     def _take(self, future: "Future[Driven]", deaths: type[Exception]) -> None:
         """Keep what an episode left, or have it driven again."""
@@ -176,7 +181,7 @@ class _Batch:
                 raise
             if drive.of_machine(error):
                 raise _exhausted(f"episode {episode.keys[0]}", error) from None
-            raise BatchError(f"the workers are lost ({_told(error)}); what is done is kept, and the same command goes on") from None
+            raise _lost(error) from None
         _kept(self._out, lambda: self._keep(driven))
 
     def _keep(self, driven: Driven) -> None:
@@ -208,13 +213,16 @@ class _Batch:
 
 
 def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict[str, Any]:
-    """What a folder says of its batch, but for the egos that are drawn."""
+    """What a folder says of its batch, but for the egos that are drawn. Raises ConfigError where there is no such shard."""
+    number, count = part
+    if not 1 <= number <= count:
+        raise ConfigError(f"--shard {number}/{count}: {SHARDS}")
     scenarios = {case.name: case.base.model_dump(mode="json") for case in plan.cases}
     configs = [config for case in plan.cases for config in case.configs.values()]
     return {
         "experiment": plan.experiment.model_dump(mode="json", by_alias=True),
         "experiment_digest": plan.digest,
-        "shard": "{}/{}".format(*part),
+        "shard": f"{number}/{count}",
         "files": _contents({path for config in configs for path in files_of(config.sumo)}),
         "scenarios": scenarios,
         "variants": plan.variants,
@@ -326,6 +334,11 @@ def _kept(out: Path, write: Callable[[], object]) -> None:
         write()
     except OSError as error:
         raise _exhausted(f"--out {out}", error) from None
+
+
+def _lost(error: BaseException) -> BatchError:
+    """What to say where nobody is left to drive."""
+    return BatchError(f"the workers are lost ({_told(error)}); what is done is kept, and the same command goes on")
 
 
 def _exhausted(where: str, error: BaseException) -> BatchError:

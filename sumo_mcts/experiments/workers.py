@@ -1,5 +1,6 @@
 """Who drives the episodes of a batch, behind `concurrent.futures.Executor`: processes of this machine, or a dask cluster."""
 
+import logging
 import multiprocessing
 import queue
 import signal
@@ -64,13 +65,27 @@ def cluster(address: str) -> Iterator[Crew]:
         client: Any = Client(address, timeout=ANSWER_S, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise ConfigError(f"--scheduler {address}: no scheduler answers: {' '.join(str(error).split())}") from None
-    with client:
+    with _unheard("distributed"), client:
         _check_workers(client, address)
         executor = client.get_executor(pure=False)
         try:
             yield Crew(executor, lambda: AHEAD * max(1, len(client.nthreads())), KilledWorker)
         finally:
             executor.shutdown(wait=False)
+
+
+@contextmanager
+def _unheard(package: str) -> Iterator[None]:
+    """A package logs nothing meanwhile: what it has to say of a lost scheduler, tracebacks too, is told in a line of ours."""
+    known = [logging.getLogger(name) for name in list(logging.root.manager.loggerDict) if name.partition(".")[0] == package]
+    heard = [logger for logger in known if not logger.disabled]
+    for logger in heard:
+        logger.disabled = True
+    try:
+        yield
+    finally:
+        for logger in heard:
+            logger.disabled = False
 
 
 def _check_workers(client: Any, address: str) -> None:

@@ -163,6 +163,15 @@ def test_pairs_are_made_in_the_same_traffic(whole: Reference, tmp_path: Path) ->
     assert {row["key"]: row["traffic_digest"] for row in gather([out]).rows} == {row["key"]: row["traffic_digest"] for row in rows}  # as a report reads them
 
 
+@pytest.mark.parametrize("part", [(0, 2), (3, 2), (-1, 2), (1, 0)])
+def test_a_shard_that_there_is_not(part: tuple[int, int], tmp_path: Path) -> None:
+    """Its episodes would be none, or without a word those of another."""
+    for attempt in (lambda: run_batch(write(tmp_path), tmp_path / "out", shard=part), lambda: listed(write(tmp_path), shard=part)):
+        with pytest.raises(ConfigError, match=f"--shard {part[0]}/{part[1]}: i/n with i from 1 to n, as in 2/8"):
+            attempt()
+    assert not (tmp_path / "out").exists()
+
+
 # --- interrupted ---
 
 
@@ -296,6 +305,15 @@ def test_a_worker_without_room_ends_the_batch_and_no_row_is_spoilt(whole: Refere
     with local(1) as crew:
         rows = _Batch(out, found, "worth", lambda _: None).run(crew)
     assert timeless(rows) == timeless(whole[1])
+
+
+def test_a_crew_that_cannot_be_asked_any_more_is_lost(whole: Reference, tmp_path: Path) -> None:
+    def gone() -> int:
+        raise OSError("the scheduler does not answer")
+
+    found, out = episodes(load(write(tmp_path)), {}), tmp_path / "out"
+    with local(1) as crew, pytest.raises(BatchError, match=r"the workers are lost \(OSError the scheduler does not answer\); what is done is kept"):
+        _Batch(out, found, "worth", lambda _: None).run(crew._replace(most=gone))
 
 
 # --- folders ---
