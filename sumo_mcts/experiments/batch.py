@@ -93,7 +93,8 @@ def run_batch(
         wanted = _manifest(plan, shard, command)
         manifest = _begun(out, wanted, fresh)
         if manifest is None:
-            manifest = {**wanted, "egos": _prepared(plan, tell)}
+            egos = _prepared(plan, tell)
+            manifest = {**wanted, "egos": egos, "rows": sum(len(episode.keys) for episode in _part(plan, egos, shard))}
             _kept(out, lambda: _begin(out, manifest, fresh))
         elif not is_compiled():
             _prepared(plan, tell, manifest["egos"])

@@ -112,7 +112,7 @@ def _drawn(config: ScenarioConfig, count: int, seed: int) -> tuple[str, ...]:
 
     _look(config, found)
     if len(suitable) < count:
-        raise ConfigError(f"egos: random: asks for {count}, the network has {len(suitable)} suitable vehicles")
+        raise ConfigError(f"egos: random: asks for {count}, {len(suitable)} suitable vehicles depart within {config.episode.depart_limit_s:g} s")
     chosen = np.random.default_rng(seed).choice(len(suitable), count, replace=False)
     return tuple(suitable[k] for k in sorted(chosen.tolist()))
 
@@ -128,11 +128,12 @@ def _known(config: ScenarioConfig, ids: Sequence[str]) -> tuple[str, ...]:
     departed = _look(config, found)
     if missing:
         some = ", ".join(candidate.id for candidate in departed[:5]) or "none at all"
-        raise ConfigError(f"egos: {min(missing)}: no such vehicle departs; the first that do: {some}")
+        raise ConfigError(f"egos: {min(missing)}: no such vehicle departs within {config.episode.depart_limit_s:g} s; the first that do: {some}")
     return tuple(ids)
 
 
 def _look(config: ScenarioConfig, found: Callable[[Candidate], bool]) -> list[Candidate]:
-    """The vehicles that depart, until `found` says that it is enough or the traffic ends."""
+    """The vehicles that depart, until `found` says that it is enough, or so late that an episode would not have waited for them."""
+    limit = config.episode.depart_limit_s
     with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as folder:
-        return candidates(sumo_arguments(config, None, Cast(), Path(folder), ()), sys.maxsize, found, patience_s=math.inf)
+        return candidates(sumo_arguments(config, None, Cast(), Path(folder), ()), sys.maxsize, found, patience_s=math.inf, lasting_s=limit)

@@ -1,5 +1,6 @@
 """Who drives the episodes of a batch, behind `concurrent.futures.Executor`: processes of this machine, or a dask cluster."""
 
+import ctypes
 import logging
 import multiprocessing
 import queue
@@ -238,6 +239,7 @@ def _cause(code: int | None) -> str:
 def _work(pipe: Connection, scratch: str) -> None:
     """What a worker process does: answer calls until nobody is there any more. Its temporary files lie in `scratch`, so that others can remove them."""
     tempfile.tempdir = scratch
+    _die_with_the_parent()
     try:
         while True:
             fn, args, kwargs = pipe.recv()
@@ -248,3 +250,9 @@ def _work(pipe: Connection, scratch: str) -> None:
             pipe.send(answer)
     except (EOFError, OSError):  # nobody is
         pass
+
+
+def _die_with_the_parent() -> None:
+    """A parent that is killed closes the pipe, which is not looked at in the middle of a task; on Linux the kernel sees to it."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG

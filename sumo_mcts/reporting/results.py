@@ -43,6 +43,7 @@ def gather(folders: Sequence[Path]) -> Results:
     if not rows:
         raise ConfigError(notes[0] if notes else f"{folders[0]}: {records.ROWS}: no episode in it")
     manifests = [_manifest_of(folder, notes) for folder in folders]
+    notes += [*_unfinished(folders, manifests), *_other_shards(manifests)]
     scenarios, variants = (_order_in(manifests, key) for key in ("scenarios", "variants"))
     ordered = tuple(sorted(rows.values(), key=lambda row: _order(row, scenarios, variants)))
     return Results(*_title(folders, manifests, ordered), ordered, traces, _versions(manifests), (*notes, *_doubts(ordered, manifests)))
@@ -102,6 +103,27 @@ def _replaced(folder: Path, before: Mapping[str, Row], found: Mapping[str, Row])
     digests = [(before[key]["config_digest"], row["config_digest"]) for key, row in found.items() if key in before]
     others = sum(one is not None and other is not None and one != other for one, other in digests)
     return [f"{folder}: {others} of its episodes replace those of the same key that were driven with other settings"] if others else []
+
+
+def _unfinished(folders: Sequence[Path], manifests: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A word about each batch that has not ended."""
+    notes = []
+    for folder, manifest in zip(folders, manifests, strict=True):
+        wanted, there = manifest.get("rows"), len({row["key"] for row in records.read_rows(folder)})
+        if isinstance(wanted, int) and there < wanted:
+            notes.append(f"{folder}: {there} of the {wanted} rows of its batch are there; the command that began it goes on")
+    return notes
+
+
+def _other_shards(manifests: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A word about shards of an experiment that are not among the folders."""
+    there: dict[tuple[str, int], set[int]] = {}
+    for manifest in manifests:
+        number, _, count = str(manifest.get("shard", "")).partition("/")
+        if number.isdecimal() and count.isdecimal():
+            there.setdefault((str(manifest.get("experiment_digest")), int(count)), set()).add(int(number))
+    missing = {count: sorted(set(range(1, count + 1)) - found) for (_, count), found in there.items()}
+    return [f"shard {', '.join(f'{k}/{count}' for k in those)} of the experiment is not here" for count, those in missing.items() if those]
 
 
 def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list[str]:

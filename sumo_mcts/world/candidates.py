@@ -1,5 +1,6 @@
 """Which vehicles of a user's simulation an ego could be: found by running it for a while with SUMO alone."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -26,13 +27,17 @@ class Candidate(NamedTuple):
     why_not: str
 
 
-def candidates(arguments: Sequence[str], count: int, enough: Callable[[Candidate], bool] | None = None, *, patience_s: float = PATIENCE_S) -> list[Candidate]:
-    """The first `count` vehicles that depart, or fewer: all until one is `enough`, the traffic ends, or patience does. Raises ConfigError."""
+def candidates(
+    arguments: Sequence[str], count: int, enough: Callable[[Candidate], bool] | None = None, *, patience_s: float = PATIENCE_S, lasting_s: float = math.inf
+) -> list[Candidate]:
+    """The first `count` vehicles that depart, or fewer: all until one is `enough`, the traffic ends, or patience does (s of this clock), or so many
+    seconds are simulated. Raises ConfigError."""
     found: list[Candidate] = []
     until = time.monotonic() + patience_s
     with Simulation(arguments) as simulation:
         sumo = import_libsumo()
-        while len(found) < count and not simulation.finished and time.monotonic() < until:
+        last = simulation.time + lasting_s
+        while len(found) < count and not simulation.finished and time.monotonic() < until and simulation.time < last:
             simulation.step()
             for vehicle in sumo.simulation.getDepartedIDList():
                 found.append(_look(vehicle, simulation.time))

@@ -495,10 +495,12 @@ def test_a_draw_of_egos() -> None:
 def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as refused:
         run_batch(write(tmp_path, network("[ego, nobody]")), tmp_path / "out", jobs=1)
-    assert str(refused.value) == f"{tmp_path / 'small.yaml'}: scenarios: good: egos: nobody: no such vehicle departs; the first that do: ego, other"
+    assert (
+        str(refused.value) == f"{tmp_path / 'small.yaml'}: scenarios: good: egos: nobody: no such vehicle departs within 3600 s; the first that do: ego, other"
+    )
     assert not (tmp_path / "out").exists()
     scenario = config.build({"name": "x", "sumo": {"sumocfg": str(GOOD)}, "egos": [{"id": "any"}]}, "x")
-    with pytest.raises(ConfigError, match="egos: random: asks for 3, the network has 2 suitable vehicles"):
+    with pytest.raises(ConfigError, match="egos: random: asks for 3, 2 suitable vehicles depart within 3600 s"):
         choose(scenario, Egos(random=3))
     for wrong, said in (("sumo.options={warp-speed: 9}", "SUMO does not start"), ("egos=[{id: ego, until: nowhere}]", "the network has no edge nowhere")):
         assert said in rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant", wrong)), 0)
@@ -594,3 +596,29 @@ def test_wrong_usage(words: tuple[str, ...], said: str, whole: Reference, comman
     assert (status, printed) == (2, "")
     (line,) = told.splitlines()
     assert said in line
+
+
+ORPHAN = """
+import sys, time
+from sumo_mcts.experiments.workers import LocalPool
+if __name__ == "__main__":
+    pool = LocalPool(1)
+    pool.submit(abs, 1).result()
+    print(*pool.pids(), flush=True)
+    pool.submit(time.sleep, 60).result()
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a worker notices when its task is done")
+def test_a_worker_at_work_does_not_outlive_a_parent_that_is_killed(tmp_path: Path) -> None:
+    (tmp_path / "parent.py").write_text(ORPHAN)
+    with subprocess.Popen([sys.executable, tmp_path / "parent.py"], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        worker = Path("/proc") / parent.stdout.readline().strip()
+        assert worker.exists()
+        time.sleep(0.2)  # until it sleeps
+        parent.kill()
+    end = time.monotonic() + 5.0
+    while worker.exists() and "\nState:\tZ" not in (worker / "status").read_text():
+        assert time.monotonic() < end, "still there"
+        time.sleep(0.05)

@@ -1,7 +1,6 @@
 """An experiment file stands for the episodes that it says, and wrong ones are refused in one line."""
 
 import re
-import textwrap
 from itertools import chain
 from pathlib import Path
 
@@ -191,13 +190,6 @@ PAGE = (assets.root() / "docs" / "experiments.md").read_text(encoding="utf-8")
 def test_every_key_is_documented() -> None:
     for model in (Experiment, Entry):
         assert not [name for name, field in model.model_fields.items() if f"| `{field.alias or name}` |" not in PAGE]
-
-
-def test_the_example_is_valid(tmp_path: Path) -> None:
-    (example,) = re.findall(r"((?:^    .*\n)*^    name: .*\n(?:^    .*\n)*)", PAGE, re.MULTILINE)
-    found = plan(tmp_path, textwrap.dedent(example))
-    assert "mcts-period_s-0.3" in found.variants
-    assert len(episodes(found, {})) == (10 + 30) * (3 * 2 + 1)
 
 
 def test_the_sizes_of_the_built_in_ones() -> None:

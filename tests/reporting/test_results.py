@@ -33,6 +33,18 @@ def test_folders_that_do_not_belong_together_are_told(tmp_path: Path) -> None:
     assert gather(folders[:1]).notes == ()
 
 
+def test_a_part_of_an_experiment_is_told_from_the_whole(tmp_path: Path) -> None:
+    def part(number: int, rows: int) -> Path:
+        manifest = {"experiment_digest": "x", "shard": f"{number}/3", "rows": 2}
+        return write_rows(tmp_path / str(number), [made_row(seed=10 * number + k) for k in range(rows)], manifest)
+
+    one, two, three = part(1, 2), part(2, 1), part(3, 2)
+    torn = f"{two}: 1 of the 2 rows of its batch are there; the command that began it goes on"
+    assert gather([one]).notes == ("shard 2/3, 3/3 of the experiment is not here",)
+    assert gather([one, two]).notes == (torn, "shard 3/3 of the experiment is not here")
+    assert gather([one, two, three]).notes == (torn,)
+
+
 def test_the_order_is_the_experiments(tmp_path: Path) -> None:
     manifest = {
         "experiment": {"name": "trial", "description": "Of order."},
