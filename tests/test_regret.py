@@ -135,18 +135,18 @@ def test_the_command_from_end_to_end(tmp_path: Path) -> None:
     told = json.loads(command(*words, "--json", "--out", str(tmp_path / "out")))
     rows = [json.loads(line) for line in (tmp_path / "out" / "regret.jsonl").read_text().splitlines()]
     assert told["reference_digest"] == digest() and told["problems"] == []
-    assert (told["states"], len(rows)) == (4, 12)
+    assert (told["states"], len(rows)) == (3, 9)
     assert sum(told["outcomes"].values()) == 2 and told["scenarios"] == ["straight-line", "highway-exit-scripted"]
     assert [(line["planner"], line["iterations"], line["all"]["states"]) for line in told["planners"]] == [
-        ("mcts", 20, 4), ("mcts", 60, 4), ("exhaustive", None, 4),
+        ("mcts", 20, 3), ("mcts", 60, 3), ("exhaustive", None, 3),
     ]  # fmt: skip
     assert all(row["regret"] == 0.0 for row in rows if row["planner"] == "exhaustive")
-    assert len({(row["scenario"], row["seed"], row["time_s"]) for row in rows}) == 4
+    assert len({(row["scenario"], row["seed"], row["time_s"]) for row in rows}) == 3
     table = (tmp_path / "out" / "regret.csv").read_text().splitlines()
-    assert len(table) == 13 and table[0].startswith("scenario,prediction,seed,ego,time_s,planner,iterations,regret,near_optimal")
+    assert len(table) == 10 and table[0].startswith("scenario,prediction,seed,ego,time_s,planner,iterations,regret,near_optimal")
     assert json.loads((tmp_path / "out" / "regret.json").read_text()) == told
     again = command(*words)
-    assert digest()[:16] in again and "| exhaustive | - | 4 | 4/4 (" in again
+    assert digest()[:16] in again and "| exhaustive | - | 3 | 3/3 (" in again
     assert len({line.count("|") for line in again.splitlines()[2:] if line}) == 1
 
 
