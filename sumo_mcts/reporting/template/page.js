@@ -453,8 +453,9 @@ class Player {
       if (!this.playing || player !== this) return;
       if (last !== null) this.seek(this.time + ((now - last) / 1000) * this.rate);
       last = now;
-      if (this.time >= this.end - 1e-6) this.pause();
-      else requestAnimationFrame(tick);
+      if (this.time < this.end - 1e-6) return void requestAnimationFrame(tick);
+      this.seek(this.end); // it may be a hair before it
+      this.pause();
     };
     requestAnimationFrame(tick);
   }
