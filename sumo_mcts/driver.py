@@ -14,7 +14,7 @@ from sumo_mcts.model.ego import HALF, EgoParams
 from sumo_mcts.model.intentions import foresee
 from sumo_mcts.model.local import State, ego_state
 from sumo_mcts.model.predictor import Heard, Oracles, Predictor, Question, checked
-from sumo_mcts.model.route import RouteMap, route_map
+from sumo_mcts.model.route import RouteMap, is_rest_of, route_map
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import LANES, Told, TrafficParams, predict
 from sumo_mcts.planners.base import Planner, Remembering, Situation, Task
@@ -231,7 +231,7 @@ class Driver:
 
     def _keep_route(self, ego: EgoState) -> None:
         """Lay the route out when the ego is taken over, and again when SUMO gave it another one."""
-        if self._route is not None and ego.route == self._edges[len(self._edges) - len(ego.route) :] and ego.route:
+        if self._route is not None and is_rest_of(ego.route, self._edges):
             return
         if not ego.route or -1 in ego.route:
             self._route = None

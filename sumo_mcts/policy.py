@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import mcts_params
 from sumo_mcts.model.local import State
-from sumo_mcts.model.route import RouteMap, lane_pose
+from sumo_mcts.model.route import RouteMap, lane_pose, stop_ahead
 from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.planners.baselines import plan_of
 from sumo_mcts.planners.mcts import actions_of
@@ -137,11 +137,8 @@ def _ahead(route: RouteMap, state: State, distances: Sequence[float]) -> Iterato
 
 def _stop_line(route: RouteMap, state: State, signals: Signals) -> Floats:
     """[7] the next one on the ego's lane and those that follow it."""
-    node, way = state.node, float(route.length[state.node]) - state.s
-    while node >= 0 and not route.stop[node] and way < FAR_M:
-        node = int(route.next[node])
-        way += float(route.length[node])
-    if node < 0 or not route.stop[node] or way >= FAR_M:
+    node, way = stop_ahead(route, state.node, state.s)
+    if way >= FAR_M:
         return np.array([0.0, FAR_M, 0.0, 0.0, 0.0, 0.0, LATER_S])
     signal = int(route.signal[node])
     if signal < 0:

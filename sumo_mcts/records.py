@@ -130,12 +130,14 @@ def append_row(folder: Path, row: Mapping[str, Any]) -> None:
 
 def read_rows(folder: Path) -> list[Row]:
     """The rows of episodes.jsonl, without lines that are no whole row, as a killed process leaves one; none where there is no file."""
-    return [row for line in _lines(folder) if (row := _parsed(line)) is not None]
+    return rows_and_torn(folder)[0]
 
 
-def torn_lines(folder: Path) -> int:
-    """How many lines of episodes.jsonl `read_rows` leaves out."""
-    return sum(_parsed(line) is None for line in _lines(folder))
+def rows_and_torn(folder: Path) -> tuple[list[Row], int]:
+    """The same, and how many lines are left out."""
+    parsed = [_parsed(line) for line in _lines(folder)]
+    rows = [row for row in parsed if row is not None]
+    return rows, len(parsed) - len(rows)
 
 
 def write_csv(folder: Path) -> None:

@@ -198,7 +198,7 @@ def test_a_line_that_does_not_say_which_episode_it_is_or_how_it_ended_is_no_row(
     for unknown in ({}, {lacking: None}, {lacking: 3}, {lacking: ""}):
         records.append_row(tmp_path, {**{key: value for key, value in named("a").items() if key != lacking}, **unknown})
     assert records.read_rows(tmp_path) == []
-    assert records.torn_lines(tmp_path) == 4
+    assert records.rows_and_torn(tmp_path)[1] == 4
 
 
 def test_rows_have_every_key_in_order_and_no_nan(tmp_path: Path) -> None:

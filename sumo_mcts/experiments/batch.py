@@ -94,11 +94,13 @@ def run_batch(
         manifest = _begun(out, wanted, fresh)
         if manifest is None:
             egos = _prepared(plan, tell)
-            manifest = {**wanted, "egos": egos, "rows": sum(len(episode.keys) for episode in _part(plan, egos, shard))}
-            _kept(out, lambda: _begin(out, manifest, fresh))
-        elif not is_compiled():
-            _prepared(plan, tell, manifest["egos"])
-        found = _part(plan, manifest["egos"], shard)
+            found = _part(plan, egos, shard)
+            started = {**wanted, "egos": egos, "rows": sum(len(episode.keys) for episode in found)}
+            _kept(out, lambda: _begin(out, started, fresh))
+        else:
+            if not is_compiled():
+                _prepared(plan, tell, manifest["egos"])
+            found = _part(plan, manifest["egos"], shard)
         with _crew(scheduler, count) as crew:
             return _Batch(out, found, plan.experiment.traces, tell).run(crew)
 

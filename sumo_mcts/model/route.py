@@ -45,6 +45,22 @@ class RouteMap(NamedTuple):
     rows: Floats  # [R, 5] pose and cap, likewise
 
 
+def is_rest_of(route: tuple[int, ...], edges: tuple[int, ...]) -> bool:
+    """Whether a vehicle with this route still drives the way that was laid out for `edges`: SUMO takes off what lies behind."""
+    return len(route) > 0 and route == edges[len(edges) - len(route) :]
+
+
+def stop_ahead(route: RouteMap, node: int, s: float) -> tuple[int, float]:
+    """The first node from `node` on, down its chain, that ends at a stop line, and how far that is from s (m); -1 and inf where there is none."""
+    distance = -s
+    while node >= 0:
+        distance += float(route.length[node])
+        if route.stop[node]:
+            return node, distance
+        node = int(route.next[node])
+    return -1, math.inf
+
+
 def route_map(road: RoadMap, edges: tuple[int, ...], vclass: int, length: float, speed_factor: float, max_speed: float, decel: float) -> RouteMap:
     """Lay out the route for a vehicle of this class, length (m), speed factor and top speed (m/s); `decel` (m/s2) shapes `cap`."""
     lanes, legs, following = _collect(road, edges, vclass)

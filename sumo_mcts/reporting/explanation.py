@@ -10,7 +10,7 @@ from sumo_mcts.config import ORACLE_MARK, PLANNERS, PREDICTORS
 from sumo_mcts.driver import FORECASTING, no_forecast
 from sumo_mcts.model.geometry import box_distance
 from sumo_mcts.model.local import ego_state
-from sumo_mcts.model.route import route_map
+from sumo_mcts.model.route import is_rest_of, route_map, stop_ahead
 from sumo_mcts.planners.failsafe import coming
 from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Setting, Trace, same, scenario_of
 from sumo_mcts.replan import recorded_config, replan
@@ -101,27 +101,21 @@ def _urgency(agent: dict[str, Any]) -> tuple[float, float]:
 def _stop_line(cycle: CycleRecord, road: RoadMap) -> dict[str, Any] | None:
     """The next light or stop sign on the ego's way."""
     ego, edges = cycle.ego, cycle.memory.edges
-    kept = len(edges) > 0 and ego.route == edges[len(edges) - len(ego.route) :]
+    kept = is_rest_of(ego.route, edges)
     if not kept:  # a new route begins here
         edges = ego.route
     if ego.lane < 0 or not edges or -1 in edges:
         return None
     route = route_map(road, edges, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, ego.comfort_decel)
     state = ego_state(route, ego)
-    node = -1 if state is None else state.node
-    distance = -ego.s
-    while node >= 0:
-        distance += route.length[node]
-        if route.stop[node]:
-            break
-        node = int(route.next[node])
+    node, distance = (-1, math.inf) if state is None else stop_ahead(route, state.node, ego.s)
     if node < 0:
         return None
     signal, now = int(route.signal[node]), cycle.signals
     if signal < 0:
-        return {"kind": "stop sign", "distance_m": float(distance), "shows": "stood there" if kept and node in cycle.memory.stood else "to stop", "for_s": None}
+        return {"kind": "stop sign", "distance_m": distance, "shows": "stood there" if kept and node in cycle.memory.stood else "to stop", "for_s": None}
     shows = COLOURS[int(now.state[now.offset[signal] + int(route.link[node]), 0])]
-    return {"kind": "light", "distance_m": float(distance), "shows": shows, "for_s": _known(float(now.until[signal, 0]))}
+    return {"kind": "light", "distance_m": distance, "shows": shows, "for_s": _known(float(now.until[signal, 0]))}
 
 
 def closest(cycle: CycleRecord) -> Floats:

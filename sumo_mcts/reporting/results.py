@@ -35,15 +35,17 @@ def gather(folders: Sequence[Path]) -> Results:
     rows: dict[str, Row] = {}
     traces: dict[str, Path] = {}
     notes: list[str] = []
+    counts: list[int] = []
     for folder in folders:
         found, problems = _rows_of(folder)
+        counts.append(len(found))
         notes += [*problems, *_replaced(folder, rows, found)]
         rows |= found
         traces = {key: path for key, path in traces.items() if key not in found} | _traces_of(folder, found)
     if not rows:
         raise ConfigError(notes[0] if notes else f"{folders[0]}: {records.ROWS}: no episode in it")
     manifests = [_manifest_of(folder, notes) for folder in folders]
-    notes += [*_unfinished(folders, manifests), *_other_shards(manifests)]
+    notes += [*_unfinished(folders, counts, manifests), *_other_shards(manifests)]
     scenarios, variants = (_order_in(manifests, key) for key in ("scenarios", "variants"))
     ordered = tuple(sorted(rows.values(), key=lambda row: _order(row, scenarios, variants)))
     return Results(*_title(folders, manifests, ordered), ordered, traces, _versions(manifests), (*notes, *_doubts(ordered, manifests)))
@@ -76,10 +78,10 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
         raise ConfigError(f"{folder}: no such folder")
     if not (folder / records.ROWS).is_file():
         return {}, [f"{folder}: {records.ROWS}: no such file; `sumo-mcts run` and `sumo-mcts batch` write one with --out"]
-    lines = records.read_rows(folder)
+    lines, torn = records.rows_and_torn(folder)
     missing = Counter(key for line in lines for key in ROW_KEYS if key not in line)
     notes = []
-    if torn := records.torn_lines(folder):
+    if torn:
         notes.append(f"{folder}: {records.ROWS}: {torn} of its lines {'is' if torn == 1 else 'are'} not a whole row, and left out")
     if missing:
         notes.append(f"{folder}: {records.ROWS}: up to {max(missing.values())} of {len(lines)} rows are of another version, without {', '.join(missing)}")
@@ -105,11 +107,11 @@ def _replaced(folder: Path, before: Mapping[str, Row], found: Mapping[str, Row])
     return [f"{folder}: {others} of its episodes replace those of the same key that were driven with other settings"] if others else []
 
 
-def _unfinished(folders: Sequence[Path], manifests: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A word about each batch that has not ended."""
+def _unfinished(folders: Sequence[Path], counts: Sequence[int], manifests: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A word about each batch that has not ended; `counts`: of the rows in its folder."""
     notes = []
-    for folder, manifest in zip(folders, manifests, strict=True):
-        wanted, there = manifest.get("rows"), len({row["key"] for row in records.read_rows(folder)})
+    for folder, there, manifest in zip(folders, counts, manifests, strict=True):
+        wanted = manifest.get("rows")
         if isinstance(wanted, int) and there < wanted:
             notes.append(f"{folder}: {there} of the {wanted} rows of its batch are there; the command that began it goes on")
     return notes
