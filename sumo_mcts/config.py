@@ -361,6 +361,7 @@ class CostConfig(_Section):
     progress: NonNegative = Field(1.0, description="per second of standing where the limit could be driven")
     tail_s: NonNegative = Field(8.0, description="for how long beyond the horizon a slow leader, or the end of a lane, still counts")
     blocking: NonNegative = Field(0.3, description="per second of standing inside a junction")
+    astride: NonNegative = Field(4.0, description="per second of standing across two lanes: whoever follows in the one that the ego leaves takes it to be free")
     route: NonNegative = Field(2.0, description="per second on a lane that the route leaves, at full urgency")
     lane_change: NonNegative = Field(0.6, description="C_o,lc per change begun")
     red: Positive = Field(100.0, description="entering on red")

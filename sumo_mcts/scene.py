@@ -21,7 +21,7 @@ STRAIGHT, LEFT, RIGHT, TURN = range(4)
 # What a signal shows to a link (Signals.state).
 GREEN, YELLOW, RED = range(3)
 # What an agent is taken to do (Intent.does).
-USUAL, TURNS, FORCES, BRAKES = range(4)
+USUAL, TURNS, FORCES, BRAKES, STARTS = range(5)
 
 
 class RoadMap(NamedTuple):
@@ -134,7 +134,7 @@ class Intent(NamedTuple):
     """What one agent is taken to do, where it is not what is likeliest (see model/intentions.py)."""
 
     agent: int
-    does: int  # TURNS: takes `way`; FORCES: does not let the ego pass; BRAKES: hard, to a stand
+    does: int  # TURNS: takes `way`; FORCES: does not let the ego pass; BRAKES: hard, to a stand; STARTS: though it has stood for a while
     way: tuple[int, ...] = ()  # lanes, the present one first
 
 

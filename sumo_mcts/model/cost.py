@@ -42,11 +42,13 @@ from sumo_mcts.model.local import (
     chain_gap,
 )
 from sumo_mcts.model.react import seen
-from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, REACH, RIGHT_NODE
+from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, NEXT, REACH, RIGHT_NODE
 from sumo_mcts.scene import Floats
 
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
+SLOW = 1.0  # m/s below which the ego stands in somebody's way
+ASTRIDE = 0.2  # rad between box and lane from which the rear is still in the lane that the ego leaves
 SIGHT = 80.0  # m beyond which an agent is not looked at
 CLEAR, CLOSE, CONTACT = range(3)
 
@@ -79,6 +81,7 @@ class CostParams(NamedTuple):
     progress: float
     tail_s: float
     blocking: float
+    astride: float
     route: float
     lane_change: float
     red: float
@@ -352,15 +355,24 @@ def step_comfort(p: EgoParams, c: CostParams, before: State, after: State) -> fl
 
 @kernel
 def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) -> float:
-    """C_p of one simulation step: time lost against the limit of the lane, on a lane that the route leaves, and standing inside a junction."""
+    """C_p of one simulation step: time lost against the limit, being on a lane that the route leaves, standing inside a junction or across two lanes."""
     limit = local.node[after.node, LIMIT]
     rate = c.progress * (1.0 - min(after.v, limit) / limit)
     i = after.node - local.first
     if 0 <= i < local.urgency.shape[0]:
         rate += c.route * abs(local.urgency[i])
-        if local.node[after.node, INTERNAL] > 0.0 and after.v < 1.0:
-            rate += c.blocking
+        if after.v < SLOW:
+            if local.node[after.node, INTERNAL] > 0.0:
+                rate += c.blocking
+            if abs(after.turn) > ASTRIDE and not _leads_nowhere(local, after.node):  # who is held at a dead end leaves it as it can
+                rate += c.astride
     return rate * p.step
+
+
+@kernel
+def _leads_nowhere(local: Local, node: int) -> bool:
+    """Whether the lane ends before the route does."""
+    return local.node[node, NEXT] < 0.0 and not math.isinf(local.node[node, REACH])
 
 
 @cache

@@ -22,6 +22,7 @@ from sumo_mcts.scene import (
     GREEN,
     LEFT,
     RIGHT,
+    STARTS,
     STOP,
     STRAIGHT,
     TURNS,
@@ -353,7 +354,7 @@ def _step_all(
             a = _free(p, path, offset, count, speed, i, current[i], x[i], v[i], liked[i])
             if not math.isinf(gap):
                 a = min(a, _follow(p, v[i], gap, leader_v, a))
-            if stays[i] and v[i] < 0.1 and gap > 4.0 and not _red_ahead(red, current[i], count[i], i, 0, offset, x[i]):
+            if stays[i] and does[i] != STARTS and v[i] < 0.1 and gap > 4.0 and not _red_ahead(red, current[i], count[i], i, 0, offset, x[i]):
                 xs[t + 1, i], vs[t + 1, i] = x[i], 0.0
                 continue
             a = min(a, _red_accel(q, red, path, offset, count, current[i], i, t, x[i], v[i]))

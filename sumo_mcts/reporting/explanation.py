@@ -15,7 +15,7 @@ from sumo_mcts.planners.failsafe import coming
 from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Setting, Trace, same, scenario_of
 from sumo_mcts.replan import recorded_config, replan
 from sumo_mcts.reporting.birdseye import action_words
-from sumo_mcts.scene import BRAKES, FORCES, TERMS, TURNS, Decision, Floats, Follow, Intent, RoadMap, RootChild
+from sumo_mcts.scene import BRAKES, FORCES, STARTS, TERMS, TURNS, Decision, Floats, Follow, Intent, RoadMap, RootChild
 
 COLOURS = ("green", "yellow", "red")  # as scene.py numbers them
 
@@ -185,7 +185,8 @@ def _intent_words(intent: Intent | None, about: str | None, road: RoadMap | None
     does = 0 if intent is None else intent.does
     if intent is not None and does == TURNS:
         return f"{about} takes another way, to {_lane(road, intent.way[-1])}"
-    return {FORCES: f"{about} does not let the ego pass", BRAKES: f"{about} brakes hard, to a stand"}.get(does, "everybody does what is likeliest")
+    words = {FORCES: "does not let the ego pass", BRAKES: "brakes hard, to a stand", STARTS: "starts, though it has stood for a while"}
+    return f"{about} {words[does]}" if does in words else "everybody does what is likeliest"
 
 
 def _action(children: Sequence[RootChild], i: int, setting: Setting) -> dict[str, Any]:

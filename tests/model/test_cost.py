@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.evaluation.referee import can_meet
-from sumo_mcts.model.cost import _late, meet, place_is_free, terminal
+from sumo_mcts.model.cost import _late, meet, place_is_free, step_passability, terminal
 from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change
 from sumo_mcts.model.local import Local, State, _levels, apart, chain_gap
 from sumo_mcts.model.route import route_map
@@ -174,6 +174,19 @@ def test_running_off_the_end_of_a_lane_is_no_way_to_stop(v: float, event: int) -
 def test_who_is_held_at_the_end_of_a_lane_may_still_leave_it(lane: str, s: float, v: float, side: int, may: bool) -> None:
     task, local, state = view(ending_lane(), lane, 400.0, v)
     assert can_change(local, task.ego, state._replace(s=s), side) == may
+
+
+# --- standing across two lanes ---
+
+
+@pytest.mark.parametrize(
+    ("lane", "v", "turn", "dear"),
+    [("a_1", 0.0, 0.3, True), ("a_1", 0.5, -0.3, True), ("b_0", 0.0, 0.3, True), ("a_1", 1.5, 0.3, False), ("a_1", 0.0, 0.1, False), ("a_0", 0.0, 0.3, False)],
+)  # fmt: skip
+def test_standing_aslant_is_dear_but_where_the_lane_leads_nowhere(lane: str, v: float, turn: float, dear: bool) -> None:
+    task, local, state = view(ending_lane(), lane, 400.0, v)
+    costs = [step_passability(local, task.ego, task.cost, state._replace(turn=t)) for t in (0.0, turn)]
+    assert costs[1] - costs[0] == pytest.approx(task.cost.astride * task.ego.step if dear else 0.0)
 
 
 # --- those who leave a lane, those who come late ---

@@ -9,9 +9,9 @@ from helpers_model import scene_of, traffic_params
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.model.intentions import LEAST, alternatives, braking_odds, forcing_odds, foresee, likeliest, signal_worth, way_worth
+from sumo_mcts.model.intentions import COMES_OVER, LEAST, alternatives, braking_odds, forcing_odds, foresee, likeliest, signal_worth, starting_odds, way_worth
 from sumo_mcts.model.traffic import HARD, Told, predict
-from sumo_mcts.scene import BRAKES, FORCES, LEFT, RIGHT, STRAIGHT, TURNS, VEHICLE_CLASSES, EgoState, Forecast, Intent, RoadMap, Scene
+from sumo_mcts.scene import BRAKES, FORCES, LEFT, RIGHT, STARTS, STRAIGHT, TURNS, VEHICLE_CLASSES, EgoState, Forecast, Intent, RoadMap, Scene
 
 
 def _crossing() -> RoadMap:
@@ -133,6 +133,16 @@ def test_the_turn_signal_tells_the_way() -> None:
         assert sum(signal_worth(turn, side) for side in (-1, 0, 1)) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("blinker", "d", "tells"), [(1, 0.0, True), (1, -0.4, False), (1, 0.4, True), (-1, 0.4, False)])
+def test_the_turn_signal_of_who_comes_over_from_the_next_lane_tells_little(blinker: int, d: float, tells: bool) -> None:
+    """A car that has changed lanes to its left still has its left signal on until it is in the middle."""
+    agents = seen(may_turn(), blinker=[blinker], d=[d]).agents
+    straight, left = (way_worth(ROAD, agents, 0, lane(ROAD, name), 30.0, 0.0, 2.5) for name in (":we_0", ":wn_0"))
+    if blinker > 0:
+        assert (left / straight > 20.0) == tells
+    assert (straight > 0.9 * COMES_OVER * left) == (not tells or blinker < 0)
+
+
 def test_both_ways_are_equally_likely_where_nothing_tells() -> None:
     road = ROAD._replace(direction=np.full_like(ROAD.direction, LEFT), speed=np.full_like(ROAD.speed, 15.0))
     assert others(may_turn(road), road)[0, TURNS] == pytest.approx(1.0)
@@ -217,6 +227,41 @@ def test_who_brakes_for_no_reason_goes_on_braking() -> None:
     assert braking_odds(-2.0, -2.5) == odds[0]  # it has a reason
     forecast = foreseen(seen(behind(Agent("a", "wi_0", 45.0, 10.0)), trend=[-4.0]), 2)
     assert forecast.weight[0] > 0.5 and forecast.v[0, -1, 0] == 0.0  # the likeliest comes first
+
+
+# --- starting ---
+
+
+def at_the_line(standing_s: float, s: float = 86.0, x: float = 75.0) -> Scene:
+    """A car from the south that stands before the junction; the ego comes from the west."""
+    scene = scene_of(ego_at(ROAD, "wi_0", x, 3.0, route=EASTBOUND), ROAD, Agent("n", "si_0", s, 0.0))
+    return seen(scene, standing_s=[standing_s])
+
+
+def test_who_has_stood_for_a_while_may_start() -> None:
+    forecast = foreseen(at_the_line(3.0, x=110.0), 4)  # the ego has passed
+    starts = [h for h, intent in enumerate(forecast.intents) if intent.does == STARTS]
+    assert len(starts) == 1
+    assert forecast.v[0, :, 0].max() < 0.1 and forecast.v[starts[0], :, 0].max() > 5.0
+    assert forecast.weight[starts[0]] / forecast.weight[0] == pytest.approx(starting_odds(3.0))
+
+
+def test_the_longer_it_has_stood_the_less() -> None:
+    odds = [starting_odds(s) for s in (2.0, 4.0, 8.0, 20.0, 300.0)]
+    assert odds == sorted(odds, reverse=True) and odds[0] > 0.5 and odds[3] < 0.1 and odds[-1] <= LEAST
+
+
+def test_only_those_start_whom_nothing_but_patience_holds() -> None:
+    def starts(scene: Scene) -> bool:
+        return any(intent.does == STARTS for intent in foreseen(scene, 4).intents)
+
+    assert starts(at_the_line(3.0, x=110.0))
+    assert not starts(at_the_line(1.0, x=110.0))  # nobody expects it to stay
+    assert not starts(at_the_line(3.0, s=40.0, x=110.0))  # far away
+    queued = at_the_line(3.0, x=110.0)
+    queued = queued._replace(agents=agents_at(ROAD, Agent("m", "si_0", 80.5, 0.0), Agent("n", "si_0", 86.0, 0.0)))
+    queued = seen(queued, standing_s=[3.0, 600.0])
+    assert not starts(queued)  # behind somebody who stays
 
 
 def test_worth_of_a_way_is_that_of_its_evidence() -> None:
