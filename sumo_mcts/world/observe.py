@@ -177,7 +177,7 @@ class Observer:
     def _chord(self, vehicle: str, lane: int, rear: float, px: float, py: float) -> float:
         """Heading from the rear, at lane position `rear` (m, negative: on the lane before), to the front of a long vehicle at (px, py)."""
         before, now = self._came_from.get(vehicle, (lane, lane))
-        if now != lane:
+        if self._road.edge[now] != self._road.edge[lane]:  # a change of lanes leads nowhere else
             before = now
         self._came_from[vehicle] = before, lane
         if rear < 0.0 and before != lane:

@@ -1,7 +1,6 @@
 """RoadMap against what netconvert was asked to build, against shapely, and against sumolib's own account of the right of way."""
 
 import gzip
-import subprocess
 import xml.etree.ElementTree as ET
 from itertools import combinations
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 import sumo
 import sumolib
+from helpers_networks import netconvert
 from shapely.geometry import LineString, Point
 
 from sumo_mcts.config import ConfigError
@@ -33,26 +33,6 @@ ARMS = {"W": (-200, 0), "E": (200, 0), "N": (0, 200), "S": (0, -200)}
 ACROSS = {"W": "E", "E": "W", "N": "S", "S": "N"}
 LEFT_OF = {"W": "N", "N": "E", "E": "S", "S": "W"}  # where a left turn leads, coming from the key
 RIGHT_OF = {arm: ACROSS[LEFT_OF[arm]] for arm in ARMS}
-
-
-def netconvert(folder: Path, nodes: str, edges: str, connections: str, *options: str) -> str:
-    for name, text in (("nodes", nodes), ("edges", edges), ("connections", connections)):
-        (folder / f"{name}.xml").write_text(f"<{name}>{text}</{name}>")
-    command = [
-        str(Path(sumo.SUMO_HOME) / "bin" / "netconvert"),
-        "--offset.disable-normalization",
-        "true",
-        "-n",
-        "nodes.xml",
-        "-e",
-        "edges.xml",
-        "-x",
-        "connections.xml",
-        "-o",
-        "x.net.xml",
-    ]
-    subprocess.run([*command, "--no-turnarounds", "true", *options], cwd=folder, check=True, capture_output=True)
-    return str(folder / "x.net.xml")
 
 
 def crossing(folder: Path, *options: str, node_type: str = "priority") -> str:
