@@ -264,7 +264,8 @@ def _beside_in_lane(local: Local, p: EgoParams, state: State, back: float, node:
 
     It looks before it moves vehicles over, so that at half time the old lane counts for a step more, and another one for its rounding.
     """
-    old = 0.5 < state.progress < 0.5 + 2.5 * p.step / p.change_duration and state.other >= 0
+    lasts = 2.5 * p.step / p.change_duration if p.change_duration > 0.0 else 0.5
+    old = 0.5 < state.progress < 0.5 + lasts and state.other >= 0
     lane = state.other if old else state.node
     ahead = chain_gap(local, lane, state.s - back, node, s)
     behind = chain_gap(local, node, s, lane, state.s - back)

@@ -14,6 +14,7 @@ COMMANDED = 200.0  # in place of an acceleration: the speed that is added to it,
 FREE, RED_LINE, GOAL, OFF_END = range(4)
 HELD = 2.0  # m/s up to which running into the end of a lane is as good as stopping at it
 BEGUN = 1e-12  # progress of a lane change that is about to begin
+JUMPED = 1.0 - 1e-6  # progress right after one without a duration: in that step SUMO has looked for collisions in the old lane
 STANDS = 0.1  # m/s
 UNTURNED = 0.003  # rad of turn that nobody sees
 HALF = 0.5 + 1e-9  # progress beyond which the new lane counts; at half time itself SUMO's rounding decides
@@ -116,7 +117,7 @@ def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, 
             other, progress = -1, 0.0
     if progress > 0.0:
         before = progress
-        progress += p.step / p.change_duration
+        progress += p.step / p.change_duration if p.change_duration > 0.0 else JUMPED
         if before <= HALF < progress and other >= 0:
             node, other = other, node
         if progress >= 1.0 - 1e-9:
@@ -139,10 +140,8 @@ def can_change(local: Local, p: EgoParams, state: State, side: int) -> bool:
 
 @kernel
 def begin_change(local: Local, p: EgoParams, state: State, side: int) -> State:
-    """The state right after a change was begun; without a duration SUMO jumps at once."""
+    """The state right after a change was begun; without a duration SUMO jumps at the end of the step."""
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
-    if p.change_duration <= 0.0:
-        return State(target, state.s, state.v, state.a, 0.0, -1, state.turn)
     return State(state.node, state.s, state.v, state.a, BEGUN, target, state.turn)
 
 

@@ -126,7 +126,7 @@ def build_local(
     node[~forecast.valid[hypothesis]] = GONE
     s, v = forecast.s[hypothesis], forecast.v[hypothesis]
     driven = np.zeros_like(v)
-    driven[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * forecast.dt, axis=0)
+    driven[1:] = np.cumsum(np.where(lane[1:] == lane[:-1], s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * forecast.dt), axis=0)
     level, place = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
     closed = _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel)
     followers = _followers(node[0], s[0], forecast.reacts, ahead, state, first)

@@ -63,6 +63,7 @@ class TrafficParams(NamedTuple):
     yield_decel: float
     yield_gap: float
     stays_after: float
+    euler: float  # half of SUMO's step, s: its positions follow the speed at the end of a step; 0 where it integrates ballistically
     interacting: bool  # False: constant velocity
 
 
@@ -365,7 +366,7 @@ def _step_all(
                 a = min(a, -HARD)
             speed_next = max(0.0, v[i] + max(a, -8.0) * q.step)
             vs[t + 1, i] = speed_next
-            xs[t + 1, i] = x[i] + 0.5 * (v[i] + speed_next) * q.step
+            xs[t + 1, i] = x[i] + max(0.0, 0.5 * (v[i] + speed_next) * q.step + (speed_next - v[i]) * q.euler)
 
 
 @kernel

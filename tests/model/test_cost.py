@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
+from sumo_mcts.driver import Physics
 from sumo_mcts.evaluation.referee import can_meet
 from sumo_mcts.model.cost import _late, meet, place_is_free, step_passability, terminal
-from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change
+from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.local import Local, State, _levels, apart, chain_gap
 from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.base import Task
@@ -142,6 +143,21 @@ def test_who_is_beside_the_ego_in_the_lane_that_it_leaves_is_met(progress: float
     first, second = (state.node, state.node + 1) if progress <= 0.5 else (state.node + 1, state.node)
     changing = state._replace(node=first, other=second, progress=progress)
     assert meet(local, task.ego, task.cost, changing, NOBODY, local.followers, 0.0, 0).contact == contact
+
+
+@pytest.mark.parametrize(("gap", "accel", "contact"), [(1.0, 1.5, True), (1.0, 0.5, False), (2.0, 1.5, False)])
+def test_a_change_without_a_duration_leads_a_step_down_the_old_lane_first(gap: float, accel: float, contact: bool) -> None:
+    """SUMO moves the ego, looks for collisions, and puts it into the other lane: with steps of a second that is metres."""
+    road = lanes_east(2, 900.0)
+    ego = ego_at(road, "a_0", 100.0, 0.0)
+    task = task_of(road, ego, physics=Physics(1.0, False, 0.0))
+    local, state = local_of(task, scene_of(ego, road, Agent("x", "a_0", 105.0 + gap, 0.0), step=1.0))
+    after, _ = advance(local, task.ego, begin_change(local, task.ego, state, 1), accel, 0.0)
+    assert after.node != state.node and after.s == pytest.approx(100.0 + accel)
+    assert pose_of(local, task.ego, after, 0.0)[1] == pytest.approx(1.6, abs=1e-3)
+    assert meet(local, task.ego, task.cost, after, NOBODY, 0, 0.0, 1).contact == contact
+    later, _ = advance(local, task.ego, after, 0.0, 1.0)
+    assert later.node == after.node and (later.progress, later.other) == (0.0, -1)
 
 
 @settings(deadline=None)
