@@ -106,12 +106,12 @@ def follow(p: EgoParams, v: float, limit: float, gap: float, leader_v: float) ->
     return p.max_accel * (1.0 - (v / limit) ** 4 - interaction**2)
 
 
-def free_drive(s: float, v: float, limit: float, accel: float, step: float, euler: float, times: int) -> list[tuple[float, float]]:
-    """(position, speed) of a car alone on an endless road below its limit, by the intelligent driver model; its speed is ahead of itself by `euler` s."""
+def free_drive(s: float, v: float, limit: float, accel: float, step: float, times: int) -> list[tuple[float, float]]:
+    """(position, speed) of a car alone on an endless road below its limit, by the intelligent driver model and trapezoids."""
     states = [(s, v)]
     for _ in range(times - 1):
         faster = max(0.0, v + step * accel * (1.0 - (v / limit) ** 4))
-        s, v = s + step * ((v + faster) / 2.0 + (faster - v) / step * euler), faster
+        s, v = s + step * (v + faster) / 2.0, faster
         states.append((s, v))
     return states
 

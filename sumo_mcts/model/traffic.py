@@ -366,7 +366,8 @@ def _step_all(
                 a = min(a, -HARD)
             speed_next = max(0.0, v[i] + max(a, -8.0) * q.step)
             vs[t + 1, i] = speed_next
-            xs[t + 1, i] = x[i] + max(0.0, 0.5 * (v[i] + speed_next) * q.step + (speed_next - v[i]) * q.euler)
+            ahead = q.euler if does[i] == BRAKES else 0.0  # with everybody else the gain is none: SUMO's drivers brake later than these
+            xs[t + 1, i] = x[i] + max(0.0, 0.5 * (v[i] + speed_next) * q.step + (speed_next - v[i]) * ahead)
 
 
 @kernel

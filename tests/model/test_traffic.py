@@ -65,7 +65,7 @@ def test_a_free_car_drives_as_the_intelligent_driver_model_says(v: float, s: flo
     road = lanes_east(3, 900.0)
     params = traffic_params(step)
     _, forecast = predicted(road, Agent("a", "a_2", s, v), params=params, trend=[2.0])
-    expected = naive.free_drive(s, v, 15.0, params.accel, step, params.euler, forecast.v.shape[1])
+    expected = naive.free_drive(s, v, 15.0, params.accel, step, forecast.v.shape[1])
     assert np.column_stack([forecast.s[0, :, 0], forecast.v[0, :, 0]]) == pytest.approx(np.array(expected))
 
 
