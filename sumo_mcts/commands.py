@@ -424,16 +424,21 @@ def _summary(row: dict[str, Any]) -> str:
     def show(value: Any, unit: str = "", digits: int = 1) -> str:
         return "-" if value is None else f"{value:.{digits}f}{unit}" if isinstance(value, float) else f"{value}{unit}"
 
-    ratio = "" if row["travel_time_s"] is None or not row["free_flow_s"] else f" ({row['travel_time_s'] / row['free_flow_s']:.2f} x free flow)"
     fault = "" if row["at_fault"] is None else ", at fault" if row["at_fault"] else ", not at fault"
+    head = [
+        f"{row['scenario']}  ego {row['ego']}  planner {row['variant']}  seed {show(row['seed'])}",
+        f"  outcome      {row['outcome']}{fault}" + (f": {row['error']}" if row["error"] else ""),
+    ]
+    if row["free_flow_s"] is None:  # it was never on its way
+        return "\n".join(head)
+    ratio = "" if row["travel_time_s"] is None or not row["free_flow_s"] else f" ({row['travel_time_s'] / row['free_flow_s']:.2f} x free flow)"
     comfortable = None if row["comfortable_share"] is None else 100.0 * row["comfortable_share"]
     comfort = f"strongest braking {show(row['max_decel_mps2'], ' m/s2')}, rms jerk {show(row['rms_jerk_mps3'], ' m/s3')}"
     imposed = f"braking imposed {show(row['imposed_max_decel_mps2'], ' m/s2')}"
     planning = f"{show(row['cycles'])} decisions, {show(row['plan_ms_p50'], ' ms')} (p50) {show(row['plan_ms_p99'], ' ms')} (p99)"
     return "\n".join(
         [
-            f"{row['scenario']}  ego {row['ego']}  planner {row['variant']}  seed {show(row['seed'])}",
-            f"  outcome      {row['outcome']}{fault}" + (f": {row['error']}" if row["error"] else ""),
+            *head,
             f"  travel time  {show(row['travel_time_s'], ' s')}{ratio}, {show(row['distance_m'], ' m')} driven",
             f"  comfort      {comfort}, {show(comfortable, ' %', 0)} of the time comfortable",
             f"  others       {imposed}, smallest TTC {show(row['min_ttc_s'], ' s')}, PET {show(row['min_pet_s'], ' s')}",

@@ -22,6 +22,7 @@ from sumo_mcts.recorder import Recorder
 from sumo_mcts.records import Row, Setting
 from sumo_mcts.reporting.birdseye import picture
 from sumo_mcts.scene import Decision, Release
+from sumo_mcts.world.arguments import without_outputs
 from sumo_mcts.world.simulation import is_running
 
 ENVIRONMENT = "sumo_mcts/Drive-v0"
@@ -69,7 +70,12 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         )
         if len(self._config.egos) != 1:
             raise ConfigError(f"{scenario}: egos: an environment has one, not {len(self._config.egos)}; name it with ego=")
-        self._ego, self._options, self._weights, self._shown = self._config.egos[0].id, tuple(sumo_options), _weights(reward), Shown(agents, points)
+        self._ego, self._options, self._weights, self._shown = (
+            self._config.egos[0].id,
+            (*sumo_options, *without_outputs(self._config.sumo, sumo_options)),
+            _weights(reward),
+            Shown(agents, points),
+        )
         self._hand = _Hand(Actions(self._config))
         self.actions = self._hand.actions.table  # [A, 2]
         self.action_space = spaces.Discrete(len(self.actions))

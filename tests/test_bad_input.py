@@ -151,6 +151,9 @@ OPTIONS = [
     (("run", "good.yaml", "--time-budget", "-1"), "good.yaml: planner.time_budget_ms: Input should be greater than 0"),
     (("run", "good.yaml", "--set", "planner.most_iterations=10"), "good.yaml: planner: most_iterations: at least iterations (1000), got 10"),
     (("run", "good.yaml", "--time-limit", "nan"), "Input should be a finite number, got 'nan'"),
+    (("run", "good.yaml", "--ego", "eggo"), "good.yaml: egos: eggo: no file of the simulation names such a vehicle; near: ego"),
+    (("run", "good.sumocfg", "--ego", "nobody"), "egos: nobody: no file of the simulation names such a vehicle; `sumo-mcts run {folder}/good.sumocfg` lists"),
+    (("forecast", "good.sumocfg", "--ego", "nobody"), "good.sumocfg: egos: nobody: no file of the simulation names such a vehicle"),
     (("run", "good.yaml", "--ego-until", "to_nowhere"), "good.yaml: egos: ego: until: the network has no edge to_nowhere"),
     (("run", "good.yaml", "--gui"), "--gui: no display"),
     (("run", "good.yaml", "--", "--warp-speed", "9"), "good.yaml: SUMO does not start: On processing option '--warp-speed': No option"),
@@ -227,8 +230,9 @@ def test_the_folder_of_a_batch_takes_no_run(command: Command, tmp_path: Path) ->
 # --- what happens during the run is an outcome ---
 
 RUNS: dict[str, tuple[tuple[str, ...], str, str]] = {
-    "unknown id": (("good.sumocfg", "--ego", "nobody"), "error", "never departed: no vehicle is left and none is to come; the first that did: ego, other"),
-    "too late": (("good.yaml", "--ego", "nobody", "--set", "episode.depart_limit_s=2"), "error", "never departed within 2 s (episode.depart_limit_s); the"),
+    "never made": (("good.sumocfg", "--ego", "ego.7"), "error", "never departed: no vehicle is left and none is to come; the first that did: ego, other"),
+    "too late": (("good.yaml", "--ego", "ego.7", "--set", "episode.depart_limit_s=2"), "error", "never departed within 2 s (episode.depart_limit_s); the"),
+    "after the end": (("good.sumocfg", "--ego", "ego.7", "--", "--end", "2"), "error", "never departed before the simulation's end at 2 s (SUMO's option end)"),
     "disconnected": (("routes-disconnected.yaml",), "error", "No connection between edge 'from_west' and edge 'from_east'"),
     "vanished": (("vanishing.sumocfg", "--ego", "ego"), "error", "vanished"),
     "teleported": (("teleported.sumocfg", "--ego", "ego"), "teleported", ""),
@@ -238,7 +242,7 @@ RUNS: dict[str, tuple[tuple[str, ...], str, str]] = {
 @pytest.mark.parametrize("case", RUNS)
 def test_outcomes(case: str, command: Command, tmp_path: Path) -> None:
     words, outcome, error = RUNS[case]
-    answer = command("run", *words, "--planner", "sumo", "--json", "--out", str(tmp_path / "out"))
+    answer = command("run", "--planner", "sumo", "--json", "--out", str(tmp_path / "out"), *words)
     (row,) = json.loads(answer.out)["episodes"]
     assert row["outcome"] == outcome
     assert answer.status == (1 if outcome == "error" else 0)

@@ -278,7 +278,7 @@ def test_a_simulation_that_fails_ends_the_episode_with_its_message(env: DriveEnv
 
 
 def test_an_ego_that_never_departs_is_no_episode() -> None:
-    environment = DriveEnv("straight-line", ego="nobody", assignments=("episode.depart_limit_s=1",))
+    environment = DriveEnv("straight-line", ego="ahead.7", assignments=("episode.depart_limit_s=1",))
     with pytest.raises(RuntimeError, match="straight-line: seed 0: error before the first decision: never departed within 1 s"):
         environment.reset(seed=0)
     assert not libsumo.simulation.isLoaded()

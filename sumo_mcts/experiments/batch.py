@@ -14,7 +14,7 @@ from sumo_mcts import assets, plugins, records
 from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names
 from sumo_mcts.experiments import drive, folder, workers
 from sumo_mcts.experiments.drive import Driven
-from sumo_mcts.experiments.experiment import Episode, Plan, episodes, load, shard
+from sumo_mcts.experiments.experiment import Episode, Plan, episodes, load, shard, with_ego
 from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.experiments.worth import Bar, Worth
 from sumo_mcts.model.kernel import is_compiled
@@ -259,7 +259,7 @@ def _prepared(plan: Plan, tell: Watch, egos: Egos | None = None) -> Egos:
     """The egos of each user's network, chosen unless they are given; the scenarios have been tried. Raises ConfigError."""
     with workers.local(1) as crew:
         chosen = _chosen(plan, crew, tell) if egos is None else egos
-        _rehearse(plan, crew, tell)
+        _rehearse(plan, chosen, crew, tell)
     return chosen
 
 
@@ -280,11 +280,12 @@ def _chosen(plan: Plan, crew: Crew, tell: Watch) -> Egos:
     return found
 
 
-def _rehearse(plan: Plan, crew: Crew, tell: Watch) -> None:
+def _rehearse(plan: Plan, egos: Egos, crew: Crew, tell: Watch) -> None:
     """Start every scenario once with every planner, in one process: wrong input ends the batch here, and the search is compiled for all. Raises ConfigError."""
     tell(_before("starting SUMO" if is_compiled() else "compiling the search, once for this version (about half a minute)"))
     for case in plan.cases:
-        for config in {_kind(config): config for config in case.configs.values()}.values():
+        configs = [with_ego(config, egos[case.name][0]) if case.name in egos else config for config in case.configs.values()]
+        for config in {_kind(config): config for config in configs}.values():
             problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0]), crew)
             if problem:
                 raise ConfigError(f"{plan.origin}: scenarios: {case.name}: {problem}")

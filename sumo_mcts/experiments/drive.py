@@ -17,7 +17,7 @@ from sumo_mcts.episode import Loop, run_episode
 from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode
 from sumo_mcts.experiments.worth import Bar, is_worth
 from sumo_mcts.records import Row
-from sumo_mcts.world.arguments import sumo_arguments
+from sumo_mcts.world.arguments import sumo_arguments, without_outputs
 from sumo_mcts.world.candidates import Candidate, candidates
 from sumo_mcts.world.crowd import Cast
 
@@ -39,7 +39,7 @@ class Driven(NamedTuple):
 def drive(episode: Episode, bar: Bar) -> Driven:
     """Drive an episode. Whatever fails is its outcome; but OSError and MemoryError are raised where it is the machine that fails."""
     try:
-        result = run_episode(episode.config, episode.seed, variant=episode.variant)
+        result = run_episode(episode.config, episode.seed, sumo_options=without_outputs(episode.config.sumo), variant=episode.variant)
     except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
         if of_machine(error):
             raise
@@ -80,7 +80,7 @@ def of_machine(error: BaseException) -> bool:
 
 def rehearse(config: ScenarioConfig, seed: int | None) -> str:
     """Start a scenario and decide once, so that the search is compiled. Returns what is wrong with the input, "" if nothing. Raises as `drive` does."""
-    loop = Loop(config, seed)
+    loop = Loop(config, seed, sumo_options=without_outputs(config.sumo))
     try:
         loop.start()
         Driver(config, loop.world.road, loop.world.physics, 0, loop.oracles)  # plugins check their options
@@ -136,4 +136,6 @@ def _look(config: ScenarioConfig, found: Callable[[Candidate], bool]) -> list[Ca
     """The vehicles that depart, until `found` says that it is enough, or so late that an episode would not have waited for them."""
     limit = config.episode.depart_limit_s
     with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as folder:
-        return candidates(sumo_arguments(config, None, Cast(), Path(folder), ()), sys.maxsize, found, patience_s=math.inf, lasting_s=limit)
+        return candidates(
+            sumo_arguments(config, None, Cast(), Path(folder), without_outputs(config.sumo)), sys.maxsize, found, patience_s=math.inf, lasting_s=limit
+        )
