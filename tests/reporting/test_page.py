@@ -120,6 +120,44 @@ def test_nothing_but_the_page_is_on_the_page(context: BrowserContext, path: Path
     assert not page.evaluate("[...document.scripts].some((script) => script.checkVisibility())")
 
 
+@pytest.fixture(scope="module")
+def wide(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Seven variants, short and long names, a few pairs in one scene and more in the other, in some of which somebody has to brake."""
+    names = ["mcts", "mcts-careful-headway", "mcts-100", "mwwm", "idm", "constant", "sumo"]
+    rows = [
+        made_row(scene, name, seed) for scene, seeds in (("unprotected-left-turn", 3), ("highway-exit-varied", 8)) for name in names for seed in range(seeds)
+    ]
+    for row in rows:
+        if row["planner"] != "sumo" and row["seed"] < 2:
+            row.update(imposed_brakes_2=1, imposed_brakes_3=1, imposed_brakes_4=1, outcome="timeout", travel_time_s=None)
+    return report(write_rows(tmp_path_factory.mktemp("wide"), rows))
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_is_cut_off_at_the_width_of_a_projector(scheme: str, browser: Browser, wide: Path) -> None:
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, color_scheme=scheme)  # type: ignore[arg-type]
+    page, wrong = visit(context, wide)
+    assert page.evaluate("all('.scroll').every((box) => box.scrollWidth <= box.clientWidth)"), "tables fit"
+    for scene in ("unprotected-left-turn", "highway-exit-varied"):
+        page.select_option("#scene", scene)
+        assert page.evaluate("all('figure').filter((f) => f.checkVisibility()).every((figure) => figure.scrollWidth <= figure.clientWidth)"), "figures fit"
+        inside = """all('.figures:not([hidden]) svg').every((svg) => { const box = svg.getBoundingClientRect();
+            return all('text', svg).every((text) => { const b = text.getBoundingClientRect(); return b.left >= box.left && b.right <= box.right + 1; }); })"""
+        assert page.evaluate(inside), "labels are whole"
+    swatches = page.evaluate("all('.legend .swatch').map((swatch) => getComputedStyle(swatch).backgroundColor)")
+    assert len(swatches) == len(set(swatches)) == 7, "every variant has its colour"
+    assert wrong == []
+    context.close()
+
+
+def test_a_few_pairs_have_no_interval_and_are_no_alarm(context: BrowserContext, wide: Path) -> None:
+    page, _ = visit(context, wide)
+    for scene, judged in (("unprotected-left-turn", False), ("highway-exit-varied", True)):
+        rows = page.locator('#table-twin tr[data-variant="mcts-careful-headway"]')
+        cell = rows.filter(has_text=scene).locator("td").last
+        assert ("▲" in cell.inner_text(), ".." in cell.inner_text()) == (judged, judged), (scene, cell.inner_text())
+
+
 @pytest.mark.parametrize("time", ["abc", "-5", "1e9"])
 def test_an_address_with_a_time_that_is_none_shows_a_moment_all_the_same(time: str, context: BrowserContext, path: Path) -> None:
     page, wrong = visit(context, path, f"#replay={CRASHED}&t={time}")
