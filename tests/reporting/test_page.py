@@ -15,7 +15,7 @@ from helpers_trace import crossing_trace
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from sumo_mcts import commands
-from sumo_mcts.records import ROW_KEYS, load_trace
+from sumo_mcts.records import ROW_KEYS, load_trace, save_trace
 from sumo_mcts.reporting import tables
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -255,7 +255,7 @@ def test_the_replay_shows_the_road_and_the_decision_of_the_moment(context: Brows
     rows = page.locator("#actions tbody tr")
     assert rows.count() == len(cycle.decision.children)
     best = sorted(range(len(cycle.decision.children)), key=lambda i: (cycle.decision.children[i].best, i))
-    assert rows.nth(0).locator("td").nth(1).inner_text() == str(cycle.decision.children[best[0]].visits)
+    assert rows.nth(0).locator("td.visits").inner_text() == str(cycle.decision.children[best[0]].visits)
     chosen = page.locator("#actions tr.chosen")
     assert chosen.count() == 1
     assert chosen.locator("td").nth(0).inner_text().replace("\u2212", "-") == f"{cycle.decision.children[cycle.decision.chosen].accel:+.1f}"
@@ -347,6 +347,36 @@ def test_it_opens_from_the_list_and_shows_the_outcome_at_the_end(context: Browse
     page.keyboard.press("End")
     assert page.locator("#facts div", has_text="outcome").locator("dd").inner_text() == "arrived", "the trace's own"
     assert f"#replay={CRASHED}&t=" in page.url
+
+
+def test_what_was_tried_is_told_with_its_lane(context: BrowserContext, tmp_path: Path) -> None:
+    """In the order of the table: the cheapest first."""
+    trace, row = crossing_trace(), made_row()
+    cycle = trace.cycles[6]
+    children = [child._replace(lane_change=k % 3 - 1) for k, child in enumerate(sorted(cycle.decision.children, key=lambda child: child.best))]
+    changed = cycle._replace(decision=cycle.decision._replace(children=tuple(children), chosen=0))
+    cycles = (*trace.cycles[:6], changed, *trace.cycles[7:])
+    save_trace(write_rows(tmp_path, [row]) / "traces" / f"{row['key']}.npz", trace._replace(key=row["key"], cycles=cycles))
+    page, wrong = opened(context, report(tmp_path), row["key"], at=cycle.time)
+    heads = page.locator("#actions th").all_inner_texts()
+    told = page.locator("#actions tbody tr").evaluate_all(f"rows => rows.map(row => row.cells[{heads.index('lane')}].textContent)")
+    assert told == [{1: "← left", -1: "→ right", 0: ""}[child.lane_change] for child in children]
+    assert page.evaluate("document.querySelector('aside').scrollWidth <= document.querySelector('aside').clientWidth"), "nothing is cut off"
+    page.locator("#facts div", has_text="known ends").hover()
+    assert "had been simulated before" in page.locator("#tip").inner_text()
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"), [("Zoom in", "player.road.zoom"), ("Zoom out", "player.road.zoom"), ("Slower", "player.rate"), ("Faster", "player.rate")]
+)
+def test_what_plus_and_minus_do_is_told_and_done(name: str, changes: str, context: BrowserContext, path: Path) -> None:
+    page, _ = opened(context, path)
+    button, before = page.get_by_role("button", name=name, exact=True), page.evaluate(changes)
+    group = button.locator("xpath=..")
+    assert group.get_attribute("role") == "group" and ("zoom" if "Zoom" in name else "speed") in group.inner_text()
+    button.click()
+    assert (page.evaluate(changes) > before) == (name in ("Zoom in", "Faster"))
 
 
 def test_every_control_has_a_name(context: BrowserContext, path: Path) -> None:
