@@ -5,8 +5,9 @@ import json
 import re
 from collections.abc import Iterable, Iterator
 from importlib import metadata
+from operator import index
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, SupportsIndex
 
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, WithJsonSchema, model_validator
@@ -423,6 +424,20 @@ def build(data: dict[str, Any], origin: str, overrides: tuple[str, ...] = (), *,
     for key, name in plugin_names(scenario):
         require_permission(f"{origin}: {key}", name, allow_plugins)
     return scenario
+
+
+def whole(key: str, value: object, least: int) -> int:
+    """An argument of a program that has to be a whole number from `least` on. Raises ConfigError."""
+    number = None if isinstance(value, bool) or not isinstance(value, SupportsIndex) else index(value)
+    if number is None or number < least:
+        raise ConfigError(f"{key}: a whole number from {least} on, got {value!r}")
+    return number
+
+
+def require_scenario(function: str, config: object) -> None:
+    """Raise ConfigError where an argument is no scenario but, for example, its name."""
+    if not isinstance(config, ScenarioConfig):
+        raise ConfigError(f"{function}: config: a scenario, as load_scenario returns it, got {config!r:.60}")
 
 
 def is_oracle(prediction: str | None) -> bool:

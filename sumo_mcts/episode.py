@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts import plugins, records
-from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest
+from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest, require_scenario, whole
 from sumo_mcts.driver import SEARCHING, Driver, as_seen, ego_params, forecast_label, reads_forecast, streams, warm_up
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
@@ -67,6 +67,8 @@ def run_episode(
     `sumo_options` as on SUMO's command line. `progress` is told what goes on, `watch` is called with every set of decisions before they are executed.
     `variant` is what rows and keys call it; default planner-prediction-effort.
     """
+    require_scenario("run_episode", config)
+    seed = None if seed is None else whole("seed", seed, 0)
     began = time.perf_counter()
     recorders = {ego.id: Recorder() for ego in config.egos}
     loop = Loop(config, seed, gui=gui, sumo_options=sumo_options, progress=progress)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from sumo_mcts import assets, plugins, records
-from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names
+from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names, whole
 from sumo_mcts.experiments import drive, folder, workers
 from sumo_mcts.experiments.drive import Driven
 from sumo_mcts.experiments.experiment import Episode, Plan, episodes, load, shard, with_ego
@@ -88,7 +88,7 @@ def run_batch(
     """
     plan, out = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins), Path(out)
     tell = watch or _nobody
-    count = jobs or _cores()
+    count = _cores() if jobs is None else whole("jobs", jobs, 1)
     with folder.only_here(out):
         wanted = _manifest(plan, shard, command)
         manifest = _begun(out, wanted, fresh)
@@ -217,9 +217,11 @@ class _Batch:
 
 def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict[str, Any]:
     """What a folder says of its batch, but for the egos that are drawn. Raises ConfigError where there is no such shard."""
-    number, count = part
-    if not 1 <= number <= count:
-        raise ConfigError(f"--shard {number}/{count}: {SHARDS}")
+    match part:
+        case (int(number), int(count)) if 1 <= number <= count:
+            pass
+        case _:
+            raise ConfigError(f"--shard {'/'.join(map(str, part))}: {SHARDS}")
     scenarios = {case.name: case.base.model_dump(mode="json") for case in plan.cases}
     configs = [config for case in plan.cases for config in case.configs.values()]
     return {
