@@ -271,7 +271,7 @@ def test_permission() -> None:
 
 @pytest.mark.parametrize("name", ["nothing", "a:", ":b", "a b:c", "a:b:c", "os.system('x'):y"])
 def test_names_that_are_none(name: str) -> None:
-    with pytest.raises(ConfigError, match=r"planner.name: Input should be 'mcts', .* an installed plugin \(there is none\) or module:name, got "):
+    with pytest.raises(ConfigError, match=r"planner.name: has to be 'mcts', .* an installed plugin \(there is none\) or module:name, got "):
         load_scenario("straight-line", f"planner.name={json.dumps(name)}", allow_plugins=True)
 
 
