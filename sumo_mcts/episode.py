@@ -153,7 +153,7 @@ class Loop:
         if config.prediction.name == "clone":
             clone.require_possible(self._gui)
         road = known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net))  # SUMO itself does not survive every network
-        _check_edges(config, road)
+        check_edges(config, road)
         drawn = cast(config.traffic, [ego.id for ego in config.egos], road, self._traffic)
         actors = drawn.actors
         self.arguments = sumo_arguments(config, self.seed, drawn, Path(self._folder.name), self._options)
@@ -418,7 +418,7 @@ def _micro(x: float) -> int:
 # --- goals ---
 
 
-def _check_edges(config: ScenarioConfig, road: RoadMap) -> None:
+def check_edges(config: ScenarioConfig, road: RoadMap) -> None:
     """Raise ConfigError where the scenario names an edge that the network does not have."""
     for ego in config.egos:
         if ego.until is not None:

@@ -108,14 +108,20 @@ def run_batch(
 def listed(
     experiment: str | Path, out: str | Path | None = None, *, shard: tuple[int, int] = WHOLE, fresh: bool = False, allow_plugins: bool = False
 ) -> list[Listing]:
-    """What `run_batch` would drive; nothing is written. Raises as it does."""
+    """What `run_batch` would drive, after a look whether it can: every scenario is started, but nobody decides. Nothing is written. Raises as it does."""
     plan = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins)
     wanted = _manifest(plan, shard, ())
     manifest = None if out is None else _begun(Path(out), wanted, fresh)
-    with workers.local(1) as crew:
-        found = _part(plan, manifest["egos"] if manifest is not None else _chosen(plan, crew, _nobody), shard)
+    egos = _prepared(plan, _nobody, decide=False) if manifest is None else manifest["egos"]
+    found = _part(plan, egos, shard)
     done = set() if manifest is None or out is None else {row["key"] for row in folder.done(Path(out), found)}
     return [Listing(key, key in done) for episode in found for key in episode.keys]
+
+
+def built_in() -> list[dict[str, str]]:
+    """Name and description of the built-in experiments."""
+    found = [load(assets.experiment_path(name)).experiment for name in assets.experiment_names()]
+    return [{"name": experiment.name, "description": experiment.description} for experiment in found]
 
 
 class _Batch:
@@ -257,11 +263,11 @@ def _begun(out: Path, wanted: Mapping[str, Any], fresh: bool) -> dict[str, Any] 
     return folder.begun(out, wanted)
 
 
-def _prepared(plan: Plan, tell: Watch, egos: Egos | None = None) -> Egos:
-    """The egos of each user's network, chosen unless they are given; the scenarios have been tried. Raises ConfigError."""
+def _prepared(plan: Plan, tell: Watch, egos: Egos | None = None, decide: bool = True) -> Egos:
+    """The egos of each user's network, chosen unless they are given; the scenarios have been tried, up to a decision where asked. Raises ConfigError."""
     with workers.local(1) as crew:
         chosen = _chosen(plan, crew, tell) if egos is None else egos
-        _rehearse(plan, chosen, crew, tell)
+        _rehearse(plan, chosen, crew, tell, decide)
     return chosen
 
 
@@ -282,13 +288,14 @@ def _chosen(plan: Plan, crew: Crew, tell: Watch) -> Egos:
     return found
 
 
-def _rehearse(plan: Plan, egos: Egos, crew: Crew, tell: Watch) -> None:
-    """Start every scenario once with every planner, in one process: wrong input ends the batch here, and the search is compiled for all. Raises ConfigError."""
+def _rehearse(plan: Plan, egos: Egos, crew: Crew, tell: Watch, decide: bool) -> None:
+    """Start every scenario once with every planner, in one process: wrong input ends the batch here, and the search is compiled for all that `decide`.
+    Raises ConfigError."""
     tell(_before("starting SUMO" if is_compiled() else "compiling the search, once for this version (about half a minute)"))
     for case in plan.cases:
         configs = [with_ego(config, egos[case.name][0]) if case.name in egos else config for config in case.configs.values()]
         for config in {_kind(config): config for config in configs}.values():
-            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0]), crew)
+            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0], decide), crew)
             if problem:
                 raise ConfigError(f"{plan.origin}: scenarios: {case.name}: {problem}")
 

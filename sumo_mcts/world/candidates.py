@@ -39,19 +39,20 @@ class Candidate(NamedTuple):
 
 
 def candidates(
-    arguments: Sequence[str], count: int, enough: Callable[[Candidate], bool] | None = None, *, patience_s: float = PATIENCE_S, lasting_s: float = math.inf
-) -> list[Candidate]:
+    arguments: Sequence[str], count: int, enough: Callable[[Candidate], bool] | None = None, *, until: str | None = None, patience_s: float = PATIENCE_S,
+    lasting_s: float = math.inf,
+) -> list[Candidate]:  # fmt: skip
     """The first `count` vehicles that depart, or fewer: all until one is `enough`, the traffic ends or SUMO's option `end` comes, patience does (s of this
-    clock), or so many seconds are simulated. Raises ConfigError."""
+    clock), or so many seconds are simulated. `until`: the edge that the way of a suitable one has to pass. Raises ConfigError."""
     found: list[Candidate] = []
-    until = time.monotonic() + patience_s
+    give_up = time.monotonic() + patience_s
     with Simulation(arguments) as simulation:
         sumo = import_libsumo()
         last = min(simulation.time + lasting_s, simulation.end)
-        while len(found) < count and not simulation.finished and time.monotonic() < until and simulation.time < last:
+        while len(found) < count and not simulation.finished and time.monotonic() < give_up and simulation.time < last:
             simulation.step()
             for vehicle in sumo.simulation.getDepartedIDList():
-                found.append(_look(vehicle, simulation.time))
+                found.append(_look(vehicle, simulation.time, until))
                 if enough is not None and enough(found[-1]):
                     return found
     return found[:count]
@@ -82,13 +83,20 @@ def _ids_in(path: Path, changed: int) -> frozenset[str] | None:
     return frozenset((double or single).decode(errors="replace") for double, single in _ID.findall(text))
 
 
-def _look(vehicle: str, now: float) -> Candidate:
+def not_passing(until: str) -> str:
+    """Why somebody is not suitable who does not come to an edge."""
+    return f"its route does not pass edge {until}"
+
+
+def _look(vehicle: str, now: float, until: str | None) -> Candidate:
     sumo = import_libsumo()
     vclass = str(sumo.vehicle.getVehicleClass(vehicle))
     route = sumo.vehicle.getRoute(vehicle)
     length = sum(float(sumo.lane.getLength(f"{edge}_0")) for edge in route)
     why_not = ""
-    if vclass not in ROAD_CLASSES:
+    if until is not None and until not in route:
+        why_not = not_passing(until)
+    elif vclass not in ROAD_CLASSES:
         why_not = f"class {vclass}"
     elif sumo.vehicle.getStops(vehicle, 1):
         why_not = "has stops to serve"

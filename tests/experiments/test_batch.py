@@ -508,6 +508,26 @@ def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (SMALL + "set: {sumo.options: {warp-speed: 9}}\n", "scenarios: unprotected-left-turn: SUMO does not start: "),
+        (SMALL + "set: {episode.success_edge: nowhere}\n", "scenarios: unprotected-left-turn: episode.success_edge: the network has no edge nowhere; among"),
+        (SMALL.replace("highway-exit", "{scenario: highway-exit, set: {egos: [{id: ego, until: nowhere}]}}"), "scenarios: highway-exit: egos: ego: until: the"),
+        (SMALL.replace("highway-exit", "{scenario: highway-exit, set: {egos: [{id: nobody}]}}"), "scenarios: highway-exit: egos: nobody: no file of the simul"),
+        (SMALL.replace(", highway-exit", "") + "set: {episode.success_edge: to_south}\n", "episode.success_edge: the route of ego does not pass edge to_south"),
+        (network("[ego]", ", until: to_nort"), "scenarios: good: egos: any: until: the network has no edge to_nort; among its 8 edges: to_north"),
+        (network("[ego]", ", until: to_south"), "scenarios: good: egos: ego: until: its route does not pass edge to_south"),
+        (network("{random: 1}", ", until: to_south"), "scenarios: good: egos: random: asks for 1, 0 suitable vehicles"),
+    ],
+)
+def test_a_dry_run_refuses_what_cannot_be(text: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as refused:
+        listed(write(tmp_path, text), tmp_path / "out")
+    assert said in str(refused.value)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
     ("refused", "said"),
     [
         (

@@ -187,6 +187,10 @@ def test_wrong_files(case: str, tmp_path: Path) -> None:
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"nowhere: no such experiment; give a \.yaml, or one of: ablation, baselines"):
         assets.experiment_path("nowhere")
+    with pytest.raises(ConfigError, match=r"^vared: no such experiment \(near: varied\); give a \.yaml, or one of: ablation, baselines"):
+        assets.experiment_path("vared")
+    with pytest.raises(ConfigError, match=r"^highway-exits: no such scenario \(near: highway-exit, "):
+        assets.scenario_path("highway-exits")
     with pytest.raises(ConfigError, match="cannot be read"):
         load(tmp_path / "nowhere.yaml")
 
