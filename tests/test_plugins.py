@@ -253,7 +253,7 @@ def test_a_planner_that_does_not_start_is_an_outcome(mine: str) -> None:
 
 def test_a_plan_that_is_none_costs_a_manoeuvre(mine: str) -> None:
     result = run_episode(scene("planner.name=of_mine:Planless", "failsafe.most_failures=1000"), 0)
-    assert all(cycle.note.endswith("the planner failed: a plan whose v has shape (2,), or is not finite") for cycle in result.traces[0].cycles)
+    assert all(cycle.decision.reason.endswith("the planner failed: a plan whose v has shape (2,), or is not finite") for cycle in result.traces[0].cycles)
     assert result.rows[0]["failsafe_interventions"] == result.rows[0]["cycles"] > 3
 
 
@@ -304,7 +304,7 @@ def test_a_predictor_that_says_what_ours_says_changes_nothing(mine: str) -> None
 )
 def test_a_predictor_that_fails_now_and_then_costs_manoeuvres(how: str, said: str, mine: str) -> None:
     result = driven(f"prediction={{name: of_mine:Idm, options: {{{how}}}}}")
-    notes = [cycle.note for cycle in result.traces[0].cycles]
+    notes = [cycle.decision.reason for cycle in result.traces[0].cycles]
     failed = [k for k, note in enumerate(notes) if "the predictor failed: " in note]
     assert failed and len(failed) < len(notes)
     assert all(said in notes[k] and notes[k].startswith("fail-safe") for k in failed)

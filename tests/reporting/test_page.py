@@ -274,7 +274,7 @@ def test_it_tells_why_the_fail_safe_acted(context: BrowserContext, path: Path, f
     assert page.locator("#failsafe").is_hidden()
     page.keyboard.press("n")
     page.keyboard.press("n")
-    assert page.locator("#failsafe").inner_text() == load_trace(folder / "traces" / f"{CRASHED}.npz").cycles[12].note
+    assert page.locator("#failsafe").inner_text() == load_trace(folder / "traces" / f"{CRASHED}.npz").cycles[12].decision.reason
     assert page.locator("#failsafe").is_visible()
 
 
