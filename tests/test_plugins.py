@@ -1,5 +1,6 @@
 """Planners, predictors and cost terms of the user's own: the worked examples as they stand, permission, labels, and everything that may be wrong with one."""
 
+import hashlib
 import importlib
 import json
 import math
@@ -76,10 +77,11 @@ def test_the_worked_example_drives(examples: Path) -> None:
     assert row["failsafe_interventions"] == 0
     manifest = json.loads((examples / "out" / "manifest.json").read_text())
     package = {"name": "courteous", "version": "0.1"}
+    of = {name: hashlib.sha256((examples / "courteous" / f"{name}.py").read_bytes()).hexdigest() for name in ("planner", "predictor", "cost")}
     assert manifest["plugins"] == [
-        {"key": "planner.name", "name": "steady", "code": "courteous.planner:Steady", "package": package},
-        {"key": "prediction.name", "name": "lively", "code": "courteous.predictor:Lively", "package": package},
-        {"key": "cost.term", "name": "keep_right", "code": "courteous.cost:keep_right", "package": package},
+        {"key": "planner.name", "name": "steady", "code": "courteous.planner:Steady", "file_digest": of["planner"], "package": package},
+        {"key": "prediction.name", "name": "lively", "code": "courteous.predictor:Lively", "file_digest": of["predictor"], "package": package},
+        {"key": "cost.term", "name": "keep_right", "code": "courteous.cost:keep_right", "file_digest": of["cost"], "package": package},
     ]
     by_code = ("--planner", "courteous.planner:Steady", "--prediction", "courteous.predictor:Lively", "--set", "cost.term=courteous.cost:keep_right")
     same = episode(examples, "scene.yaml", *by_code, "--set", "traffic.vary=0", "--allow-plugins")

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from helpers_batch import SMALL, crash_or_drive, exhaust_or_drive, timeless, write
 
-from sumo_mcts import assets, cli, config, records, run_batch
+from sumo_mcts import assets, cli, config, plugins, records, run_batch
 from sumo_mcts.config import ConfigError, digest
 from sumo_mcts.episode import run_episode
 from sumo_mcts.experiments import folder, workers
@@ -367,6 +367,35 @@ def test_files_and_plugins_do_not_mix(tmp_path: Path) -> None:
     records.write_manifest(out, {**manifest, "plugins": [plugin]})
     with pytest.raises(ConfigError, match="plugin mine has changed since the batch was begun"):
         folder.begun(out, now)
+
+
+SLEEPER = """
+from sumo_mcts.scene import Decision, Release
+
+class Sleeper:
+    needs_forecast = False
+    def __init__(self, options, scenario): pass
+    def start(self, task, seed): pass
+    def plan(self, situation): return Decision(Release(), None, (), -1, "", 0, 0)
+"""
+
+
+def test_a_plugin_whose_file_has_changed_does_not_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    module = tmp_path / "sleeper_of_mine.py"
+    module.write_text(SLEEPER)
+    text = "name: x\nscenarios: [straight-line]\nvariants: {asleep: {planner.name: 'sleeper_of_mine:Sleeper', episode.stop_time_s: 1}}\n"
+    experiment, out = write(tmp_path, text), tmp_path / "out"
+    rows = run_batch(experiment, out, jobs=1, allow_plugins=True)
+    (plugin,) = json.loads((out / records.MANIFEST).read_text())["plugins"]
+    assert plugin["file_digest"] == hashlib.sha256(SLEEPER.encode()).hexdigest()
+    module.write_text(SLEEPER + "# to come\n")
+    with pytest.raises(ConfigError, match="plugin sleeper_of_mine:Sleeper has changed since the batch was begun; take another --out, or --fresh"):
+        run_batch(experiment, out, jobs=1, allow_plugins=True)
+    module.write_text(SLEEPER)
+    assert run_batch(experiment, out, jobs=1, allow_plugins=True) == rows
+    monkeypatch.setitem(sys.modules, "sleeper_of_mine", None)
+    assert plugins.described(load(experiment, allow_plugins=True).cases[0].configs["asleep"])[0]["file_digest"] is None
 
 
 def test_fresh_removes_what_a_batch_leaves_and_nothing_else(whole: Reference, tmp_path: Path) -> None:
