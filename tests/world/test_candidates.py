@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sumo_mcts import config, records, run_batch
+from sumo_mcts import config, load_scenario, records, run_batch
 from sumo_mcts.commands import list_candidates
 from sumo_mcts.config import ConfigError
 from sumo_mcts.episode import run_episode
@@ -72,6 +72,16 @@ def test_nobody_departs_after_the_end(tmp_path: Path) -> None:
         "error",
         "never departed before the simulation's end at 25 s (SUMO's option end); the first that did: 0, 10, 20",
     )
+
+
+def test_any_is_one_that_comes_to_the_goal(tmp_path: Path) -> None:
+    ways = {"first": "from_west to_south", "second": "from_west to_north", "third": "from_west to_north"}
+    vehicles = "".join(f'<vehicle id="{name}" depart="{k}"><route edges="{way}"/></vehicle>' for k, (name, way) in enumerate(ways.items()))
+    path = sumocfg(tmp_path, routes=f"<routes>{vehicles}</routes>")
+    assert load_scenario(path, ego="any").egos[0].id == "first"
+    assert load_scenario(path, ego="any", until="to_north").egos[0].id == "second"
+    with pytest.raises(ConfigError, match="--ego any: no suitable vehicle departs and passes edge to_east; without --ego the candidates are listed"):
+        load_scenario(path, ego="any", until="to_east")
 
 
 FLOWS = """<routes>
