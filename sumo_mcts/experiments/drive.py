@@ -116,7 +116,8 @@ def _drawn(config: ScenarioConfig, count: int, seed: int) -> tuple[str, ...]:
 
     _look(config, found)
     if len(suitable) < count:
-        raise ConfigError(f"egos: random: asks for {count}, {len(suitable)} suitable vehicles depart within {config.episode.depart_limit_s:g} s")
+        passing = "" if config.egos[0].until is None else f" and pass edge {config.egos[0].until}"
+        raise ConfigError(f"egos: random: asks for {count}, {len(suitable)} suitable vehicles depart within {config.episode.depart_limit_s:g} s{passing}")
     chosen = np.random.default_rng(seed).choice(len(suitable), count, replace=False)
     return tuple(suitable[k] for k in sorted(chosen.tolist()))
 

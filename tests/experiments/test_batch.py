@@ -546,7 +546,10 @@ def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
         (SMALL.replace(", highway-exit", "") + "set: {episode.success_edge: to_south}\n", "episode.success_edge: the route of ego does not pass edge to_south"),
         (network("[ego]", ", until: to_nort"), "scenarios: good: egos: any: until: the network has no edge to_nort; among its 8 edges: to_north"),
         (network("[ego]", ", until: to_south"), "scenarios: good: egos: ego: until: its route does not pass edge to_south"),
-        (network("{random: 1}", ", until: to_south"), "scenarios: good: egos: random: asks for 1, 0 suitable vehicles"),
+        (
+            network("{random: 1}", ", until: to_south"),
+            "scenarios: good: egos: random: asks for 1, 0 suitable vehicles depart within 3600 s and pass edge to_south",
+        ),
     ],
 )
 def test_a_dry_run_refuses_what_cannot_be(text: str, said: str, tmp_path: Path) -> None:
