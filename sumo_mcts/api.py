@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from os import PathLike, fspath
 
 from sumo_mcts import commands
-from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.config import ConfigError, ScenarioConfig
 
 
 def load_scenario(
@@ -21,6 +21,13 @@ def load_scenario(
 
     Raises ConfigError: one line that names the file, the key and what is allowed.
     """
-    name, egos = fspath(scenario), (ego,) if isinstance(ego, str) else tuple(ego)
+    if not isinstance(scenario, str | PathLike):
+        raise ConfigError(f"load_scenario: scenario: a name or a path, got {scenario!r:.60}")
+    egos = tuple(ego) if isinstance(ego, list | tuple) else (ego,)
+    for key, given in (("assignments", assignments), ("ego", egos)):
+        for each in given:
+            if not isinstance(each, str):
+                raise ConfigError(f"load_scenario: {key}: a text, got {each!r:.60}")
+    name = fspath(scenario)
     commands.require_egos(name, egos)
     return commands.resolve(name, None, egos, until, assignments, sumo_options, allow_plugins=allow_plugins)

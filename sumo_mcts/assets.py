@@ -1,8 +1,12 @@
 """Where the built-in networks, routes and configs lie: in a checkout or inside the installed package."""
 
+from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 
 from sumo_mcts.config import ConfigError
+
+NAMED = 3  # near names that a message tells
 
 _HERE = Path(__file__).resolve().parent
 
@@ -26,7 +30,14 @@ def scenario_path(name_or_path: str) -> Path:
     path = Path(name_or_path)
     if path.is_file():
         return path
-    raise ConfigError(f"{name_or_path}: no such scenario; give a .yaml, a .sumocfg, or one of: {', '.join(scenario_names())}")
+    raise ConfigError(
+        f"{name_or_path}: no such scenario{_near(name_or_path, scenario_names())}; give a .yaml, a .sumocfg, or one of: {', '.join(scenario_names())}"
+    )
+
+
+def experiment_names() -> list[str]:
+    """The built-in experiments."""
+    return sorted(path.stem for path in (root() / "configs" / "experiments").glob("*.yaml"))
 
 
 def experiment_path(name_or_path: str) -> Path:
@@ -36,5 +47,10 @@ def experiment_path(name_or_path: str) -> Path:
         return builtin
     if Path(name_or_path).is_file():
         return Path(name_or_path)
-    names = sorted(path.stem for path in builtin.parent.glob("*.yaml"))
-    raise ConfigError(f"{name_or_path}: no such experiment; give a .yaml, or one of: {', '.join(names)}")
+    raise ConfigError(f"{name_or_path}: no such experiment{_near(name_or_path, experiment_names())}; give a .yaml, or one of: {', '.join(experiment_names())}")
+
+
+def _near(given: str, names: Sequence[str]) -> str:
+    """The names, in brackets, that may have been meant."""
+    near = get_close_matches(given, names, NAMED, 0.6)
+    return f" (near: {', '.join(near)})" if near else ""

@@ -239,7 +239,7 @@ def _list_recorded(folder: Path, as_json: bool) -> None:
 
 @app.command()
 def batch(
-    experiment: Annotated[str, typer.Argument(help="An experiment file, or a built-in one: quick, table1, reactive, varied, ...")],
+    experiment: Annotated[str, typer.Argument(help="An experiment file, or a built-in one: `sumo-mcts experiments` lists them.")],
     out: Annotated[Path, typer.Option(help="Folder for rows and traces; what is done there is not done again.")],
     jobs: Annotated[Optional[int], typer.Option(min=1, metavar="N", help="Processes. Default: one a core.")] = None,  # noqa: UP045
     scheduler: Annotated[Optional[str], typer.Option(metavar="tcp://...", help="Drive on the workers of this dask.distributed scheduler.")] = None,  # noqa: UP045
@@ -312,13 +312,28 @@ def _how_far(at: "Progress") -> str:
     return f"{at.collisions} collisions" + (f", {at.errors} errors" if at.errors else "") + pace
 
 
+AsList = Annotated[bool, typer.Option("--json", help="A list of {name, description}.")]
+
+
 @app.command()
-def scenarios(as_json: Annotated[bool, typer.Option("--json", help="A list of {name, description}.")] = False) -> None:
+def scenarios(as_json: AsList = False) -> None:
     """The built-in scenarios."""
     with _plain_errors():
         from sumo_mcts import commands
 
-        found = commands.scenarios()
+        _tell_built_in(commands.scenarios(), as_json)
+
+
+@app.command()
+def experiments(as_json: AsList = False) -> None:
+    """The built-in experiments, for `batch`."""
+    with _plain_errors():
+        from sumo_mcts import commands
+
+        _tell_built_in(commands.experiments(), as_json)
+
+
+def _tell_built_in(found: list[dict[str, str]], as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(found))
         return

@@ -14,7 +14,7 @@ from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.driver import cost_params, make_planner, make_predictor
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.experiments import folder as batch_folder
-from sumo_mcts.experiments.batch import SHARDS, Progress, listed, run_batch
+from sumo_mcts.experiments.batch import SHARDS, Progress, built_in, listed, run_batch
 from sumo_mcts.forecast_error import compare
 from sumo_mcts.planners.reference import LABELS, digest
 from sumo_mcts.regret import FACTOR, FINER, Harvest, Panel, Row, both_efforts, convergence, ranking
@@ -54,7 +54,7 @@ def resolve(
             overrides = (*overrides, "egos=" + yaml.safe_dump([_ego(name, until) for name in names], default_flow_style=True))
         return config.load(assets.scenario_path(scenario), overrides, allow_plugins=allow_plugins)
     _check_sumocfg(scenario)
-    names = [_first_suitable(scenario, seed, sumo_options) if name == "any" else name for name in egos]
+    names = [_first_suitable(scenario, until, seed, sumo_options) if name == "any" else name for name in egos]
     stem = "".join(c if c.isalnum() or c in "_-" else "_" for c in Path(scenario).stem)
     data = {"name": stem or "user", "sumo": {"sumocfg": str(Path(scenario).resolve())}, "egos": [_ego(name, until) for name in names]}
     return config.build(data, scenario, overrides, allow_plugins=allow_plugins)
@@ -346,6 +346,11 @@ def scenarios() -> list[dict[str, str]]:
     return [{"name": scenario.name, "description": scenario.description} for scenario in found]
 
 
+def experiments() -> list[dict[str, str]]:
+    """Name and description of the built-in experiments."""
+    return built_in()
+
+
 def problem_of(path: Path, *, allow_plugins: bool = False) -> str:
     """What is wrong with a scenario file, "" if nothing; plugins that it names are made, so that they check their options."""
     try:
@@ -403,11 +408,13 @@ def _check_sumocfg(path: str) -> None:
         known_roadmap(network_of(path, None))  # SUMO itself does not survive every network
 
 
-def _first_suitable(sumocfg: str, seed: int | None, sumo_options: Sequence[str]) -> str:
+def _first_suitable(sumocfg: str, until: str | None, seed: int | None, sumo_options: Sequence[str]) -> str:
     with _named(sumocfg, sumocfg):
-        found = candidates(sumocfg_arguments(sumocfg, seed, sumo_options), SEARCHED, lambda c: c.suitable)
+        found = candidates(sumocfg_arguments(sumocfg, seed, sumo_options), SEARCHED, lambda c: c.suitable, until=until)
     if not found or not found[-1].suitable:
-        raise ConfigError(f"{sumocfg}: --ego any: no suitable vehicle departs; without --ego the candidates are listed")
+        raise ConfigError(
+            f"{sumocfg}: --ego any: no suitable vehicle departs{'' if until is None else f' and passes edge {until}'}; without --ego the candidates are listed"
+        )
     return found[-1].id
 
 
@@ -424,16 +431,21 @@ def _summary(row: dict[str, Any]) -> str:
     def show(value: Any, unit: str = "", digits: int = 1) -> str:
         return "-" if value is None else f"{value:.{digits}f}{unit}" if isinstance(value, float) else f"{value}{unit}"
 
-    ratio = "" if row["travel_time_s"] is None or not row["free_flow_s"] else f" ({row['travel_time_s'] / row['free_flow_s']:.2f} x free flow)"
     fault = "" if row["at_fault"] is None else ", at fault" if row["at_fault"] else ", not at fault"
+    head = [
+        f"{row['scenario']}  ego {row['ego']}  planner {row['variant']}  seed {show(row['seed'])}",
+        f"  outcome      {row['outcome']}{fault}" + (f": {row['error']}" if row["error"] else ""),
+    ]
+    if row["free_flow_s"] is None:  # it was never on its way
+        return "\n".join(head)
+    ratio = "" if row["travel_time_s"] is None or not row["free_flow_s"] else f" ({row['travel_time_s'] / row['free_flow_s']:.2f} x free flow)"
     comfortable = None if row["comfortable_share"] is None else 100.0 * row["comfortable_share"]
     comfort = f"strongest braking {show(row['max_decel_mps2'], ' m/s2')}, rms jerk {show(row['rms_jerk_mps3'], ' m/s3')}"
     imposed = f"braking imposed {show(row['imposed_max_decel_mps2'], ' m/s2')}"
     planning = f"{show(row['cycles'])} decisions, {show(row['plan_ms_p50'], ' ms')} (p50) {show(row['plan_ms_p99'], ' ms')} (p99)"
     return "\n".join(
         [
-            f"{row['scenario']}  ego {row['ego']}  planner {row['variant']}  seed {show(row['seed'])}",
-            f"  outcome      {row['outcome']}{fault}" + (f": {row['error']}" if row["error"] else ""),
+            *head,
             f"  travel time  {show(row['travel_time_s'], ' s')}{ratio}, {show(row['distance_m'], ' m')} driven",
             f"  comfort      {comfort}, {show(comfortable, ' %', 0)} of the time comfortable",
             f"  others       {imposed}, smallest TTC {show(row['min_ttc_s'], ' s')}, PET {show(row['min_pet_s'], ' s')}",

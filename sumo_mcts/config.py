@@ -5,11 +5,12 @@ import json
 import re
 from collections.abc import Iterable, Iterator
 from importlib import metadata
+from operator import index
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, SupportsIndex
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, WithJsonSchema, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema, model_validator
 
 SCHEMA_VERSION = 1
 CROWD_ID = "crowd_"
@@ -46,7 +47,7 @@ def _known(name: str, builtin: tuple[str, ...], group: str) -> str:
     if name in builtin or is_plugin(name, group):
         return name
     ours = f"{', '.join(map(repr, builtin))}, " if builtin else ""
-    raise ValueError(f"Input should be {ours}an installed plugin ({', '.join(_installed(group)) or 'there is none'}) or module:name")
+    raise ValueError(f"has to be {ours}an installed plugin ({', '.join(_installed(group)) or 'there is none'}) or module:name")
 
 
 def is_plugin(name: str, group: str) -> bool:
@@ -67,6 +68,15 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
 
+def _scalar(value: object) -> object:
+    if not isinstance(value, str | int | float | bool):
+        raise ValueError("has to be a text, a number, true or false")
+    return value
+
+
+SumoValue = Annotated[str | int | float | bool, BeforeValidator(_scalar)]
+
+
 class SumoConfig(_Section):
     """The simulation: either a .sumocfg, or a network with routes."""
 
@@ -75,7 +85,7 @@ class SumoConfig(_Section):
     routes: tuple[str, ...] = Field((), description="route files")
     additional: tuple[str, ...] = Field((), description="additional files: vehicle types, signal plans, stops")
     step_length_s: Positive | None = Field(None, description="step of the simulation; default 0.1, with a sumocfg its own")
-    options: dict[str, str | int | float | bool] = Field({}, description="further SUMO options, without the dashes")
+    options: dict[str, SumoValue] = Field({}, description="further SUMO options, without the dashes")
 
     @model_validator(mode="after")
     def _one_source(self) -> "SumoConfig":
@@ -426,6 +436,20 @@ def build(data: dict[str, Any], origin: str, overrides: tuple[str, ...] = (), *,
     return scenario
 
 
+def whole(key: str, value: object, least: int) -> int:
+    """An argument of a program that has to be a whole number from `least` on. Raises ConfigError."""
+    number = None if isinstance(value, bool) or not isinstance(value, SupportsIndex) else index(value)
+    if number is None or number < least:
+        raise ConfigError(f"{key}: a whole number from {least} on, got {value!r}")
+    return number
+
+
+def require_scenario(function: str, config: object) -> None:
+    """Raise ConfigError where an argument is no scenario but, for example, its name."""
+    if not isinstance(config, ScenarioConfig):
+        raise ConfigError(f"{function}: config: a scenario, as load_scenario returns it, got {config!r:.60}")
+
+
 def is_oracle(prediction: str | None) -> bool:
     """Whether a forecast, as results name it, knows what no sensor sees."""
     return prediction is not None and (prediction in ORACLES or prediction.endswith(ORACLE_MARK))
@@ -540,17 +564,44 @@ def _assign(data: dict[str, Any], override: str) -> None:
         raise ConfigError(f"--set {override}: the value is not valid YAML") from None
 
 
+# What is allowed, by the type of pydantic's error and with its parameters; every type whose name begins so.
+_ALLOWED = {
+    "model": "a mapping of keys", "dict": "a mapping of keys", "tuple": "a list", "list": "a list", "string_type": "a text", "int": "a whole number",
+    "float": "a number", "finite": "a finite number", "bool": "true or false", "literal": "{expected}", "string_pattern": "a text like {pattern}",
+    "string_too_short": "a text of at least {min_length} characters",
+    "greater_than_equal": "at least {ge}", "greater_than": "greater than {gt}", "less_than_equal": "at most {le}", "less_than": "less than {lt}",
+}  # fmt: skip
+
+
 def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
     """What is wrong with the input for a model: key, what is allowed, what was given."""
-    problem = error.errors()[0]
-    key = ".".join(str(part) for part in problem["loc"]) or "scenario"
-    message = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "extra_forbidden":
-        message = "unknown key" + _allowed_beside(problem["loc"], model)
-    elif problem["type"] != "missing" and not isinstance(problem["input"], dict):
+    problems = error.errors()
+    problem = problems[0]
+    key = ".".join(str(part) for part in problem["loc"] if part != "[key]") or "scenario"
+    message = _in_words(problem, model)
+    if problem["type"] not in ("missing", "extra_forbidden") and not isinstance(problem["input"], dict):
         message += f", got {problem['input']!r}"
-    more = len(error.errors()) - 1
+    around = {each["loc"][:k] for each in problems for k in range(len(each["loc"]))}
+    more = sum(each["type"] != "too_short" or each["loc"] not in around for each in problems[1:])  # else it is short of those that are wrong
     return f"{key}: {message}" + (f" (and {more} more)" if more else "")
+
+
+def _in_words(problem: Any, model: type[BaseModel]) -> str:
+    """What one of pydantic's errors says."""
+    kind, parameters = problem["type"], {key: int(x) if isinstance(x, float) and x.is_integer() else x for key, x in problem.get("ctx", {}).items()}
+    match kind:
+        case "extra_forbidden":
+            return "unknown key" + _allowed_beside(problem["loc"], model)
+        case "missing":
+            return "has to be given"
+        case "too_short":
+            return f"has to have at least {parameters['min_length']} entr{'y' if parameters['min_length'] == 1 else 'ies'}"
+        case "too_long":
+            return f"has to have at most {parameters['max_length']} entries"
+        case "value_error":
+            return str(parameters["error"])
+    allowed = next((words for begin, words in _ALLOWED.items() if kind.startswith(begin)), None)
+    return problem["msg"] if allowed is None else f"has to be {allowed.format_map(parameters)}"
 
 
 def _allowed_beside(location: tuple[int | str, ...], model: Any) -> str:

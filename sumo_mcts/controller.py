@@ -91,6 +91,8 @@ def _no_copy(*_: object) -> NoReturn:
 def _scenario(ego: str, config: ScenarioConfig | Mapping[str, Any] | None, allow_plugins: bool) -> ScenarioConfig:
     """A scenario around the running simulation."""
     if not isinstance(config, ScenarioConfig):
+        if config is not None and not isinstance(config, Mapping):
+            raise ConfigError(f"Controller: config: a scenario or a mapping of its sections, got {config!r:.60}")
         data = {"name": "controller", "sumo": {"net": option("net-file")}, "egos": [{"id": ego}]}
         config = scenario_files.build({**data, **(config or {})}, "Controller", allow_plugins=allow_plugins)
     if config.prediction.name in _NOT_HERE:

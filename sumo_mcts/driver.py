@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts import plugins
-from sumo_mcts.config import ORACLE_MARK, PLANNERS, PREDICTORS, ConfigError, ScenarioConfig
+from sumo_mcts.config import ORACLE_MARK, PLANNERS, PREDICTORS, ConfigError, ScenarioConfig, whole
 from sumo_mcts.model.cost import CostParams, Term, compiled_term
 from sumo_mcts.model.ego import HALF, EgoParams
 from sumo_mcts.model.intentions import foresee
@@ -70,8 +70,8 @@ class Streams(NamedTuple):
 
 
 def streams(seed: int | None) -> Streams:
-    """The streams of a seed; without one those of seed 0."""
-    traffic, search, noise = np.random.SeedSequence(seed or 0).spawn(3)
+    """The streams of a seed; without one those of seed 0. Raises ConfigError where it is none."""
+    traffic, search, noise = np.random.SeedSequence(0 if seed is None else whole("seed", seed, 0)).spawn(3)
     return Streams(traffic, int(search.generate_state(1)[0]), noise)
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts import plugins, records
-from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest
+from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest, require_scenario, whole
 from sumo_mcts.driver import SEARCHING, Driver, as_seen, ego_params, forecast_label, reads_forecast, streams, warm_up
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
@@ -29,13 +29,13 @@ from sumo_mcts.world import clone
 from sumo_mcts.world import gui as window
 from sumo_mcts.world.actors import Actors, check
 from sumo_mcts.world.arguments import REFEREE_OPTIONS, network_of, sumo_arguments
+from sumo_mcts.world.candidates import NAMED, require_named
 from sumo_mcts.world.crowd import cast
 from sumo_mcts.world.roadmap import has_edge, known_roadmap
 from sumo_mcts.world.simulation import Simulation, SimulationError
 
 FREE_FLOWS = 3.0  # the default time limit in free-flow times, and
 LIMIT_SLACK_S = 120.0  # what comes on top: see measures.md
-NAMED = 5  # vehicles that a message names
 WAITING_NEWS_S = 30.0  # between two words about an ego that has not departed
 MOST_REDRAWN = 20  # draws in a row without a way out: it is not the draw's fault
 
@@ -67,6 +67,8 @@ def run_episode(
     `sumo_options` as on SUMO's command line. `progress` is told what goes on, `watch` is called with every set of decisions before they are executed.
     `variant` is what rows and keys call it; default planner-prediction-effort.
     """
+    require_scenario("run_episode", config)
+    seed = None if seed is None else whole("seed", seed, 0)
     began = time.perf_counter()
     recorders = {ego.id: Recorder() for ego in config.egos}
     loop = Loop(config, seed, gui=gui, sumo_options=sumo_options, progress=progress)
@@ -151,7 +153,7 @@ class Loop:
         if config.prediction.name == "clone":
             clone.require_possible(self._gui)
         road = known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net))  # SUMO itself does not survive every network
-        _check_edges(config, road)
+        check_edges(config, road)
         drawn = cast(config.traffic, [ego.id for ego in config.egos], road, self._traffic)
         actors = drawn.actors
         self.arguments = sumo_arguments(config, self.seed, drawn, Path(self._folder.name), self._options)
@@ -160,11 +162,12 @@ class Loop:
         self._simulation = Simulation(self.arguments, gui=self._gui)
         if config.prediction.name == "clone":
             clone.require_copyable()
+        require_named([ego.id for ego in self._egos], [actor.id for actor in actors])
         self.world: World = running_world(config.planner.period_s)
         physics, egos = self.world.physics, [ego.id for ego in self._egos]
         self._actors = Actors(actors, self.world.road, physics.step, events=config.traffic.events, egos=egos, change_s=physics.change_duration)
         self._varied = actors != config.traffic.actors  # else the next draw is the same
-        self._departed: list[str] = []  # a few vehicles that departed while an ego did not
+        self._departed: list[str] = []  # the first few vehicles that did
         self._script_poses: dict[str, Floats] = {}
         self._begin = self._news_due = self._simulation.time
 
@@ -279,6 +282,7 @@ class Loop:
         except SimulationError as error:
             self._fail_all(str(error))
             return
+        self._departed = [*self._departed, *self._simulation.departed()][:NAMED]
         for ego in self._egos:
             with self._only_for(ego):
                 if ego.pilot is not None:
@@ -301,10 +305,11 @@ class Loop:
         if self.world.observer.present(ego.id):
             self._take_over(ego)
             return
-        self._departed += simulation.departed()[: NAMED - len(self._departed)]
         others = f"; the first that did: {', '.join(self._departed)}" if self._departed else ""
         if simulation.time - self._begin >= self.config.episode.depart_limit_s:
             self._fail(ego, f"never departed within {self.config.episode.depart_limit_s:g} s (episode.depart_limit_s){others}")
+        elif simulation.time >= simulation.end:
+            self._fail(ego, f"never departed before the simulation's end at {simulation.end:g} s (SUMO's option end){others}")
         elif simulation.finished:
             self._fail(ego, f"never departed: no vehicle is left and none is to come{others}")
         elif self._progress is not None and simulation.time >= self._news_due:
@@ -413,7 +418,7 @@ def _micro(x: float) -> int:
 # --- goals ---
 
 
-def _check_edges(config: ScenarioConfig, road: RoadMap) -> None:
+def check_edges(config: ScenarioConfig, road: RoadMap) -> None:
     """Raise ConfigError where the scenario names an edge that the network does not have."""
     for ego in config.egos:
         if ego.until is not None:

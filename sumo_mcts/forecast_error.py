@@ -15,6 +15,7 @@ from sumo_mcts.driver import Driver, prediction_label
 from sumo_mcts.episode import Loop, default_variant, run_episode
 from sumo_mcts.evaluation.forecasts import Errors, errors, statistics, together
 from sumo_mcts.scene import Forecast, Scene
+from sumo_mcts.world.arguments import without_outputs
 from sumo_mcts.world.clone import require_copyable, require_possible
 from sumo_mcts.world.observe import LANE, THERE
 
@@ -33,7 +34,8 @@ def compare(configs: Sequence[ScenarioConfig], seeds: Sequence[int | None], sumo
     for k, (episode, seed) in enumerate(episodes):
         judge.begin()
         news = partial(_tell, note, f"episode {k + 1} of {len(episodes)}")
-        rows += run_episode(episode, seed, sumo_options=sumo_options, progress=news, watch=judge.watch).rows
+        options = [*sumo_options, *without_outputs(episode.sumo, sumo_options)]
+        rows += run_episode(episode, seed, sumo_options=options, progress=news, watch=judge.watch).rows
     return {
         "schema_version": records.SCHEMA_VERSION,
         "scenario": config.name,

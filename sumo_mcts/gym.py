@@ -1,7 +1,9 @@
 """A gymnasium environment over the same loop, judged by the same referee: `import sumo_mcts.gym`, then gymnasium.make("sumo_mcts/Drive-v0")."""
 
+import math
 import time
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from os import PathLike
 from typing import Any, ClassVar
 
@@ -11,7 +13,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from sumo_mcts.api import load_scenario
-from sumo_mcts.config import ConfigError
+from sumo_mcts.config import ConfigError, whole
 from sumo_mcts.driver import Driver, Thought, streams
 from sumo_mcts.episode import Loop, completed
 from sumo_mcts.evaluation.referee import ARRIVED, COLLISION, ERROR, OFF_ROUTE, TELEPORTED, TIMEOUT
@@ -22,6 +24,7 @@ from sumo_mcts.recorder import Recorder
 from sumo_mcts.records import Row, Setting
 from sumo_mcts.reporting.birdseye import picture
 from sumo_mcts.scene import Decision, Release
+from sumo_mcts.world.arguments import without_outputs
 from sumo_mcts.world.simulation import is_running
 
 ENVIRONMENT = "sumo_mcts/Drive-v0"
@@ -69,7 +72,12 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         )
         if len(self._config.egos) != 1:
             raise ConfigError(f"{scenario}: egos: an environment has one, not {len(self._config.egos)}; name it with ego=")
-        self._ego, self._options, self._weights, self._shown = self._config.egos[0].id, tuple(sumo_options), _weights(reward), Shown(agents, points)
+        self._ego, self._options, self._weights, self._shown = (
+            self._config.egos[0].id,
+            (*sumo_options, *without_outputs(self._config.sumo, sumo_options)),
+            _weights(reward),
+            Shown(whole("agents", agents, 1), whole("points", points, 1)),
+        )
         self._hand = _Hand(Actions(self._config))
         self.actions = self._hand.actions.table  # [A, 2]
         self.action_space = spaces.Discrete(len(self.actions))
@@ -109,7 +117,7 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive one decision period. `info["reward"]` has the parts of the reward; at the end `info["row"]` is the row of docs/measures.md."""
         if self._loop is None:
-            raise gymnasium.error.ResetNeeded(_TAKEN if self._lost_to_another else "call reset() first: no episode is under way")
+            raise gymnasium.error.ResetNeeded(_TAKEN if self._lost_to_another else _FIRST)
         if not self.action_space.contains(action):
             raise ValueError(f"action: {action!r}: allowed: 0 to {len(self.actions) - 1}")
         loop = self._loop
@@ -133,6 +141,8 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         """[height, width, 3] the last scene from above, with render_mode="rgb_array"."""
         if self.render_mode is None:
             return None
+        if not hasattr(self, "_scene"):  # which reset() sets
+            raise gymnasium.error.ResetNeeded(_FIRST)
         shot = Recorder()
         shot.note(self._scene, Thought(Decision(Release(), None, (), -1, NAME, 0, 0), None, 0.0))
         trace = shot.trace("", self._config.name, "", self._road, Setting())
@@ -213,6 +223,7 @@ class _Hand:
         return self.actions.decision(self._task, situation, self.action)
 
 
+_FIRST = "call reset() first: no episode is under way"
 _TAKEN = (
     "another environment was reset in this process and drives now: libsumo holds one simulation. For several at once use gymnasium.vector.AsyncVectorEnv, "
     "which gives each a process of its own"
@@ -220,9 +231,13 @@ _TAKEN = (
 
 
 def _weights(given: Mapping[str, float] | None) -> dict[str, float]:
-    unknown = sorted(set(given or ()) - set(REWARD))
-    if unknown:
-        raise ConfigError(f"reward: {unknown[0]}: unknown term; allowed: {', '.join(REWARD)}")
+    if given is not None and not isinstance(given, Mapping):
+        raise ConfigError(f"reward: a mapping of terms to weights, got {given!r:.60}")
+    for name, weight in (given or {}).items():
+        if name not in REWARD:
+            raise ConfigError(f"reward: {name}: unknown term; allowed: {', '.join(REWARD)}")
+        if not isinstance(weight, Real) or not math.isfinite(weight):
+            raise ConfigError(f"reward: {name}: a finite number, got {weight!r:.60}")
     return {**REWARD, **{name: float(weight) for name, weight in (given or {}).items()}}
 
 

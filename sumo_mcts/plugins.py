@@ -3,9 +3,11 @@
 A name is that of an entry point of an installed package, or module:name. Whether the latter may run is asked where a scenario is read (config.py).
 """
 
-import importlib
+import hashlib
+import importlib.util
 from collections.abc import Mapping, Sequence
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 from sumo_mcts.config import PLANNER_GROUP, PREDICTOR_GROUP, TERM_GROUP, ConfigError, ScenarioConfig, plugin_names
@@ -39,7 +41,8 @@ def made(key: str, name: str, members: Sequence[str], options: Mapping[str, Any]
 
 
 def described(scenario: ScenarioConfig) -> list[dict[str, Any]]:
-    """For a manifest: the plugins that a scenario names, the code behind each, and the package and version that an entry point belongs to."""
+    """For a manifest: the plugins that a scenario names, the code behind each, SHA-256 of the file with that code, and the package and version that an entry
+    point belongs to."""
     return [_description(key, name) for key, name in plugin_names(scenario)]
 
 
@@ -63,4 +66,14 @@ def _entry_point(key: str, name: str) -> metadata.EntryPoint:
 def _description(key: str, name: str) -> dict[str, Any]:
     point = _entry_point(key, name)
     package = None if point.dist is None else {"name": point.dist.name, "version": point.dist.version}
-    return {"key": key, "name": name, "code": point.value, "package": package}
+    return {"key": key, "name": name, "code": point.value, "file_digest": _file_digest(point.module), "package": package}
+
+
+def _file_digest(module: str) -> str | None:
+    """SHA-256 of the file that a module comes from; None where there is none such, which is told when the plugin is loaded."""
+    try:
+        found = importlib.util.find_spec(module)
+    except Exception:  # whatever the import of the package around it may do
+        found = None
+    path = None if found is None or found.origin is None else Path(found.origin)
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path is not None and path.is_file() else None

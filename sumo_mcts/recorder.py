@@ -68,7 +68,7 @@ def _cycle(scene: Scene, thought: Thought, after: Scene | None) -> CycleRecord:
     deviation = "" if after is None or math.isnan(speed) else _deviation(speed, lane, *executed)
     return CycleRecord(
         scene.time, scene.step, scene.ego, scene.agents, scene.signals, forecast, decision, thought.plan_ms, speed, executed[0], lane, executed[1], deviation,
-        decision.reason, thought.intervened, thought.memory, thought.answers,
+        thought.intervened, thought.memory, thought.answers,
     )  # fmt: skip
 
 

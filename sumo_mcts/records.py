@@ -61,7 +61,6 @@ class CycleRecord(NamedTuple):
     commanded_lane: int  # global lane index at the end of this period; -1: none
     executed_lane: int  # -1 for the last cycle
     deviation: str  # why the executed state differs from the commanded one; "" it does not
-    note: str
     intervened: bool = False  # the fail-safe manoeuvre in place of what the planner decided; why: decision.reason
     memory: Memory = Memory()  # of earlier decisions, beside the last one
     answers: Answers = Answers()  # of oracles

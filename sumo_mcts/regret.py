@@ -15,6 +15,7 @@ from sumo_mcts.model.intentions import likeliest
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.reference import CELL, ENDS_S, LABELS, Solution, best_root, problem_of, profile_line, root_lines, scale, solve
 from sumo_mcts.scene import Follow, Scene
+from sumo_mcts.world.arguments import without_outputs
 
 ASKED = (*FORECASTING, "constant")  # who decides from what is known in a cycle, without a past
 SHARE = 0.05  # near-optimal: regret up to this share of the spread, or
@@ -54,7 +55,7 @@ class Harvest:
         if self.states >= self._most:
             return
         self._seed, self._first, self._keep, self._cycles = seed, number, keep, Counter[str]()
-        for row in run_episode(self._config, seed, progress=self._note, watch=self._watch).rows:
+        for row in run_episode(self._config, seed, sumo_options=without_outputs(self._config.sumo), progress=self._note, watch=self._watch).rows:
             self.outcomes[row["outcome"]] += 1
             if row["outcome"] == "error":
                 self.problems.append(f"{row['scenario']}: ego {row['ego']}: {row['error']}")

@@ -9,11 +9,17 @@ from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.records import CycleRecord, Setting, Trace, scenario_of
 from sumo_mcts.scene import Follow, Ints, PlannerMemory, Release, RoadMap, Scene
 
+READ = ("planner", "prediction", "ego_model", "cost", "paper", "idm", "failsafe")  # sections; what the others decide has happened before a decision
+
 
 def recorded_config(setting: Setting, overrides: Sequence[str] = (), *, allow_plugins: bool = False) -> ScenarioConfig:
-    """The scenario that a trace was recorded with, with some keys set otherwise; code that it names only where that is allowed. Raises ConfigError,
-    and TraceError where the trace holds none."""
-    return build(scenario_of(setting), "the trace's scenario", tuple(overrides), allow_plugins=allow_plugins)
+    """The scenario that a trace was recorded with, with some keys set otherwise; code that it names only where that is allowed. Raises ConfigError, also
+    where a key has no say in a decision, and TraceError where the trace holds none."""
+    config = build(scenario_of(setting), "the trace's scenario", tuple(overrides), allow_plugins=allow_plugins)
+    for override in overrides:
+        if override.partition("=")[0].partition(".")[0] not in READ:
+            raise ConfigError(f"--set {override}: a recorded decision does not depend on it; it reads the sections {', '.join(READ)}")
+    return config
 
 
 def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> Thought:

@@ -54,8 +54,6 @@ def write_traces(folder: Path, *keys: str) -> None:
         decision = cycles[k].decision
         reason = "fail-safe: car.01 at 12 m could meet the hardest stop after 1.2 s"
         assert isinstance(decision.command, Follow)
-        cycles[k] = cycles[k]._replace(
-            decision=decision._replace(reason=reason, chosen=-1, command=Follow(decision.command.speeds, 0)), note=reason, intervened=True
-        )
+        cycles[k] = cycles[k]._replace(decision=decision._replace(reason=reason, chosen=-1, command=Follow(decision.command.speeds, 0)), intervened=True)
     for key in keys:
         save_trace(folder / "traces" / f"{key}.npz", trace._replace(key=key, cycles=tuple(cycles)))

@@ -104,7 +104,6 @@ def _cycle(i: int, cycles: int, path: Path, along: Floats, speeds: Floats, actor
         commanded_lane=2,
         executed_lane=-1 if last else 2,
         deviation="" if i != 3 else "SUMO kept the lane",
-        note="",
     )
 
 

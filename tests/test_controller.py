@@ -141,3 +141,10 @@ def test_wrong_settings_are_named(simulation: Simulation, settings: dict[str, An
 def test_says_that_no_simulation_runs() -> None:
     with pytest.raises(ConfigError, match=r"libsumo\.start"):
         Controller("ego")
+
+
+def test_wrong_arguments_are_named(simulation: Simulation) -> None:
+    with pytest.raises(ConfigError, match=r"^seed: a whole number from 0 on, got -1$"):
+        Controller("ego", seed=-1)
+    with pytest.raises(ConfigError, match=r"^Controller: config: a scenario or a mapping of its sections, got 'straight-line'$"):
+        Controller("ego", "straight-line")  # type: ignore[arg-type]

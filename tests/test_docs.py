@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 import typer
+import yaml
 from typer.testing import CliRunner
 
 from sumo_mcts import assets, commands, config
@@ -196,6 +197,16 @@ def test_scenario_examples_run(text: str, checkout: Path) -> None:
 def test_the_animation_is_small() -> None:
     picture = TOP / "docs" / "images" / "unprotected-left-turn.gif"
     assert picture.stat().st_size < 1_500_000
+
+
+def test_the_experiments_are_listed_with_what_they_are_about() -> None:
+    found = json.loads(CliRunner().invoke(app, ["experiments", "--json"]).stdout)
+    files = {path.stem: yaml.safe_load(path.read_text()) for path in (assets.root() / "configs" / "experiments").glob("*.yaml")}
+    assert found == [{"name": name, "description": files[name]["description"]} for name in sorted(files)]
+    lines = CliRunner().invoke(app, ["experiments"]).stdout.splitlines()
+    assert [line.split(None, 1) for line in lines] == [[item["name"], item["description"]] for item in found]
+    page = (assets.root() / "docs" / "experiments.md").read_text()
+    assert all(f"`{item['name']}`" in page for item in found)
 
 
 def test_json_of_scenarios_names_them_all() -> None:

@@ -162,7 +162,7 @@ def test_a_planner_that_raises_is_an_outcome(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_an_ego_that_never_comes_is_an_error() -> None:
-    scene = config.load(assets.scenario_path("straight-line"), ("egos=[{id: nobody}]", "episode.depart_limit_s=5"))
+    scene = config.load(assets.scenario_path("straight-line"), ("egos=[{id: ahead.7}]", "episode.depart_limit_s=5"))
     row = run_episode(scene, 1).rows[0]
     assert row["outcome"] == "error"
     assert "never departed" in row["error"]

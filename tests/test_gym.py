@@ -1,7 +1,9 @@
 """The gymnasium environment: its interface, the same episodes as everybody else's, and one simulation a process."""
 
 import json
+import math
 import os
+import re
 import subprocess
 import sys
 import warnings
@@ -251,6 +253,11 @@ def test_a_sumocfg_of_the_users_own() -> None:
         ({"scenario": "nowhere"}, "nowhere: no such scenario"),
         ({"sumocfg": INPUTS / "good.sumocfg"}, "good.sumocfg: --ego: not given"),
         ({"sumocfg": INPUTS / "good.sumocfg", "ego": "any"}, "ego: any: name one vehicle"),
+        ({"scenario": load_scenario("straight-line")}, "load_scenario: scenario: a name or a path, got ScenarioConfig(name='straight-line'"),
+        ({"agents": -1}, "agents: a whole number from 1 on, got -1"),
+        ({"points": 2.5}, "points: a whole number from 1 on, got 2.5"),
+        ({"reward": {"progress": math.nan}}, "reward: progress: a finite number, got nan"),
+        ({"reward": ["progress"]}, "reward: a mapping of terms to weights, got ['progress']"),
         ({"reward": {"speed": 1.0}}, "reward: speed: unknown term; allowed: progress, time"),
         ({"render_mode": "human"}, "render_mode: human: not one of rgb_array"),
         ({"assignments": ("planner.name=nobody:Nothing",)}, "planner.name: nobody:Nothing: code that a scenario names runs only"),
@@ -258,8 +265,13 @@ def test_a_sumocfg_of_the_users_own() -> None:
     ],
 )
 def test_wrong_arguments_are_named(arguments: dict[str, Any], said: str) -> None:
-    with pytest.raises(ConfigError, match=said.replace("(", r"\(")):
+    with pytest.raises(ConfigError, match=re.escape(said)):
         DriveEnv(**arguments)
+
+
+def test_there_is_nothing_to_see_before_the_first_episode() -> None:
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
+        DriveEnv("straight-line", render_mode="rgb_array").render()
 
 
 def test_a_simulation_that_fails_ends_the_episode_with_its_message(env: DriveEnv, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,7 +290,7 @@ def test_a_simulation_that_fails_ends_the_episode_with_its_message(env: DriveEnv
 
 
 def test_an_ego_that_never_departs_is_no_episode() -> None:
-    environment = DriveEnv("straight-line", ego="nobody", assignments=("episode.depart_limit_s=1",))
+    environment = DriveEnv("straight-line", ego="ahead.7", assignments=("episode.depart_limit_s=1",))
     with pytest.raises(RuntimeError, match="straight-line: seed 0: error before the first decision: never departed within 1 s"):
         environment.reset(seed=0)
     assert not libsumo.simulation.isLoaded()

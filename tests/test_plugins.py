@@ -1,5 +1,6 @@
 """Planners, predictors and cost terms of the user's own: the worked examples as they stand, permission, labels, and everything that may be wrong with one."""
 
+import hashlib
 import importlib
 import json
 import math
@@ -76,10 +77,11 @@ def test_the_worked_example_drives(examples: Path) -> None:
     assert row["failsafe_interventions"] == 0
     manifest = json.loads((examples / "out" / "manifest.json").read_text())
     package = {"name": "courteous", "version": "0.1"}
+    of = {name: hashlib.sha256((examples / "courteous" / f"{name}.py").read_bytes()).hexdigest() for name in ("planner", "predictor", "cost")}
     assert manifest["plugins"] == [
-        {"key": "planner.name", "name": "steady", "code": "courteous.planner:Steady", "package": package},
-        {"key": "prediction.name", "name": "lively", "code": "courteous.predictor:Lively", "package": package},
-        {"key": "cost.term", "name": "keep_right", "code": "courteous.cost:keep_right", "package": package},
+        {"key": "planner.name", "name": "steady", "code": "courteous.planner:Steady", "file_digest": of["planner"], "package": package},
+        {"key": "prediction.name", "name": "lively", "code": "courteous.predictor:Lively", "file_digest": of["predictor"], "package": package},
+        {"key": "cost.term", "name": "keep_right", "code": "courteous.cost:keep_right", "file_digest": of["cost"], "package": package},
     ]
     by_code = ("--planner", "courteous.planner:Steady", "--prediction", "courteous.predictor:Lively", "--set", "cost.term=courteous.cost:keep_right")
     same = episode(examples, "scene.yaml", *by_code, "--set", "traffic.vary=0", "--allow-plugins")
@@ -253,7 +255,7 @@ def test_a_planner_that_does_not_start_is_an_outcome(mine: str) -> None:
 
 def test_a_plan_that_is_none_costs_a_manoeuvre(mine: str) -> None:
     result = run_episode(scene("planner.name=of_mine:Planless", "failsafe.most_failures=1000"), 0)
-    assert all(cycle.note.endswith("the planner failed: a plan whose v has shape (2,), or is not finite") for cycle in result.traces[0].cycles)
+    assert all(cycle.decision.reason.endswith("the planner failed: a plan whose v has shape (2,), or is not finite") for cycle in result.traces[0].cycles)
     assert result.rows[0]["failsafe_interventions"] == result.rows[0]["cycles"] > 3
 
 
@@ -271,7 +273,7 @@ def test_permission() -> None:
 
 @pytest.mark.parametrize("name", ["nothing", "a:", ":b", "a b:c", "a:b:c", "os.system('x'):y"])
 def test_names_that_are_none(name: str) -> None:
-    with pytest.raises(ConfigError, match=r"planner.name: Input should be 'mcts', .* an installed plugin \(there is none\) or module:name, got "):
+    with pytest.raises(ConfigError, match=r"planner.name: has to be 'mcts', .* an installed plugin \(there is none\) or module:name, got "):
         load_scenario("straight-line", f"planner.name={json.dumps(name)}", allow_plugins=True)
 
 
@@ -304,7 +306,7 @@ def test_a_predictor_that_says_what_ours_says_changes_nothing(mine: str) -> None
 )
 def test_a_predictor_that_fails_now_and_then_costs_manoeuvres(how: str, said: str, mine: str) -> None:
     result = driven(f"prediction={{name: of_mine:Idm, options: {{{how}}}}}")
-    notes = [cycle.note for cycle in result.traces[0].cycles]
+    notes = [cycle.decision.reason for cycle in result.traces[0].cycles]
     failed = [k for k, note in enumerate(notes) if "the predictor failed: " in note]
     assert failed and len(failed) < len(notes)
     assert all(said in notes[k] and notes[k].startswith("fail-safe") for k in failed)

@@ -181,6 +181,11 @@ def test_wrong_words_are_told_in_one_line(recorded: Path, several: Path, tmp_pat
         ("explain", recorded, "--at", "0"): "--at: 0; ",
         ("explain", recorded, "--at", "6", "--set", "planner"): "--set planner: write it as key.subkey=value",
         ("explain", recorded, "--at", "6", "--set", "planner.iteration=3"): "planner.iteration: unknown key; allowed: name, iterations, ",
+        ("explain", recorded, "--at", "6", "--set", "planer.iterations=3"): "planer: unknown key; allowed: name, ",
+        **{
+            ("explain", recorded, "--at", "6", "--set", key): f"--set {key}: a recorded decision does not depend on it; it reads the sections planner, "
+            for key in ("traffic.vary=0", "sumo.step_length_s=0.2", "episode.time_limit_s=9", "sensor.range_m=1", "egos=[{id: other}]", "description=x")
+        },
         ("explain", recorded, "--at", "6", "--set", "prediction.name=routes"): "routes is an oracle that this episode did not ask",
     }
     for words, message in wrong.items():

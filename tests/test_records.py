@@ -148,6 +148,17 @@ def test_damage_that_the_archive_does_not_know_is_refused(tmp_path: Path, what: 
         records.load_trace(tmp_path / "t.npz")
 
 
+def test_a_trace_with_columns_that_are_no_longer_kept_is_read(tmp_path: Path) -> None:
+    """As the reason of a decision was, twice."""
+    trace = crossing_trace()
+    records.save_trace(tmp_path / "t.npz", trace)
+    with np.load(tmp_path / "t.npz") as archive:
+        columns = dict(archive)
+    columns["trace/cycles/note"] = np.array([cycle.decision.reason for cycle in trace.cycles])
+    np.savez_compressed(tmp_path / "t.npz", **columns)
+    assert records.same(records.Trace, records.load_trace(tmp_path / "t.npz"), trace)
+
+
 def test_flipped_bits_in_a_trace_are_noticed(tmp_path: Path) -> None:
     path = tmp_path / "t.npz"
     records.save_trace(path, crossing_trace())

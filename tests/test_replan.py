@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from helpers_recorded import keep, of_a_scene, of_a_user
 
-from sumo_mcts.config import ConfigError
+from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.planners.base import Situation
 from sumo_mcts.planners.mcts import MctsPlanner
 from sumo_mcts.records import TRACES, Trace, load_map, load_trace, same, save_map
-from sumo_mcts.replan import recorded_config, replan
+from sumo_mcts.replan import READ, recorded_config, replan
 from sumo_mcts.scene import USUAL, Decision, Follow, Forecast, RoadMap
 
 CASES = {
@@ -166,3 +166,7 @@ def test_a_planner_that_failed_fails_again(tmp_path: Path, monkeypatch: pytest.M
     mended = replan(trace, road, trace.cycles.index(failed[0]), recorded_config(trace.setting))
     assert not mended.intervened
     assert mended.decision.reason in ("search", "carried on")
+
+
+def test_of_every_section_it_is_known_whether_a_decision_reads_it() -> None:
+    assert set(ScenarioConfig.model_fields) - set(READ) == {"name", "description", "sumo", "egos", "traffic", "episode", "sensor"}

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from sumo_mcts import assets, plugins, records
-from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names
+from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names, whole
 from sumo_mcts.experiments import drive, folder, workers
 from sumo_mcts.experiments.drive import Driven
-from sumo_mcts.experiments.experiment import Episode, Plan, episodes, load, shard
+from sumo_mcts.experiments.experiment import Episode, Plan, episodes, load, shard, with_ego
 from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.experiments.worth import Bar, Worth
 from sumo_mcts.model.kernel import is_compiled
@@ -88,7 +88,7 @@ def run_batch(
     """
     plan, out = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins), Path(out)
     tell = watch or _nobody
-    count = jobs or _cores()
+    count = _cores() if jobs is None else whole("jobs", jobs, 1)
     with folder.only_here(out):
         wanted = _manifest(plan, shard, command)
         manifest = _begun(out, wanted, fresh)
@@ -108,14 +108,20 @@ def run_batch(
 def listed(
     experiment: str | Path, out: str | Path | None = None, *, shard: tuple[int, int] = WHOLE, fresh: bool = False, allow_plugins: bool = False
 ) -> list[Listing]:
-    """What `run_batch` would drive; nothing is written. Raises as it does."""
+    """What `run_batch` would drive, after a look whether it can: every scenario is started, but nobody decides. Nothing is written. Raises as it does."""
     plan = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins)
     wanted = _manifest(plan, shard, ())
     manifest = None if out is None else _begun(Path(out), wanted, fresh)
-    with workers.local(1) as crew:
-        found = _part(plan, manifest["egos"] if manifest is not None else _chosen(plan, crew, _nobody), shard)
+    egos = _prepared(plan, _nobody, decide=False) if manifest is None else manifest["egos"]
+    found = _part(plan, egos, shard)
     done = set() if manifest is None or out is None else {row["key"] for row in folder.done(Path(out), found)}
     return [Listing(key, key in done) for episode in found for key in episode.keys]
+
+
+def built_in() -> list[dict[str, str]]:
+    """Name and description of the built-in experiments."""
+    found = [load(assets.experiment_path(name)).experiment for name in assets.experiment_names()]
+    return [{"name": experiment.name, "description": experiment.description} for experiment in found]
 
 
 class _Batch:
@@ -217,9 +223,11 @@ class _Batch:
 
 def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict[str, Any]:
     """What a folder says of its batch, but for the egos that are drawn. Raises ConfigError where there is no such shard."""
-    number, count = part
-    if not 1 <= number <= count:
-        raise ConfigError(f"--shard {number}/{count}: {SHARDS}")
+    match part:
+        case (int(number), int(count)) if 1 <= number <= count:
+            pass
+        case _:
+            raise ConfigError(f"--shard {'/'.join(map(str, part))}: {SHARDS}")
     scenarios = {case.name: case.base.model_dump(mode="json") for case in plan.cases}
     configs = [config for case in plan.cases for config in case.configs.values()]
     return {
@@ -255,11 +263,11 @@ def _begun(out: Path, wanted: Mapping[str, Any], fresh: bool) -> dict[str, Any] 
     return folder.begun(out, wanted)
 
 
-def _prepared(plan: Plan, tell: Watch, egos: Egos | None = None) -> Egos:
-    """The egos of each user's network, chosen unless they are given; the scenarios have been tried. Raises ConfigError."""
+def _prepared(plan: Plan, tell: Watch, egos: Egos | None = None, decide: bool = True) -> Egos:
+    """The egos of each user's network, chosen unless they are given; the scenarios have been tried, up to a decision where asked. Raises ConfigError."""
     with workers.local(1) as crew:
         chosen = _chosen(plan, crew, tell) if egos is None else egos
-        _rehearse(plan, crew, tell)
+        _rehearse(plan, chosen, crew, tell, decide)
     return chosen
 
 
@@ -280,12 +288,14 @@ def _chosen(plan: Plan, crew: Crew, tell: Watch) -> Egos:
     return found
 
 
-def _rehearse(plan: Plan, crew: Crew, tell: Watch) -> None:
-    """Start every scenario once with every planner, in one process: wrong input ends the batch here, and the search is compiled for all. Raises ConfigError."""
+def _rehearse(plan: Plan, egos: Egos, crew: Crew, tell: Watch, decide: bool) -> None:
+    """Start every scenario once with every planner, in one process: wrong input ends the batch here, and the search is compiled for all that `decide`.
+    Raises ConfigError."""
     tell(_before("starting SUMO" if is_compiled() else "compiling the search, once for this version (about half a minute)"))
     for case in plan.cases:
-        for config in {_kind(config): config for config in case.configs.values()}.values():
-            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0]), crew)
+        configs = [with_ego(config, egos[case.name][0]) if case.name in egos else config for config in case.configs.values()]
+        for config in {_kind(config): config for config in configs}.values():
+            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0], decide), crew)
             if problem:
                 raise ConfigError(f"{plan.origin}: scenarios: {case.name}: {problem}")
 

@@ -13,13 +13,14 @@ import numpy as np
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError, ScenarioConfig, digest
 from sumo_mcts.driver import Driver, forecast_label, warm_up
-from sumo_mcts.episode import Loop, run_episode
+from sumo_mcts.episode import Loop, check_edges, run_episode
 from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode
 from sumo_mcts.experiments.worth import Bar, is_worth
 from sumo_mcts.records import Row
-from sumo_mcts.world.arguments import sumo_arguments
-from sumo_mcts.world.candidates import Candidate, candidates
+from sumo_mcts.world.arguments import network_of, sumo_arguments, without_outputs
+from sumo_mcts.world.candidates import Candidate, candidates, not_passing
 from sumo_mcts.world.crowd import Cast
+from sumo_mcts.world.roadmap import known_roadmap
 
 AMONG = 4  # egos are drawn from the first suitable vehicles: so many times as many, and
 AMONG_LEAST = 100  # no fewer than these
@@ -39,7 +40,7 @@ class Driven(NamedTuple):
 def drive(episode: Episode, bar: Bar) -> Driven:
     """Drive an episode. Whatever fails is its outcome; but OSError and MemoryError are raised where it is the machine that fails."""
     try:
-        result = run_episode(episode.config, episode.seed, variant=episode.variant)
+        result = run_episode(episode.config, episode.seed, sumo_options=without_outputs(episode.config.sumo), variant=episode.variant)
     except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
         if of_machine(error):
             raise
@@ -78,13 +79,15 @@ def of_machine(error: BaseException) -> bool:
     return isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in _EXHAUSTED)
 
 
-def rehearse(config: ScenarioConfig, seed: int | None) -> str:
-    """Start a scenario and decide once, so that the search is compiled. Returns what is wrong with the input, "" if nothing. Raises as `drive` does."""
-    loop = Loop(config, seed)
+def rehearse(config: ScenarioConfig, seed: int | None, decide: bool = True) -> str:
+    """Start a scenario, up to the first decision where that is soon, and `decide` once, so that the search is compiled. Returns what is wrong with the input,
+    "" if nothing. Raises as `drive` does."""
+    loop = Loop(config, seed, sumo_options=without_outputs(config.sumo))
     try:
         loop.start()
         Driver(config, loop.world.road, loop.world.physics, 0, loop.oracles)  # plugins check their options
-        warm_up(config, loop.world.road, loop.world.physics)
+        if decide:
+            warm_up(config, loop.world.road, loop.world.physics)
         if {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}:
             loop.scenes()  # until the egos are taken over, which is soon
     except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
@@ -98,6 +101,7 @@ def rehearse(config: ScenarioConfig, seed: int | None) -> str:
 
 def choose(config: ScenarioConfig, egos: Egos) -> tuple[str, ...]:
     """The egos of a user's network. Raises ConfigError where there are none such."""
+    check_edges(config, known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net)))
     return _drawn(config, egos.random, egos.seed) if egos.random is not None else _known(config, egos.ids)
 
 
@@ -112,7 +116,8 @@ def _drawn(config: ScenarioConfig, count: int, seed: int) -> tuple[str, ...]:
 
     _look(config, found)
     if len(suitable) < count:
-        raise ConfigError(f"egos: random: asks for {count}, {len(suitable)} suitable vehicles depart within {config.episode.depart_limit_s:g} s")
+        passing = "" if config.egos[0].until is None else f" and pass edge {config.egos[0].until}"
+        raise ConfigError(f"egos: random: asks for {count}, {len(suitable)} suitable vehicles depart within {config.episode.depart_limit_s:g} s{passing}")
     chosen = np.random.default_rng(seed).choice(len(suitable), count, replace=False)
     return tuple(suitable[k] for k in sorted(chosen.tolist()))
 
@@ -125,7 +130,10 @@ def _known(config: ScenarioConfig, ids: Sequence[str]) -> tuple[str, ...]:
         missing.discard(candidate.id)
         return not missing
 
-    departed = _look(config, found)
+    departed, until = _look(config, found), config.egos[0].until
+    astray = [candidate.id for candidate in departed if candidate.id in ids and until is not None and candidate.why_not == not_passing(until)]
+    if astray:
+        raise ConfigError(f"egos: {min(astray)}: until: {not_passing(str(until))}")
     if missing:
         some = ", ".join(candidate.id for candidate in departed[:5]) or "none at all"
         raise ConfigError(f"egos: {min(missing)}: no such vehicle departs within {config.episode.depart_limit_s:g} s; the first that do: {some}")
@@ -136,4 +144,5 @@ def _look(config: ScenarioConfig, found: Callable[[Candidate], bool]) -> list[Ca
     """The vehicles that depart, until `found` says that it is enough, or so late that an episode would not have waited for them."""
     limit = config.episode.depart_limit_s
     with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as folder:
-        return candidates(sumo_arguments(config, None, Cast(), Path(folder), ()), sys.maxsize, found, patience_s=math.inf, lasting_s=limit)
+        arguments = sumo_arguments(config, None, Cast(), Path(folder), without_outputs(config.sumo))
+        return candidates(arguments, sys.maxsize, found, until=config.egos[0].until, patience_s=math.inf, lasting_s=limit)

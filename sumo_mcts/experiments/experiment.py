@@ -169,6 +169,11 @@ def episodes(plan: Plan, egos: Mapping[str, Sequence[str]]) -> list[Episode]:
     return [episode for k in range(longest) for case in plan.cases if k < len(case.seeds) for episode in _of_seed(case, case.seeds[k], egos.get(case.name))]
 
 
+def with_ego(scenario: ScenarioConfig, ego: str) -> ScenarioConfig:
+    """A user's network with one of its vehicles as ego."""
+    return scenario.model_copy(update={"egos": (scenario.egos[0].model_copy(update={"id": ego}),)})
+
+
 def shard(found: Sequence[Episode], number: int, count: int) -> list[Episode]:
     """The episodes of shard `number` of 1 .. `count`: each is in exactly one, by its key."""
     return [episode for episode in found if int(hashlib.sha256(episode.keys[0].encode()).hexdigest(), 16) % count == number - 1]
@@ -306,9 +311,7 @@ def _of_seed(case: Case, seed: int | None, egos: Sequence[str] | None) -> list[E
 
 
 def _episode(case: Case, variant: str, seed: int | None, ego: str | None) -> Episode:
-    scenario = case.configs[variant]
-    if ego is not None:
-        scenario = scenario.model_copy(update={"egos": (scenario.egos[0].model_copy(update={"id": ego}),)})
+    scenario = case.configs[variant] if ego is None else with_ego(case.configs[variant], ego)
     named = ego is not None or len(scenario.egos) > 1
     keys = tuple(records.episode_key(case.name, variant, seed or 0, each.id if named else None) for each in scenario.egos)
     return Episode(keys, variant, seed, scenario)

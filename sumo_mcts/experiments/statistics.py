@@ -12,6 +12,7 @@ from sumo_mcts.scene import Floats
 Z = 1.96  # of the 95 % interval
 RESAMPLES = 2000  # of a bootstrap interval
 SEED = 0  # of the resampling
+LEAST = 6  # values from which on they have an interval: of fewer even the range from smallest to largest misses the median more often than once in twenty
 TWIN = "sumo"  # the planner whose episodes are the others' twins, and their variant where `twins` adds it
 TRAFFIC_DIGEST = "traffic_digest"  # the key that rows of a batch have beyond those of `run`: what everybody but the planner goes by
 
@@ -28,23 +29,21 @@ class Rate(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """A number with its 95 % bootstrap interval. Infinite where an episode without an end decides it."""
+    """A number with its 95 % bootstrap interval, if it has one. Infinite where an episode without an end decides it."""
 
     value: float
-    low: float
-    high: float
+    interval: tuple[float, float] | None
     n: int
 
 
 class Contrast(NamedTuple):
-    """In how many of n pairs something happened to each of the two, and the difference in episodes per hundred with its 95 % bootstrap interval."""
+    """In how many of n pairs something happened to each of the two, and the difference in episodes per hundred with its 95 % bootstrap interval, if any."""
 
     k: int
     other: int
     n: int
     per_hundred: float
-    low: float
-    high: float
+    interval: tuple[float, float] | None
 
 
 class Pair(NamedTuple):
@@ -118,10 +117,9 @@ def contrast(both: Iterable[Pair], happened: Callable[[Row], bool | None]) -> Co
     known = np.array([each for each in judged if None not in each], dtype=np.float64).reshape(-1, 2)
     if not len(known):
         return None
-    difference = known[:, 0] - known[:, 1]
-    low, high = interval(resampled_means(difference))
+    difference = 100 * (known[:, 0] - known[:, 1])
     k, other = (int(count) for count in known.sum(axis=0))
-    return Contrast(k, other, len(known), 100 * float(difference.mean()), 100 * low, 100 * high)
+    return Contrast(k, other, len(known), float(difference.mean()), _interval_of(difference, resampled_means))
 
 
 def time_ratio(both: Sequence[Pair]) -> Estimate | None:
@@ -135,7 +133,7 @@ def median(values: Floats) -> Estimate | None:
     if not len(values):
         return None
     ordered, n = np.sort(values), len(values)
-    return Estimate(float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2, *interval(resampled_medians(values)), n)
+    return Estimate(float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2, _interval_of(values, resampled_medians), n)
 
 
 def _travelled(row: Row) -> float:
@@ -143,6 +141,11 @@ def _travelled(row: Row) -> float:
 
 
 # --- the bootstrap (Efron 1979): the statistic of RESAMPLES samples, each of n values drawn from the n with replacement ---
+
+
+def _interval_of(values: Floats, resampled: Callable[[Floats], Floats]) -> tuple[float, float] | None:
+    """The interval of a statistic of [n] values; None of fewer than LEAST, and where all are the same, since resampling those knows no spread."""
+    return None if len(values) < LEAST or bool((values == values[0]).all()) else interval(resampled(values))
 
 
 def interval(statistics: Floats) -> tuple[float, float]:

@@ -7,9 +7,24 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 
-from sumo_mcts.experiments.statistics import TWIN, Contrast, Estimate, Rate, Row, arrived, at_fault, collided, contrast, pairs, rate, some, time_ratio
+from sumo_mcts.experiments.statistics import (
+    LEAST,
+    TWIN,
+    Contrast,
+    Estimate,
+    Rate,
+    Row,
+    arrived,
+    at_fault,
+    collided,
+    contrast,
+    pairs,
+    rate,
+    some,
+    time_ratio,
+)
 from sumo_mcts.records import TraceError, load_trace
-from sumo_mcts.reporting.plots import Measure, planner_class, spread_figure, sweep_figure, sweeps, twin_figure
+from sumo_mcts.reporting.plots import Measure, colours, spread_figure, sweep_figure, sweeps, twin_figure
 from sumo_mcts.reporting.replay import packed
 from sumo_mcts.reporting.results import Results, planner_rank
 from sumo_mcts.reporting.tables import EACH, NOT_WORSE, Cell, Column, Look, Table, labelled, number, signed, spread, text
@@ -24,14 +39,14 @@ _WORSE = f"More than {NOT_WORSE:g} in a hundred more than SUMO&#39;s driver"
 _QUANTILES = "Thin: nine tenths of the episodes; thick: half of them; dot and number: the median."
 _FOOTER = (
     "Written by {}. Rates with the 95 % Wilson interval; medians and paired differences with a 95 % bootstrap interval over episodes. "
-    "Where no pair differs, resampling pairs knows no spread: the number of pairs says what such a result is worth."
+    f"None stands where fewer than {LEAST} are known or all are the same: there the number of pairs says what a result is worth."
 )
 _BARS = {"arrived": "", "collisions": " bad"}  # rates that are drawn, and how
 
 
 def page(results: Results, found: Sequence[Table], looks: Sequence[Look], of: int, replayed: Mapping[str, str], command: str) -> str:
     """The whole page. `of`: how many episodes there were to choose `looks` from; `replayed`: packed replays by key; `command`: what wrote it."""
-    rows = results.rows
+    rows, colour = results.rows, colours(results.rows)
     scenarios = {scenario: [row for row in rows if row["scenario"] == scenario] for scenario in dict.fromkeys(row["scenario"] for row in rows)}
     parts = {
         "title": escape(results.name),
@@ -42,13 +57,13 @@ def page(results: Results, found: Sequence[Table], looks: Sequence[Look], of: in
         "focus": _select("focus", _variants(rows), _foremost(rows)),
         "over": escape(_over(rows)),
         "tiles": "".join(_tiles(variant, [row for row in rows if row["variant"] == variant], rows) for variant in _variants(rows)),
-        "summary": _table(found[0], rows),
+        "summary": _table(found[0], rows, colour),
         "scenes": _select("scene", {scenario: scenario for scenario in scenarios}, told="Scenario"),
-        "legend": _legend(rows),
-        "figures": "".join(_figures(scenario, those) for scenario, those in scenarios.items()),
+        "legend": _legend(rows, colour),
+        "figures": "".join(_figures(scenario, those, colour) for scenario, those in scenarios.items()),
         "looks_about": escape(_about(looks, of)),
-        "looks": _looks(looks, replayed),
-        "tables": "".join(_table(table, rows) for table in found[1:] if table.rows),
+        "looks": _looks(looks, replayed, colour),
+        "tables": "".join(_table(table, rows, colour) for table in found[1:] if table.rows),
         "notes_link": '<a href="#notes">Notes</a>' if results.notes else "",
         "notes": _notes(results.notes),
         "footer": escape(_FOOTER.format(command)),
@@ -152,16 +167,16 @@ def _tile(label: str, big: str, sub: str, bar: str = "") -> str:
 # --- tables ---
 
 
-def _table(table: Table, rows: Sequence[Row]) -> str:
+def _table(table: Table, rows: Sequence[Row], colour: Mapping[str, str]) -> str:
     """A table whose columns sort it; where two variants are compared, one can be picked out."""
-    planners = {labelled(row): row["planner"] for row in rows}
     variants = {labelled(row): str(row["variant"]) for row in rows}
+    swatches = {label: _swatch(colour[variant]) for label, variant in variants.items()}
     names = [i for i, column in enumerate(table.columns) if column.key in ("variant", "against")]
     head = "".join(_header(table, i) for i in range(len(table.columns)))
     body = []
     for row in table.rows:
         marks = "".join(f' data-{table.columns[i].key}="{escape(variants[str(row[i])])}"' for i in names)
-        cells = "".join(_cell(cell, column, table.name, planners) for cell, column in zip(row, table.columns, strict=True))
+        cells = "".join(_cell(cell, column, table.name, swatches) for cell, column in zip(row, table.columns, strict=True))
         body.append(f"<tr{marks}>{cells}</tr>")
     picker = ""
     if len(names) > 1:
@@ -182,9 +197,9 @@ def _header(table: Table, i: int) -> str:
     return f'<th scope="col" class="{kind}{" share" if isinstance(table.rows[0][i], Rate) else ""}"><button type="button"{hint}>{escape(label)}</button></th>'
 
 
-def _cell(cell: Cell, column: Column, table: str, planners: Mapping[str, str | None]) -> str:
+def _cell(cell: Cell, column: Column, table: str, swatches: Mapping[str, str]) -> str:
     if isinstance(cell, str):
-        swatch = _swatch(planners.get(cell)) if column.key in ("variant", "against") else ""
+        swatch = swatches[cell] if column.key in ("variant", "against") else ""
         return f"<td>{swatch}{escape(cell)}</td>"
     if cell is None:
         return _number("", "-")
@@ -192,7 +207,7 @@ def _cell(cell: Cell, column: Column, table: str, planners: Mapping[str, str | N
         value = f"{cell.k / cell.n:.6f}" if cell.n else ""
         return _number(value, f"{cell.k}/{cell.n}", _bare(cell), _bar(cell, _BARS[column.key]) if column.key in _BARS else "")
     if isinstance(cell, Contrast):
-        worse = table == "twin" and cell.per_hundred > NOT_WORSE
+        worse = table == "twin" and cell.per_hundred > NOT_WORSE and cell.n >= LEAST
         mark = f'<span class="worse" role="img" aria-label="worse" data-tip="{_WORSE}">▲ </span>' if worse else ""
         return _number(f"{cell.per_hundred:.4f}", f"{mark}{cell.k} : {cell.other}", f"{signed(cell.per_hundred)}{spread(cell)}")
     if isinstance(cell, Estimate):
@@ -222,26 +237,27 @@ def _bar(cell: Rate, kind: str) -> str:
 # --- figures ---
 
 
-def _legend(rows: Sequence[Row]) -> str:
-    planners = sorted({row["planner"] or "?" for row in rows}, key=planner_rank)
-    return f'<p class="legend">{"".join(f"<span>{_swatch(name)}{escape(name)}</span>" for name in planners)}</p>'
+def _legend(rows: Sequence[Row], colour: Mapping[str, str]) -> str:
+    named = (f"<span>{_swatch(colour[variant])}{escape(label)}</span>" for variant, label in _variants(rows).items())
+    return f'<p class="legend">{"".join(named)}</p>'
 
 
-def _swatch(planner: str | None) -> str:
-    return f'<span class="swatch {planner_class(planner)}"></span>'
+def _swatch(colour: str) -> str:
+    return f'<span class="swatch {colour}"></span>'
 
 
-def _figures(scenario: str, rows: Sequence[Row]) -> str:
+def _figures(scenario: str, rows: Sequence[Row], colour: Mapping[str, str]) -> str:
     """The figures of a scenario."""
     parts = []
     for title, swept in sweeps(rows).items():
         about = f"Arrived (solid, dots) and collided (dashed, squares), with 95 % intervals: {', '.join(family.label for family in swept)}."
-        parts.append(_figure("Effort", about, sweep_figure(title, swept)))
+        parts.append(_figure("Effort", about, sweep_figure(title, swept, colour)))
     about = "A dot for each pair of the same seed; below the line the ego was faster."
-    parts.append(_figure("Travel time beside SUMO's driver", about, twin_figure(scenario, rows, [row for row in rows if row["planner"] == TWIN])))
+    beside = twin_figure(scenario, rows, [row for row in rows if row["planner"] == TWIN], colour)
+    parts.append(_figure("Travel time beside SUMO's driver", about, beside))
     driven = [row for row in rows if row["planner"] != TWIN]
     for measure, about in _MEASURES:
-        drawn = spread_figure(driven if measure.key.startswith("plan_ms") else rows, measure)
+        drawn = spread_figure(driven if measure.key.startswith("plan_ms") else rows, measure, colour)
         parts.append(_figure(measure.label, f"{about} {_QUANTILES}", drawn))
     return f'<div class="figures" data-scene="{escape(scenario)}" hidden>{"".join(parts)}</div>'
 
@@ -266,7 +282,7 @@ def _about(looks: Sequence[Look], of: int) -> str:
 _LOOK_NUMBERS = (("seed", "Seed", 0), ("min_ttc_s", "TTC, s", 2), ("min_pet_s", "PET, s", 2), ("imposed_max_decel_mps2", "Imposed, m/s²", 1))
 
 
-def _looks(looks: Sequence[Look], replayed: Mapping[str, str]) -> str:
+def _looks(looks: Sequence[Look], replayed: Mapping[str, str], colour: Mapping[str, str]) -> str:
     """The list; egos are named where there are several."""
     if not looks:
         return ""
@@ -274,16 +290,16 @@ def _looks(looks: Sequence[Look], replayed: Mapping[str, str]) -> str:
     named = ["Replay", "Scenario", "Variant", *(["Ego"] if several else []), "Why", *(label for _, label, _ in _LOOK_NUMBERS)]
     numbers = {label for _, label, _ in _LOOK_NUMBERS}
     head = "".join(f'<th scope="col"{" class=n" if name in numbers else ""}><button type="button">{name}</button></th>' for name in named)
-    body = "".join(_look(look, look.row["key"] in replayed, several) for look in looks)
+    body = "".join(_look(look, look.row["key"] in replayed, several, colour) for look in looks)
     return f'<div class="scroll"><table class="sortable looks"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _look(look: Look, replayed: bool, several: bool) -> str:
+def _look(look: Look, replayed: bool, several: bool, colour: Mapping[str, str]) -> str:
     row, reasons = look
     opened = '<button type="button" class="open">▶ Replay</button>' if replayed else '<span class="muted">no trace</span>'
     chips = "".join(f'<span class="chip{" grave" if i == 0 and not arrived(row) else ""}">{escape(reason)}</span>' for i, reason in enumerate(reasons))
     error = f' data-tip="{escape(row["error"])}" tabindex="0"' if row["error"] else ""
-    cells = [f"<td>{opened}</td><td>{escape(row['scenario'])}</td><td>{_swatch(row['planner'])}{escape(labelled(row))}</td>"]
+    cells = [f"<td>{opened}</td><td>{escape(row['scenario'])}</td><td>{_swatch(colour[row['variant']])}{escape(labelled(row))}</td>"]
     cells += [f"<td>{escape(row['ego'] or '-')}</td>"] if several else []
     cells += [f"<td{error}>{chips}</td>"]
     known = [(row[key], digits) for key, _, digits in _LOOK_NUMBERS]

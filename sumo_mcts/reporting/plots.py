@@ -1,4 +1,4 @@
-"""Figures as SVG text, from rows. Colours and fonts are the page's: every mark carries a class, planners a class of their own.
+"""Figures as SVG text, from rows. Colours and fonts are the page's: every mark carries a class, variants a class of their own (`colours`).
 
 Each figure is drawn at the size at which it is shown, so that its letters are those of the page. What an element says on hover stands in `data-tip`.
 """
@@ -6,8 +6,9 @@ Each figure is drawn at the size at which it is shown, so that its letters are t
 import math
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from sumo_mcts.experiments.statistics import TWIN, Pair, Rate, Row, arrived, col
 from sumo_mcts.reporting.tables import grouped, labelled, number, spread
 
 KNOWN = ("mcts", "paper", "idm", "sumo", "constant", "random", "exhaustive")  # planners with a colour of their own
+FURTHER = 6  # colours that are nobody's own
 SMALLEST = 0.02  # of a logarithmic axis
 WIDTH = 540.0  # px
 
@@ -51,9 +53,14 @@ def svg(width: float, height: float, title: str, parts: Iterable[str]) -> str:
     return f'<svg class="figure" {size} role="img" aria-label="{escape(title)}">{"".join(parts)}</svg>'
 
 
-def planner_class(planner: str | None) -> str:
-    """The class that gives a mark the planner's colour."""
-    return f"p-{planner}" if planner in KNOWN else "p-other"
+def colours(rows: Iterable[Row]) -> dict[str, str]:
+    """The class that gives the marks of each variant their colour. The first of a planner has the planner's own; the others have those of planners that drive
+    nowhere here, and then further ones, in turns."""
+    own = {row["variant"]: f"p-{row['planner']}" if row["planner"] in KNOWN else "p-other" for row in rows}
+    first = {colour: variant for variant, colour in reversed(own.items())}
+    spare = [f"p-{planner}" for planner in KNOWN if planner != TWIN and f"p-{planner}" not in first]
+    free = cycle([*spare, *(f"p-further-{k}" for k in range(1, FURTHER + 1))])
+    return {variant: colour if first[colour] == variant else next(free) for variant, colour in own.items()}
 
 
 def ticks(low: float, high: float, most: int = 5) -> list[float]:
@@ -79,7 +86,7 @@ def decades(low: float, high: float) -> list[float]:
 class Swept(NamedTuple):
     """A variant family over its budgets."""
 
-    planner: str
+    variant: str  # its first, which lends it its colour
     label: str
     points: tuple[tuple[float, Rate, Rate], ...]  # iterations, arrived, collided
 
@@ -97,8 +104,12 @@ def sweeps(rows: Sequence[Row]) -> dict[str, list[Swept]]:
     result = {}
     for scenario, families in found.items():
         swept = [
-            Swept(planner, family, tuple((budget, rate(map(arrived, those)), rate(map(collided, those))) for budget, those in sorted(by_budget.items())))
-            for (planner, family), by_budget in families.items()
+            Swept(
+                next(iter(by_budget.values()))[0]["variant"],
+                family,
+                tuple((budget, rate(map(arrived, those)), rate(map(collided, those))) for budget, those in sorted(by_budget.items())),
+            )
+            for (_, family), by_budget in families.items()
             if len(by_budget) > 1
         ]
         if swept:
@@ -106,7 +117,7 @@ def sweeps(rows: Sequence[Row]) -> dict[str, list[Swept]]:
     return result
 
 
-def sweep_figure(title: str, swept: Sequence[Swept]) -> str:
+def sweep_figure(title: str, swept: Sequence[Swept], colour: Mapping[str, str]) -> str:
     """Arrived (solid, dots) and collided (dashed, squares) in percent over iterations, with intervals."""
     width, height = WIDTH, 330.0
     budgets = sorted({budget for family in swept for budget, _, _ in family.points})
@@ -120,10 +131,11 @@ def sweep_figure(title: str, swept: Sequence[Swept]) -> str:
             parts.append(_label(last, height - 22, f"{budget:,.0f}".replace(",", "\u2009"), "middle"))
     parts.append(_label((across.begin + across.end) / 2, height - 5, "iterations a decision", "middle"))
     for i, family in enumerate(swept):
-        shift = 5.0 * (i - (len(swept) - 1) / 2)  # so that intervals of several families stand side by side
-        places = [across.at(budget) + shift for budget, _, _ in family.points]
-        lines = "".join(_swept_line(family, which, places, up) for which in ("arrived", "collided"))
-        parts.append(f'<g class="{planner_class(family.planner)}">{lines}</g>')
+        lines = ""
+        for k, which in enumerate(("arrived", "collided")):
+            shift = 5.0 * (2 * i + k - len(swept) + 0.5)  # so that intervals stand side by side
+            lines += _swept_line(family, which, [across.at(budget) + shift for budget, _, _ in family.points], up)
+        parts.append(f'<g class="{colour[family.variant]}">{lines}</g>')
     return svg(width, height, f"{title}: arrivals and collisions over iterations", parts)
 
 
@@ -144,39 +156,71 @@ def _swept_line(family: Swept, which: str, places: Sequence[float], up: Axis) ->
 # --- distributions over episodes ---
 
 
-def spread_figure(rows: Sequence[Row], measure: Measure) -> str:
-    """A line for each variant: 5 to 95 % of its episodes thin, the middle half thick, the median a dot. Empty where nothing is known."""
-    groups = {label: those for label, those in _by_label(rows).items() if any(row[measure.key] is not None for row in those)}
-    if not groups:
+class Spread(NamedTuple):
+    """A measure over the episodes of a variant."""
+
+    variant: str
+    label: str
+    quantiles: tuple[float, ...]  # 5, 25, 50, 75 and 95 %; empty where it is known of no episode
+    known: int
+    of: int
+
+
+def spread_figure(rows: Sequence[Row], measure: Measure, colour: Mapping[str, str]) -> str:
+    """A line for each variant: 5 to 95 % of its episodes thin, the middle half thick, the median a dot; nothing but words where it is known of none of
+    its episodes. Empty where it is known of nobody's."""
+    spreads = [_spread(label, those, measure.key) for label, those in _by_label(rows).items()]
+    known = [found.quantiles for found in spreads if found.known]
+    if not known:
         return ""
-    values = {label: np.array([row[measure.key] for row in those if row[measure.key] is not None], dtype=np.float64) for label, those in groups.items()}
-    quantiles = {label: np.percentile(those, (5, 25, 50, 75, 95)) for label, those in values.items()}
-    low, high = min(q[0] for q in quantiles.values()), max(q[4] for q in quantiles.values())
-    if measure.logarithmic:
-        low, high = max(low, SMALLEST), max(high, SMALLEST)
-        room = max(1.2, math.sqrt(10.0 * low / high))  # a decade at least
-        low, high = low / room, high * room
-    else:
-        low, high = min(0.0, low), max(1.05 * high, low + 1e-9)
-    name_width = 14 + 6.6 * max(map(len, groups))
+    low, high = _range(min(q[0] for q in known), max(q[4] for q in known), measure.logarithmic)
+    name_width = 18 + max(_text_width(found.label) for found in spreads)
     width, line, top = max(WIDTH, name_width + 300.0), 24.0, 8.0
-    height = top + line * len(groups) + 34
+    height = top + line * len(spreads) + 34
     across = Axis(low, high, name_width, width - 64, measure.logarithmic)
     marks = [(across.at(tick), f"{tick:g}") for tick in (decades(low, high) if measure.logarithmic else ticks(low, high))]
     parts = [_grid_line(x, top, x, height - 34) + _label(x, height - 19, name, "middle") for x, name in marks]
     parts.append(_label((across.begin + across.end) / 2, height - 4, measure.unit, "middle"))
-    for i, (label, those) in enumerate(groups.items()):
+    for i, found in enumerate(spreads):
         y = top + line * (i + 0.5)
-        x = [across.at(float(q)) for q in quantiles[label]]
-        q = [number(float(value), 2) for value in quantiles[label]]
-        known = f"{len(values[label])} of {len(those)} episodes"
-        tip = f"{label}: median {q[2]} {measure.unit}; half of the episodes {q[1]}..{q[3]}, nine tenths {q[0]}..{q[4]}; known in {known}"
-        body = f'<line class="thin" x1="{x[0]:.1f}" x2="{x[4]:.1f}" y1="{y}" y2="{y}"/><line class="thick" x1="{x[1]:.1f}" x2="{x[3]:.1f}" y1="{y}" y2="{y}"/>'
-        body += f'<circle class="dot" cx="{x[2]:.1f}" cy="{y}" r="4.5"/>'
+        shown, tip = _spread_words(found, measure.unit)
         hover = f'<rect class="hover" x="0" y="{y - line / 2}" width="{width:.0f}" height="{line}" {_tip(tip)}/>'
-        parts.append(f'<g class="{planner_class(those[0]["planner"])}">{body}</g>')
-        parts.append(_label(name_width - 10, y + 4, label, "end", "name") + _label(width - 2, y + 4, q[2], "end", "value") + hover)
+        parts.append(f'<g class="{colour[found.variant]}">{_spread_line(found, across, y)}</g>')
+        parts.append(_label(name_width - 10, y + 4, found.label, "end", "name") + _label(width - 2, y + 4, shown, "end", "value" if found.known else "label"))
+        parts.append(hover)
     return svg(width, height, f"{measure.label} over episodes, by variant", parts)
+
+
+def _spread(label: str, rows: Sequence[Row], key: str) -> Spread:
+    values = [float(row[key]) for row in rows if row[key] is not None]
+    quantiles = np.percentile(np.array(values), (5, 25, 50, 75, 95)).tolist() if values else ()
+    return Spread(rows[0]["variant"], label, tuple(quantiles), len(values), len(rows))
+
+
+def _range(low: float, high: float, logarithmic: bool) -> tuple[float, float]:
+    """What an axis shows so that all of this is well inside."""
+    if not logarithmic:
+        return min(0.0, low), max(1.05 * high, low + 1e-9)
+    low, high = max(low, SMALLEST), max(high, SMALLEST)
+    room = max(1.2, math.sqrt(10.0 * low / high))  # a decade at least
+    return low / room, high * room
+
+
+def _spread_line(found: Spread, across: Axis, y: float) -> str:
+    if not found.known:
+        return ""
+    x = [across.at(q) for q in found.quantiles]
+    thin, thick = (f'<line class="{kind}" x1="{x[i]:.1f}" x2="{x[4 - i]:.1f}" y1="{y}" y2="{y}"/>' for i, kind in enumerate(("thin", "thick")))
+    return f'{thin}{thick}<circle class="dot" cx="{x[2]:.1f}" cy="{y}" r="4.5"/>'
+
+
+def _spread_words(found: Spread, unit: str) -> tuple[str, str]:
+    """What stands at the end of the line, and what is told on hover."""
+    if not found.known:
+        return "none", f"{found.label}: none in any of {found.of} episodes"
+    q = [number(value, 2) for value in found.quantiles]
+    tip = f"{found.label}: median {q[2]} {unit}; half of the episodes {q[1]}..{q[3]}, nine tenths {q[0]}..{q[4]}; known in {found.known} of {found.of} episodes"
+    return q[2], tip
 
 
 def _by_label(rows: Iterable[Row]) -> dict[str, list[Row]]:
@@ -189,7 +233,7 @@ def _by_label(rows: Iterable[Row]) -> dict[str, list[Row]]:
 # --- travel times beside the twin's ---
 
 
-def twin_figure(title: str, ones: Sequence[Row], twins: Iterable[Row]) -> str:
+def twin_figure(title: str, ones: Sequence[Row], twins: Iterable[Row], colour: Mapping[str, str]) -> str:
     """Each pair a dot: the twin's travel time across, the ego's up; whoever did not arrive stands on the edge. Empty without pairs."""
     both = [pair for pair in pairs([row for row in ones if row["planner"] != TWIN], twins) if _time(pair.one) is not None or _time(pair.other) is not None]
     times = [time for pair in both for time in (_time(pair.one), _time(pair.other)) if time is not None]
@@ -209,16 +253,16 @@ def twin_figure(title: str, ones: Sequence[Row], twins: Iterable[Row]) -> str:
         x = width - 16
         parts.append(_grid_line(x, up.begin, x, up.end))
         parts.append(f'<text class="label" transform="translate({x + 12} {up.end}) rotate(90)" text-anchor="start">twin did not arrive</text>')
-    for planner, those in _by_planner(both).items():
-        parts.append(f'<path class="points {planner_class(planner)}" d="{_dots(those, across, up, width - 16)}"/>')
+    for variant, those in _by_variant(both).items():
+        parts.append(f'<path class="points {colour[variant]}" d="{_dots(those, across, up, width - 16)}"/>')
     return svg(width, height, f"{title}: travel times beside those of SUMO's driver", parts)
 
 
-def _by_planner(both: Iterable[Pair]) -> dict[str, list[Pair]]:
-    """The searching ones last, on top."""
+def _by_variant(both: Iterable[Pair]) -> dict[str, list[Pair]]:
+    """The first of all last, on top."""
     groups: dict[str, list[Pair]] = {}
     for pair in both:
-        groups.setdefault(pair.one["planner"] or "", []).append(pair)
+        groups.setdefault(pair.one["variant"], []).append(pair)
     return dict(reversed(groups.items()))
 
 
@@ -245,6 +289,11 @@ def _tip(text: str) -> str:
 
 def _grid_line(x1: float, y1: float, x2: float, y2: float) -> str:
     return f'<line class="grid" x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"/>'
+
+
+def _text_width(text: str) -> float:
+    """About how wide a label is, px: no narrower than in any of the usual fonts."""
+    return sum(4.8 if each in "iljft.,:;'|!()[] -" else 11.8 if each in "mwMW@%" else 8.4 if each.isupper() else 7.7 for each in text)
 
 
 def _label(x: float, y: float, text: str, anchor: str, kind: str = "label") -> str:

@@ -311,10 +311,11 @@ def text(cell: Cell, column: Column) -> str:
 
 def spread(cell: Rate | Estimate | Contrast) -> str:
     """The interval in brackets, after a space; nothing where there is none."""
-    if isinstance(cell, Rate):
-        return "" if cell.interval is None else f" ({_percent(cell.interval[0])}..{_percent(cell.interval[1])} %)"
-    show = signed if isinstance(cell, Contrast) else number
-    return f" ({show(cell.low)}..{show(cell.high)})"
+    if cell.interval is None:
+        return ""
+    show: Callable[[float], str] = {Rate: _percent, Contrast: signed, Estimate: number}[type(cell)]
+    low, high = map(show, cell.interval)
+    return f" ({low}..{high}{' %' if isinstance(cell, Rate) else ''})"
 
 
 def number(value: float, digits: int = 2) -> str:
@@ -395,11 +396,10 @@ def _parts(cell: Cell, key: str) -> Iterator[tuple[str, Any]]:
 
 
 def plain(cell: Rate | Estimate | Contrast) -> dict[str, Any]:
-    """The parts of a cell by name; infinite ones as the text `inf`."""
-    if isinstance(cell, Rate):
-        low, high = cell.interval or (None, None)
-        return {"k": cell.k, "n": cell.n, "low": low, "high": high}
-    return {name: "inf" if value == math.inf else value for name, value in cell._asdict().items()}
+    """The parts of a cell by name, its interval as `low` and `high`; infinite ones as the text `inf`."""
+    low, high = cell.interval or (None, None)
+    parts = {**cell._asdict(), "low": low, "high": high}
+    return {name: "inf" if value == math.inf else value for name, value in parts.items() if name != "interval"}
 
 
 def document(table: Table) -> dict[str, Any]:

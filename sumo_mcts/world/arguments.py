@@ -1,5 +1,6 @@
 """SUMO's command line for a scenario: the scenario's files and options, the user's further options, and what the referee needs."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,6 +15,13 @@ DEFAULT_STEP = 0.1  # s
 REFEREE_OPTIONS = {"collision.action": "warn", "collision.check-junctions": "true", "collision.mingap-factor": "0"}
 
 _OURS = ("configuration-file", "net-file", "error-log")  # an option after -- may set anything but these and the referee's
+
+# Options by which SUMO writes a file, and what makes it write none.
+_WRITES = re.compile(
+    r".*[-.]output|netstate-dump|ndump|netstate|person-fcd|summary|tripinfo|personinfo|vehroutes|personroutes|log|log-file|l|message-log|device\.toc\.file"
+)
+_UNWRITTEN = "/dev/null"  # SUMO's own word for it, on every system
+_UNSAVED = {"save-state.times": "", "save-state.period": "-1"}
 
 Options = dict[str, str]
 
@@ -39,10 +47,21 @@ def sumo_arguments(config: ScenarioConfig, seed: int | None, cast: Cast, folder:
 
 
 def sumocfg_arguments(sumocfg: str, seed: int | None, extra: Sequence[str]) -> list[str]:
-    """The command line of a look at a .sumocfg, with SUMO driving."""
+    """The command line of a look at a .sumocfg, with SUMO driving, that writes none of its files."""
+    extra = [*extra, *without_outputs(SumoConfig(sumocfg=sumocfg), extra)]
     given = option_names(extra)
     own = {"configuration-file": str(Path(sumocfg).resolve()), **({} if seed is None else {"seed": str(seed)}), **REFEREE_OPTIONS}
     return [*_flat({key: value for key, value in own.items() if key not in given}), *extra]
+
+
+def without_outputs(sumo: SumoConfig, extra: Sequence[str] = ()) -> list[str]:
+    """Options after which SUMO writes nothing of what its configuration asks for, `extra` left as it is. What additional files ask for (detectors) it
+    does write. Raises ConfigError where the .sumocfg is none."""
+    asked = [*([key for key, _ in _entries(sumo.sumocfg)] if sumo.sumocfg is not None else []), *sumo.options]
+    given = option_names(extra)
+    unwritten = {key: _UNWRITTEN for key in asked if _WRITES.fullmatch(key)}
+    unsaved = {key: value for key, value in _UNSAVED.items() if key in asked}
+    return _flat({key: value for key, value in {**unwritten, **unsaved}.items() if full_name(key) not in given})
 
 
 def network_of(sumocfg: str | None, net: str | None) -> str:

@@ -1,11 +1,17 @@
-"""Which vehicles of a user's simulation an ego could be: found by running it for a while with SUMO alone."""
+"""Which vehicles of a user's simulation an ego could be: found by running it for a while with SUMO alone. And which it cannot be, by its files."""
 
+import gzip
 import math
+import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from difflib import get_close_matches
+from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
-from sumo_mcts.world.simulation import Simulation, import_libsumo
+from sumo_mcts.config import ConfigError
+from sumo_mcts.world.simulation import Simulation, import_libsumo, option
 
 ROAD_CLASSES = frozenset(
     {"passenger", "private", "authority", "army", "vip", "hov", "taxi", "bus", "coach", "delivery", "truck", "trailer", "motorcycle", "moped", "evehicle",
@@ -13,6 +19,11 @@ ROAD_CLASSES = frozenset(
 )  # fmt: skip
 LEAST_LENGTH = 50.0  # m of route that make an ego worth watching
 PATIENCE_S = 60.0  # wall time spent on looking
+NAMED = 5  # vehicles that a message names
+
+_SOURCES = ("route-files", "additional-files", "load-state")  # options with the files that name vehicles
+_ID = re.compile(rb"""\bid\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_MADE = re.compile(r"[._]")  # what SUMO puts between an id and the numbers of those that it makes of it: of a flow, of a person's car, by --scale
 
 
 class Candidate(NamedTuple):
@@ -28,31 +39,64 @@ class Candidate(NamedTuple):
 
 
 def candidates(
-    arguments: Sequence[str], count: int, enough: Callable[[Candidate], bool] | None = None, *, patience_s: float = PATIENCE_S, lasting_s: float = math.inf
-) -> list[Candidate]:
-    """The first `count` vehicles that depart, or fewer: all until one is `enough`, the traffic ends, or patience does (s of this clock), or so many
-    seconds are simulated. Raises ConfigError."""
+    arguments: Sequence[str], count: int, enough: Callable[[Candidate], bool] | None = None, *, until: str | None = None, patience_s: float = PATIENCE_S,
+    lasting_s: float = math.inf,
+) -> list[Candidate]:  # fmt: skip
+    """The first `count` vehicles that depart, or fewer: all until one is `enough`, the traffic ends or SUMO's option `end` comes, patience does (s of this
+    clock), or so many seconds are simulated. `until`: the edge that the way of a suitable one has to pass. Raises ConfigError."""
     found: list[Candidate] = []
-    until = time.monotonic() + patience_s
+    give_up = time.monotonic() + patience_s
     with Simulation(arguments) as simulation:
         sumo = import_libsumo()
-        last = simulation.time + lasting_s
-        while len(found) < count and not simulation.finished and time.monotonic() < until and simulation.time < last:
+        last = min(simulation.time + lasting_s, simulation.end)
+        while len(found) < count and not simulation.finished and time.monotonic() < give_up and simulation.time < last:
             simulation.step()
             for vehicle in sumo.simulation.getDepartedIDList():
-                found.append(_look(vehicle, simulation.time))
+                found.append(_look(vehicle, simulation.time, until))
                 if enough is not None and enough(found[-1]):
                     return found
     return found[:count]
 
 
-def _look(vehicle: str, now: float) -> Candidate:
+def require_named(egos: Iterable[str], others: Iterable[str]) -> None:
+    """Raise ConfigError where an ego of the running simulation is none of `others` and nothing in the simulation's files has its id, or one from which SUMO
+    could make it. Whether it departs is another question."""
+    files = [Path(path.strip()) for name in _SOURCES for path in option(name).split(",") if path.strip()]
+    found = [_ids_in(path, path.stat().st_mtime_ns) for path in files if path.is_file()]
+    if None in found:
+        return
+    known = frozenset(others).union(*(ids for ids in found if ids is not None))
+    for ego in egos:
+        if known.isdisjoint({ego, *(ego[: at.start()] for at in _MADE.finditer(ego))}):
+            near = get_close_matches(ego, known, NAMED, 0.5)
+            listed = f"; `sumo-mcts run {option('configuration-file')}` lists candidates" if option("configuration-file") else ""
+            raise ConfigError(f"egos: {ego}: no file of the simulation names such a vehicle" + (f"; near: {', '.join(near)}" if near else listed))
+
+
+@lru_cache(maxsize=32)
+def _ids_in(path: Path, changed: int) -> frozenset[str] | None:
+    """Every id in a file of SUMO's, whatever it names; None where another file is included. `changed`: when the file was, for the cache."""
+    raw = path.read_bytes()
+    text = gzip.decompress(raw) if raw[:2] == b"\x1f\x8b" else raw
+    if b"<include" in text:
+        return None
+    return frozenset((double or single).decode(errors="replace") for double, single in _ID.findall(text))
+
+
+def not_passing(until: str) -> str:
+    """Why somebody is not suitable who does not come to an edge."""
+    return f"its route does not pass edge {until}"
+
+
+def _look(vehicle: str, now: float, until: str | None) -> Candidate:
     sumo = import_libsumo()
     vclass = str(sumo.vehicle.getVehicleClass(vehicle))
     route = sumo.vehicle.getRoute(vehicle)
     length = sum(float(sumo.lane.getLength(f"{edge}_0")) for edge in route)
     why_not = ""
-    if vclass not in ROAD_CLASSES:
+    if until is not None and until not in route:
+        why_not = not_passing(until)
+    elif vclass not in ROAD_CLASSES:
         why_not = f"class {vclass}"
     elif sumo.vehicle.getStops(vehicle, 1):
         why_not = "has stops to serve"

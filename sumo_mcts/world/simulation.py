@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import math
 import os
 import re
 import tempfile
@@ -90,6 +91,12 @@ class Simulation:
     def finished(self) -> bool:
         """Whether SUMO expects no further vehicles."""
         return int(self._libsumo.simulation.getMinExpectedNumber()) == 0
+
+    @property
+    def end(self) -> float:
+        """When the configuration says that the traffic ends, s; SUMO itself does not stop there where somebody else tells it to step."""
+        end = float(self._libsumo.simulation.getEndTime())
+        return end if end > 0 else math.inf
 
     def departed(self) -> list[str]:
         """The vehicles that departed in the last step."""

@@ -87,6 +87,7 @@ def scene_jobs(options: argparse.Namespace) -> list[Job]:
 def network_jobs(options: argparse.Namespace, folder: Path, pool: ProcessPoolExecutor) -> list[Job]:
     """One job a network and ego; the egos lie evenly among the first suitable vehicles."""
     sources = {name: net_source(name, options.plans, folder) for name in options.nets} | {p.stem: {"sumocfg": str(p.resolve())} for p in options.cfg}
+    sources = {name: {**source, "options": {"end": -1}} for name, source in sources.items()}  # a game is over long before its traffic is
     jobs = []
     for name, found in zip(sources, pool.map(suitable, sources.values()), strict=True):
         chosen = [found[round(k * (len(found) - 1) / max(options.egos - 1, 1))] for k in range(min(options.egos, len(found)))]

@@ -120,7 +120,7 @@ def test_all_are_judged_on_the_same_pairs_and_nothing_is_disturbed() -> None:
 
 
 def test_each_ego_has_an_episode_of_its_own() -> None:
-    found = commands.forecasts("straight-line", ["ego", "same"], None, ("planner.name=sumo", "episode.depart_limit_s=1"), None, (), nothing)
+    found = commands.forecasts("straight-line", ["ego", "ahead.7"], None, ("planner.name=sumo", "episode.depart_limit_s=1"), None, (), nothing)
     assert found["outcomes"] == {"arrived": 1, "error": 1}
     assert found["seeds"] == [0]
 

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from helpers_batch import SMALL, crash_or_drive, exhaust_or_drive, timeless, write
 
-from sumo_mcts import assets, cli, config, records, run_batch
+from sumo_mcts import assets, cli, config, plugins, records, run_batch
 from sumo_mcts.config import ConfigError, digest
 from sumo_mcts.episode import run_episode
 from sumo_mcts.experiments import folder, workers
@@ -369,6 +369,35 @@ def test_files_and_plugins_do_not_mix(tmp_path: Path) -> None:
         folder.begun(out, now)
 
 
+SLEEPER = """
+from sumo_mcts.scene import Decision, Release
+
+class Sleeper:
+    needs_forecast = False
+    def __init__(self, options, scenario): pass
+    def start(self, task, seed): pass
+    def plan(self, situation): return Decision(Release(), None, (), -1, "", 0, 0)
+"""
+
+
+def test_a_plugin_whose_file_has_changed_does_not_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    module = tmp_path / "sleeper_of_mine.py"
+    module.write_text(SLEEPER)
+    text = "name: x\nscenarios: [straight-line]\nvariants: {asleep: {planner.name: 'sleeper_of_mine:Sleeper', episode.stop_time_s: 1}}\n"
+    experiment, out = write(tmp_path, text), tmp_path / "out"
+    rows = run_batch(experiment, out, jobs=1, allow_plugins=True)
+    (plugin,) = json.loads((out / records.MANIFEST).read_text())["plugins"]
+    assert plugin["file_digest"] == hashlib.sha256(SLEEPER.encode()).hexdigest()
+    module.write_text(SLEEPER + "# to come\n")
+    with pytest.raises(ConfigError, match="plugin sleeper_of_mine:Sleeper has changed since the batch was begun; take another --out, or --fresh"):
+        run_batch(experiment, out, jobs=1, allow_plugins=True)
+    module.write_text(SLEEPER)
+    assert run_batch(experiment, out, jobs=1, allow_plugins=True) == rows
+    monkeypatch.setitem(sys.modules, "sleeper_of_mine", None)
+    assert plugins.described(load(experiment, allow_plugins=True).cases[0].configs["asleep"])[0]["file_digest"] is None
+
+
 def test_fresh_removes_what_a_batch_leaves_and_nothing_else(whole: Reference, tmp_path: Path) -> None:
     small, out = begun(whole, tmp_path)
     records.append_row(out, whole[1][0])
@@ -505,6 +534,29 @@ def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     for wrong, said in (("sumo.options={warp-speed: 9}", "SUMO does not start"), ("egos=[{id: ego, until: nowhere}]", "the network has no edge nowhere")):
         assert said in rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant", wrong)), 0)
     assert rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant",)), 0) == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (SMALL + "set: {sumo.options: {warp-speed: 9}}\n", "scenarios: unprotected-left-turn: SUMO does not start: "),
+        (SMALL + "set: {episode.success_edge: nowhere}\n", "scenarios: unprotected-left-turn: episode.success_edge: the network has no edge nowhere; among"),
+        (SMALL.replace("highway-exit", "{scenario: highway-exit, set: {egos: [{id: ego, until: nowhere}]}}"), "scenarios: highway-exit: egos: ego: until: the"),
+        (SMALL.replace("highway-exit", "{scenario: highway-exit, set: {egos: [{id: nobody}]}}"), "scenarios: highway-exit: egos: nobody: no file of the simul"),
+        (SMALL.replace(", highway-exit", "") + "set: {episode.success_edge: to_south}\n", "episode.success_edge: the route of ego does not pass edge to_south"),
+        (network("[ego]", ", until: to_nort"), "scenarios: good: egos: any: until: the network has no edge to_nort; among its 8 edges: to_north"),
+        (network("[ego]", ", until: to_south"), "scenarios: good: egos: ego: until: its route does not pass edge to_south"),
+        (
+            network("{random: 1}", ", until: to_south"),
+            "scenarios: good: egos: random: asks for 1, 0 suitable vehicles depart within 3600 s and pass edge to_south",
+        ),
+    ],
+)
+def test_a_dry_run_refuses_what_cannot_be(text: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as refused:
+        listed(write(tmp_path, text), tmp_path / "out")
+    assert said in str(refused.value)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

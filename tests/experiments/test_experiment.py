@@ -121,31 +121,31 @@ WRONG = {
     "not yaml": ("name: [", "not valid YAML: line 1"),
     "key unknown": (SCENES + "seed: 3\n", "seed: unknown key; allowed: name, description, scenarios, variants, sweep, seeds, twins, traces, "),
     "entry key unknown": ("name: x\nscenarios: [{scenario: highway-exit, ego: a}]\n", "scenarios.0.ego: unknown key; allowed: scenario, sumocfg, name, egos"),
-    "no scenarios": ("name: x\nscenarios: []\n", "scenarios: Tuple should have at least 1 item"),
+    "no scenarios": ("name: x\nscenarios: []\n", "scenarios: has to have at least 1 entry"),
     "unknown scenario": ("name: x\nscenarios: [nowhere]\n", "scenarios.0: nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: highway-exit"),
     "unknown sumocfg": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: [a]}]\n", "scenarios.0: sumocfg: no.sumocfg: no such file"),
     "sumocfg without egos": ("name: x\nscenarios: [no.sumocfg]\n", "scenarios.0: egos: vehicle ids or {random: N} belong to a sumocfg, and only there"),
     "egos of a scenario": ("name: x\nscenarios: [{scenario: highway-exit, egos: [a]}]\n", "egos: vehicle ids or {random: N} belong to a sumocfg"),
     "no egos": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: []}]\n", "scenarios.0.egos: give vehicle ids or {random: N}"),
     "egos twice": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: [a, a]}]\n", "scenarios.0.egos: ids: one is named twice"),
-    "random zero": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: {random: 0}}]\n", "egos.random: Input should be greater than or equal to 1, got 0"),
+    "random zero": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: {random: 0}}]\n", "egos.random: has to be at least 1, got 0"),
     "both sources": ("name: x\nscenarios: [{scenario: a, sumocfg: b, egos: [c]}]\n", "scenarios.0: give either scenario or sumocfg"),
     "scenario twice": ("name: x\nscenarios: [highway-exit, highway-exit]\n", "scenarios: highway-exit: named 2 times; give a `name` of its own to each"),
-    "no variants": (SCENES + "variants: {}\n", "variants: Dictionary should have at least 1 item"),
+    "no variants": (SCENES + "variants: {}\n", "variants: has to have at least 1 entry"),
     "variant twice": (SCENES + "variants:\n  a: {}\n  a: {}\n", "not valid YAML: line 4, column 3: a: given 2 times"),
     "sweep value twice": (
         SCENES + "sweep: {planner.iterations: [5, 5]}\n",
         "variants: default-iterations-5: two variants have this name",
     ),
-    "empty grid": (SCENES + "sweep: {planner.iterations: []}\n", "sweep.planner.iterations: Tuple should have at least 1 item"),
+    "empty grid": (SCENES + "sweep: {planner.iterations: []}\n", "sweep.planner.iterations: has to have at least 1 entry"),
     "variant key": (SCENES + "variants: {a: {planner.iteration: 3}}\n", "variants.a: planner.iteration: unknown key; allowed: name, iterations,"),
-    "variant value": (SCENES + "variants: {a: {planner.iterations: many}}\n", "variants.a: planner.iterations: Input should be a valid integer"),
-    "sweep value": (SCENES + "sweep: {planner.iterations: [0]}\n", "variants, sweep: default-iterations-0: planner.iterations: Input should be greater"),
+    "variant value": (SCENES + "variants: {a: {planner.iterations: many}}\n", "variants.a: planner.iterations: has to be a whole number"),
+    "sweep value": (SCENES + "sweep: {planner.iterations: [0]}\n", "variants, sweep: default-iterations-0: planner.iterations: has to be at least 1, got 0"),
     "set key": (SCENES + "set: {cost.heading: 1}\n", "set: cost.heading: unknown key; allowed: contact,"),
     "set below a value": (SCENES + "set: {name.x: 1}\n", "set: name.x=1: name has no keys below it"),
     "entry set": (
         "name: x\nscenarios: [{scenario: highway-exit, set: {cost.jerk: -1}}]\n",
-        "scenarios.0.set: cost.jerk: Input should be greater than or equal",
+        "scenarios.0.set: cost.jerk: has to be at least 0",
     ),
     "variant name": (SCENES + "variants: {a: {name: b}}\n", "variants.a: name and egos belong to the entries of `scenarios`"),
     "twins of other traffic": (
@@ -159,8 +159,17 @@ WRONG = {
     "seeds number": (SCENES + "seeds: 100\n", "seeds: a range such as 0..9, or a list of numbers and ranges, got 100"),
     "seeds none": (SCENES + "seeds: []\n", "seeds: a range such as 0..9, or a list of numbers and ranges"),
     "seeds truth": (SCENES + "seeds: [true]\n", "seeds: True: a number from 0 on"),
-    "name": ("name: a b\nscenarios: [highway-exit]\n", "name: String should match pattern"),
-    "traces": (SCENES + "traces: some\n", "traces: Input should be 'worth', 'all' or 'none', got 'some'"),
+    "scenarios text": ("name: x\nscenarios: highway-exit\n", "scenarios: has to be a list, got 'highway-exit'"),
+    "scenario number": ("name: x\nscenarios: [3]\n", "scenarios.0: has to be a mapping of keys, got 3"),
+    "variants list": (SCENES + "variants: [a]\n", "variants: has to be a mapping of keys, got ['a']"),
+    "variant number": (SCENES + "variants: {a: 3}\n", "variants.a: has to be a mapping of keys, got 3"),
+    "variant named by a number": (SCENES + "variants: {3: {}}\n", "variants.3: has to be a text, got 3"),
+    "section number": (SCENES + "variants: {a: {planner: 3}}\n", "variants.a: planner: has to be a mapping of keys, got 3"),
+    "sweep number": (SCENES + "sweep: {planner.iterations: 3}\n", "sweep.planner.iterations: has to be a list, got 3"),
+    "twins perhaps": (SCENES + "twins: perhaps\n", "twins: has to be true or false, got 'perhaps'"),
+    "no name": ("scenarios: [highway-exit]\n", "name: has to be given"),
+    "name": ("name: a b\nscenarios: [highway-exit]\n", "name: has to be a text like ^[A-Za-z0-9]"),
+    "traces": (SCENES + "traces: some\n", "traces: has to be 'worth', 'all' or 'none', got 'some'"),
 }
 
 
@@ -178,6 +187,10 @@ def test_wrong_files(case: str, tmp_path: Path) -> None:
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"nowhere: no such experiment; give a \.yaml, or one of: ablation, baselines"):
         assets.experiment_path("nowhere")
+    with pytest.raises(ConfigError, match=r"^vared: no such experiment \(near: varied\); give a \.yaml, or one of: ablation, baselines"):
+        assets.experiment_path("vared")
+    with pytest.raises(ConfigError, match=r"^highway-exits: no such scenario \(near: highway-exit, "):
+        assets.scenario_path("highway-exits")
     with pytest.raises(ConfigError, match="cannot be read"):
         load(tmp_path / "nowhere.yaml")
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_mcts.experiments import statistics
-from sumo_mcts.experiments.statistics import Pair, Rate, arrived, at_fault, contrast, interval, median, pairs, rate, some, time_ratio, wilson
+from sumo_mcts.experiments.statistics import LEAST, Pair, Rate, arrived, at_fault, contrast, interval, median, pairs, rate, some, time_ratio, wilson
 from sumo_mcts.records import row_defaults
 
 
@@ -57,7 +57,9 @@ def test_who_does_not_arrive_takes_for_ever_and_whose_twin_does_not_is_left_out(
     found = time_ratio(both)
     assert found is not None
     assert (found.value, found.n) == (0.9, 3)
-    assert found.high == math.inf
+    many = time_ratio(both * 4)
+    assert many is not None and many.interval is not None
+    assert many.interval[1] == math.inf
     assert time_ratio([both[-1]]) is None
     most = time_ratio([both[1], both[1], both[0]])
     assert most is not None
@@ -76,8 +78,9 @@ def test_the_paired_difference_is_in_episodes_per_hundred() -> None:
     found = contrast([Pair(braked, free)] * 3 + [Pair(free, braked)] + [Pair(braked, braked)] * 4 + [Pair(unknown, free)] * 12, some("imposed_brakes_3"))
     assert found is not None
     assert (found.k, found.other, found.n, found.per_hundred) == (7, 5, 8, 25.0)
-    assert found.low < 0.0
-    assert found.high > 25.0
+    assert found.interval is not None
+    assert found.interval[0] < 0.0
+    assert found.interval[1] > 25.0
     assert contrast([Pair(free, unknown)], some("imposed_brakes_3")) is None
     assert contrast([], arrived) is None
 
@@ -102,10 +105,23 @@ def test_the_median_is_numpys_and_lies_in_its_interval(values: list[float]) -> N
     found = median(np.array(values))
     assert found is not None
     assert found.value == pytest.approx(float(np.median(values)))
-    assert found.low <= found.value <= found.high
     assert median(np.array(values)) == found, "the same values, the same interval"
-    assert min(values) <= found.low
-    assert found.high <= max(values)
+    assert (found.interval is None) == (len(values) < LEAST or len(set(values)) == 1)
+    low, high = found.interval or (found.value, found.value)
+    assert min(values) <= low <= found.value <= high <= max(values)
+
+
+def test_so_few_values_as_have_no_interval_could_not_have_one() -> None:
+    """The whole range of n values misses the median with the probability that all of them lie on one side of it."""
+    assert 2 * 0.5 ** (LEAST - 1) > 0.05 >= 2 * 0.5**LEAST
+    worse = [Pair(row(imposed_brakes_3=1), row(imposed_brakes_3=0))]
+    for n, known in ((1, False), (LEAST - 1, False), (LEAST, True)):
+        found = contrast([*worse, *[Pair(row(imposed_brakes_3=0), row(imposed_brakes_3=0))] * (n - 1)], some("imposed_brakes_3"))
+        assert found is not None
+        assert (found.interval is not None) == known
+    alike = contrast(worse * 100, some("imposed_brakes_3"))
+    assert alike is not None
+    assert (alike.per_hundred, alike.interval) == (100.0, None), "where all pairs are the same, resampling them says nothing"
 
 
 def test_an_interval_covers_what_it_should() -> None:

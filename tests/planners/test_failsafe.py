@@ -453,7 +453,7 @@ FAILURES: dict[str, tuple[Callable[[Decision], Any], str]] = {
 def test_the_episode_survives_its_planner(name: str, on: str, monkeypatch: pytest.MonkeyPatch) -> None:
     failure, words = FAILURES[name]
     result = episode(monkeypatch, lambda cycle: cycle in (1, 9, 10, 11), failure, f"failsafe.on={on}")
-    row, notes = result.rows[0], [cycle.note for cycle in result.traces[0].cycles]
+    row, notes = result.rows[0], [cycle.decision.reason for cycle in result.traces[0].cycles]
     assert row["outcome"] == "arrived", row
     assert row["failsafe_interventions"] >= 4
     assert all(notes[k].startswith("fail-safe: the planner failed: ") and words in notes[k] for k in (0, 8, 9, 10))
@@ -476,7 +476,7 @@ def late(decision: Decision) -> Decision:
 def test_a_late_decision_is_dropped_where_the_deadline_is_enforced(monkeypatch: pytest.MonkeyPatch) -> None:
     sets = ("planner.period_s=0.3", "planner.enforce_deadline=true")
     result = episode(monkeypatch, lambda cycle: cycle in (12, 13), late, *sets)
-    row, notes = result.rows[0], [cycle.note for cycle in result.traces[0].cycles]
+    row, notes = result.rows[0], [cycle.decision.reason for cycle in result.traces[0].cycles]
     assert row["outcome"] == "arrived" and row["deadline_misses"] >= 2
     assert all(note.startswith("fail-safe: late: ") for note in notes[11:13])
     assert row["failsafe_interventions"] == row["deadline_misses"]
@@ -502,7 +502,7 @@ def test_a_blind_planner_is_kept_safe(name: str) -> None:
     kept = [blind(name, "true", seed) for seed in seeds]
     assert not [result.rows[0] for result in kept if result.rows[0]["outcome"] == "collision"]
     for result in kept:
-        notes = [cycle.note for cycle in result.traces[0].cycles if cycle.note.startswith("fail-safe")]
+        notes = [cycle.decision.reason for cycle in result.traces[0].cycles if cycle.decision.reason.startswith("fail-safe")]
         assert len(notes) == result.rows[0]["failsafe_interventions"] > 0
         assert all("m away" in note for note in notes)
 

@@ -15,7 +15,7 @@ from helpers_trace import crossing_trace
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from sumo_mcts import commands
-from sumo_mcts.records import ROW_KEYS, load_trace
+from sumo_mcts.records import ROW_KEYS, load_trace, save_trace
 from sumo_mcts.reporting import tables
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -120,6 +120,44 @@ def test_nothing_but_the_page_is_on_the_page(context: BrowserContext, path: Path
     assert not page.evaluate("[...document.scripts].some((script) => script.checkVisibility())")
 
 
+@pytest.fixture(scope="module")
+def wide(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Seven variants, short and long names, a few pairs in one scene and more in the other, in some of which somebody has to brake."""
+    names = ["mcts", "mcts-careful-headway", "mcts-100", "mwwm", "idm", "constant", "sumo"]
+    rows = [
+        made_row(scene, name, seed) for scene, seeds in (("unprotected-left-turn", 3), ("highway-exit-varied", 8)) for name in names for seed in range(seeds)
+    ]
+    for row in rows:
+        if row["planner"] != "sumo" and row["seed"] < 2:
+            row.update(imposed_brakes_2=1, imposed_brakes_3=1, imposed_brakes_4=1, outcome="timeout", travel_time_s=None)
+    return report(write_rows(tmp_path_factory.mktemp("wide"), rows))
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_is_cut_off_at_the_width_of_a_projector(scheme: str, browser: Browser, wide: Path) -> None:
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, color_scheme=scheme)  # type: ignore[arg-type]
+    page, wrong = visit(context, wide)
+    assert page.evaluate("all('.scroll').every((box) => box.scrollWidth <= box.clientWidth)"), "tables fit"
+    for scene in ("unprotected-left-turn", "highway-exit-varied"):
+        page.select_option("#scene", scene)
+        assert page.evaluate("all('figure').filter((f) => f.checkVisibility()).every((figure) => figure.scrollWidth <= figure.clientWidth)"), "figures fit"
+        inside = """all('.figures:not([hidden]) svg').every((svg) => { const box = svg.getBoundingClientRect();
+            return all('text', svg).every((text) => { const b = text.getBoundingClientRect(); return b.left >= box.left && b.right <= box.right + 1; }); })"""
+        assert page.evaluate(inside), "labels are whole"
+    swatches = page.evaluate("all('.legend .swatch').map((swatch) => getComputedStyle(swatch).backgroundColor)")
+    assert len(swatches) == len(set(swatches)) == 7, "every variant has its colour"
+    assert wrong == []
+    context.close()
+
+
+def test_a_few_pairs_have_no_interval_and_are_no_alarm(context: BrowserContext, wide: Path) -> None:
+    page, _ = visit(context, wide)
+    for scene, judged in (("unprotected-left-turn", False), ("highway-exit-varied", True)):
+        rows = page.locator('#table-twin tr[data-variant="mcts-careful-headway"]')
+        cell = rows.filter(has_text=scene).locator("td").last
+        assert ("▲" in cell.inner_text(), ".." in cell.inner_text()) == (judged, judged), (scene, cell.inner_text())
+
+
 @pytest.mark.parametrize("time", ["abc", "-5", "1e9"])
 def test_an_address_with_a_time_that_is_none_shows_a_moment_all_the_same(time: str, context: BrowserContext, path: Path) -> None:
     page, wrong = visit(context, path, f"#replay={CRASHED}&t={time}")
@@ -217,7 +255,7 @@ def test_the_replay_shows_the_road_and_the_decision_of_the_moment(context: Brows
     rows = page.locator("#actions tbody tr")
     assert rows.count() == len(cycle.decision.children)
     best = sorted(range(len(cycle.decision.children)), key=lambda i: (cycle.decision.children[i].best, i))
-    assert rows.nth(0).locator("td").nth(1).inner_text() == str(cycle.decision.children[best[0]].visits)
+    assert rows.nth(0).locator("td.visits").inner_text() == str(cycle.decision.children[best[0]].visits)
     chosen = page.locator("#actions tr.chosen")
     assert chosen.count() == 1
     assert chosen.locator("td").nth(0).inner_text().replace("\u2212", "-") == f"{cycle.decision.children[cycle.decision.chosen].accel:+.1f}"
@@ -236,7 +274,7 @@ def test_it_tells_why_the_fail_safe_acted(context: BrowserContext, path: Path, f
     assert page.locator("#failsafe").is_hidden()
     page.keyboard.press("n")
     page.keyboard.press("n")
-    assert page.locator("#failsafe").inner_text() == load_trace(folder / "traces" / f"{CRASHED}.npz").cycles[12].note
+    assert page.locator("#failsafe").inner_text() == load_trace(folder / "traces" / f"{CRASHED}.npz").cycles[12].decision.reason
     assert page.locator("#failsafe").is_visible()
 
 
@@ -309,6 +347,36 @@ def test_it_opens_from_the_list_and_shows_the_outcome_at_the_end(context: Browse
     page.keyboard.press("End")
     assert page.locator("#facts div", has_text="outcome").locator("dd").inner_text() == "arrived", "the trace's own"
     assert f"#replay={CRASHED}&t=" in page.url
+
+
+def test_what_was_tried_is_told_with_its_lane(context: BrowserContext, tmp_path: Path) -> None:
+    """In the order of the table: the cheapest first."""
+    trace, row = crossing_trace(), made_row()
+    cycle = trace.cycles[6]
+    children = [child._replace(lane_change=k % 3 - 1) for k, child in enumerate(sorted(cycle.decision.children, key=lambda child: child.best))]
+    changed = cycle._replace(decision=cycle.decision._replace(children=tuple(children), chosen=0))
+    cycles = (*trace.cycles[:6], changed, *trace.cycles[7:])
+    save_trace(write_rows(tmp_path, [row]) / "traces" / f"{row['key']}.npz", trace._replace(key=row["key"], cycles=cycles))
+    page, wrong = opened(context, report(tmp_path), row["key"], at=cycle.time)
+    heads = page.locator("#actions th").all_inner_texts()
+    told = page.locator("#actions tbody tr").evaluate_all(f"rows => rows.map(row => row.cells[{heads.index('lane')}].textContent)")
+    assert told == [{1: "← left", -1: "→ right", 0: ""}[child.lane_change] for child in children]
+    assert page.evaluate("document.querySelector('aside').scrollWidth <= document.querySelector('aside').clientWidth"), "nothing is cut off"
+    page.locator("#facts div", has_text="known ends").hover()
+    assert "had been simulated before" in page.locator("#tip").inner_text()
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"), [("Zoom in", "player.road.zoom"), ("Zoom out", "player.road.zoom"), ("Slower", "player.rate"), ("Faster", "player.rate")]
+)
+def test_what_plus_and_minus_do_is_told_and_done(name: str, changes: str, context: BrowserContext, path: Path) -> None:
+    page, _ = opened(context, path)
+    button, before = page.get_by_role("button", name=name, exact=True), page.evaluate(changes)
+    group = button.locator("xpath=..")
+    assert group.get_attribute("role") == "group" and ("zoom" if "Zoom" in name else "speed") in group.inner_text()
+    button.click()
+    assert (page.evaluate(changes) > before) == (name in ("Zoom in", "Faster"))
 
 
 def test_every_control_has_a_name(context: BrowserContext, path: Path) -> None:

@@ -518,10 +518,12 @@ class Player {
     $("failsafe").hidden = !cycle.failsafe;
     $("failsafe").textContent = cycle.failsafe ? cycle.why : "";
     const facts = [["decision", `${k + 1} of ${this.data.cycles.length}`], ["speed", `${ego.v[k].toFixed(1)} m/s`], ["acceleration", `${signed(ego.a[k], 1)} m/s²`],
-      ["planning", cycle.ms === null ? "-" : `${cycle.ms.toFixed(1)} ms`], ["iterations", String(cycle.n)], ["known ends", String(cycle.known)]];
+      ["planning", cycle.ms === null ? "-" : `${cycle.ms.toFixed(1)} ms`, "Wall time from the scene to the decision."],
+      ["iterations", String(cycle.n), "Passes of the search that simulated to its horizon."],
+      ["known ends", String(cycle.known), "Further passes, which cost next to nothing: they came to the end of a way that had been simulated before."]];
     if (last) facts.push(["outcome", this.data.outcome.replaceAll("_", " ")]);
-    if (cycle.off) facts.push(["executed", cycle.off]);
-    $("facts").replaceChildren(...facts.map(([name, value]) => element("div", {}, element("dt", {}, name), element("dd", {}, value))));
+    if (cycle.off) facts.push(["executed", cycle.off, "What came of the command, where it is not what was commanded."]);
+    $("facts").replaceChildren(...facts.map(([name, value, tip]) => element("div", { "data-tip": tip ?? null }, element("dt", {}, name), element("dd", {}, value))));
     $("actions").replaceChildren(...(cycle.tried.length ? this.table(cycle) : [element("p", { class: "muted" }, "No action was tried at this decision.")]));
   }
 
@@ -530,11 +532,11 @@ class Player {
     const weight = (child) => child.terms.reduce((sum, term) => sum + Math.abs(term ?? 0), 0);
     const largest = Math.max(1e-9, ...cycle.tried.map(weight));
     const order = cycle.tried.map((_, i) => i).sort((a, b) => (cycle.tried[a].best ?? Infinity) - (cycle.tried[b].best ?? Infinity) || a - b);
-    const head = [["action", "What was tried first, m/s²; an arrow is a lane change."], ["visits", "How often the search went there."], ["mean", "Mean cost of all passes."], ["best", "Cost of the best way found. Planner mcts takes the lowest, paper the lowest mean."], ["made of", "The terms of the best way's cost, in the likeliest hypothesis."]];
+    const head = [["action", "What was tried first, m/s²."], ["lane", "To which side the lane is changed, where it is."], ["visits", "How often the search went there."], ["mean", "Mean cost of all passes."], ["best", "Cost of the best way found. Planner mcts takes the lowest, paper the lowest mean."], ["made of", "The terms of the best way's cost, in the likeliest hypothesis."]];
     const rows = order.map((i) => {
       const child = cycle.tried[i];
       const row = element("tr", { class: [i === cycle.chosen ? "chosen" : "", child.best === null || child.terms[4] > 0 ? "lost" : ""].join(" ").trim(), tabindex: "0" },
-        element("td", {}, named(child)),
+        element("td", {}, named(child)), element("td", {}, child.change > 0 ? "← left" : child.change < 0 ? "→ right" : ""),
         element("td", { class: "n visits" }, element("i", { style: `--w: ${(100 * child.visits) / most}%` }), element("span", {}, String(child.visits))),
         element("td", { class: "n" }, costs(child.mean)), element("td", { class: "n" }, costs(child.best)),
         element("td", {}, this.terms(child, largest)));
@@ -546,7 +548,7 @@ class Player {
     const shown = this.data.terms.filter((_, t) => cycle.tried.some((child) => child.terms[t]));
     return [
       element("table", {}, element("caption", {}, "Actions at the root, cheapest first; point at one to see its way."),
-        element("thead", {}, element("tr", {}, ...head.map(([name, tip], i) => element("th", { scope: "col", "data-tip": tip, class: i > 0 && i < 4 ? "n" : null }, name)))),
+        element("thead", {}, element("tr", {}, ...head.map(([name, tip], i) => element("th", { scope: "col", "data-tip": tip, class: i > 1 && i < 5 ? "n" : null }, name)))),
         element("tbody", {}, ...rows)),
       element("p", { class: "termkey" }, ...shown.map((term) => element("span", {}, element("i", { class: `t-${term}` }), term))),
     ];
@@ -562,8 +564,7 @@ class Player {
 const costs = (value) => (value === null ? "lost" : value.toFixed(2));
 
 function named(child) {
-  const change = child.change > 0 ? "← " : child.change < 0 ? "→ " : "";
-  return `${change}${signed(child.accel, 1)}${child.visits ? "" : " (last plan)"}`;
+  return `${signed(child.accel, 1)}${child.visits ? "" : " (last plan)"}`;
 }
 
 /* --- opening and closing --- */
