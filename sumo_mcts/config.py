@@ -232,7 +232,9 @@ class SensorConfig(_Section):
     """What the planner may know."""
 
     range_m: Positive = Field(120.0, description="sensor range")
-    signals: Literal["timing", "current"] = Field("timing", description="coming signal phases are broadcast, or only the present state is seen")
+    signals: Literal["timing", "current"] = Field(
+        "timing", description="coming signal phases are broadcast, up to one whose end the traffic decides, or only the present state is seen"
+    )
     position_error_m: NonNegative = Field(0.0, description="standard deviation of the error of an agent's position, along each axis")
     speed_error_mps: NonNegative = Field(0.0, description="standard deviation of the error of an agent's speed")
     error_time_s: Positive = Field(1.0, description="time after which the share 1/e of an error is left: a tracker's errors last")

@@ -11,6 +11,7 @@ from sumo_mcts.world.roadmap import lane_index
 from sumo_mcts.world.simulation import import_libsumo, step_length
 
 PHASES = 8  # coming phases that are broadcast
+STATIC = 0  # SUMO's type of signals whose phases last as long as their program says
 SIGNAL_RANGE = 500.0  # m within which signals are read
 LEADER_RANGE = 100.0  # m within which an agent's leader is asked for
 TREND_S = 1.0
@@ -290,7 +291,7 @@ class _SignalReader:
         self._offset = np.concatenate([[0], np.cumsum(links)]).astype(np.int32)
         self._place = [_place(road, q) for q in range(len(road.signal_ids))]
         self._known = [name in known for name in road.signal_ids]
-        self._programs: dict[tuple[int, str], list[Any]] = {}
+        self._programs: dict[tuple[int, str], list[_Phase]] = {}
 
     def read(self, x: float, y: float, time: float, phases: int) -> Signals:
         """Signals within SIGNAL_RANGE of a place; those further away read as green."""
@@ -310,20 +311,36 @@ class _SignalReader:
         program = self._program(q, name)
         index = self._get.getPhase(name)
         for k in range(1, len(until)):
-            if not 0 <= index < len(program):
+            if not 0 <= index < len(program) or program[index].open_ended:
                 state[:, k], until[k - 1] = state[:, k - 1], np.inf
                 continue
-            phase = program[index]
-            index = phase.next[0] if phase.next and phase.next[0] >= 0 else (index + 1) % len(program)
+            index = program[index].following
             _show(program[index].state, state[:, k])
             until[k] = until[k - 1] + program[index].duration
 
-    def _program(self, q: int, name: str) -> list[Any]:
+    def _program(self, q: int, name: str) -> list["_Phase"]:
         current = self._get.getProgram(name)
         if (q, current) not in self._programs:
-            logics = {logic.programID: list(logic.phases) for logic in self._get.getAllProgramLogics(name)}
+            logics = {logic.programID: _phases(logic) for logic in self._get.getAllProgramLogics(name)}
             self._programs[q, current] = logics.get(current, [])
         return self._programs[q, current]
+
+
+class _Phase(NamedTuple):
+    """A phase of a signal's program."""
+
+    state: str
+    duration: float  # s
+    following: int  # the phase after it
+    open_ended: bool  # traffic decides when it ends: SUMO's next switch is but the next time that it asks
+
+
+def _phases(logic: Any) -> list[_Phase]:
+    found = list(logic.phases)
+    return [
+        _Phase(p.state, p.duration, p.next[0] if p.next and p.next[0] >= 0 else (k + 1) % len(found), logic.type != STATIC and p.minDur < p.maxDur)
+        for k, p in enumerate(found)
+    ]
 
 
 def _show(letters: str, column: Ints) -> None:

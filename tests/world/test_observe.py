@@ -4,10 +4,12 @@ import math
 from pathlib import Path
 
 import libsumo
+import numpy as np
 import pytest
 from helpers_networks import netconvert
 
-from sumo_mcts.world.observe import Change, Observer
+from sumo_mcts.scene import GREEN, RED, YELLOW
+from sumo_mcts.world.observe import PHASES, Change, Observer
 from sumo_mcts.world.roadmap import read_roadmap
 
 NODES = '<node id="w" x="0" y="0"/><node id="m" x="200" y="0"/><node id="e" x="400" y="0"/>'
@@ -43,3 +45,36 @@ def test_a_lorry_that_changes_lanes_with_its_rear_on_the_edge_before_stays_lengt
         assert lanes.index("b_0") == lanes.index("b_1") + lanes.count("b_1")
     finally:
         libsumo.close()
+
+
+@pytest.mark.parametrize("kind", ["static", "actuated"])
+def test_nobody_knows_when_a_phase_ends_that_the_traffic_ends(tmp_path: Path, kind: str) -> None:
+    """Of an actuated signal SUMO tells when it asks its detectors next; yellow lasts as long as its program says."""
+    nodes = '<node id="C" x="0" y="0" type="traffic_light"/>' + "".join(
+        f'<node id="{arm}" x="{x}" y="{y}"/>' for arm, x, y in (("W", -200, 0), ("E", 200, 0), ("S", 0, -200), ("N", 0, 200))
+    )
+    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}"/>' for a, b in ("WC", "CE", "SC", "CN"))
+    net = netconvert(tmp_path, nodes, edges, '<connection from="WC" to="CE"/><connection from="SC" to="CN"/>', "--tls.default-type", kind)
+    flows = (f'<flow id="{a}" begin="0" end="60" period="9"><route edges="{a}C C{b}"/></flow>' for a, b in ("WE", "SN"))
+    (tmp_path / "x.rou.xml").write_text(f"<routes>{''.join(flows)}</routes>")
+    libsumo.start(["sumo", "-n", net, "-r", str(tmp_path / "x.rou.xml"), "--no-step-log", "true", "--no-warnings", "true"])
+    try:
+        observer, said = Observer(read_roadmap(net)), []
+        for _ in range(120):
+            libsumo.simulationStep()
+            said.append(observer.timing(0.0, 0.0))
+    finally:
+        libsumo.close()
+    shown = [signals.state[:, 0] for signals in said]
+    for t, signals in enumerate(said):
+        ends = next((k for k in range(t, len(shown)) if not np.array_equal(shown[k], shown[t])), None)
+        if ends is None:
+            continue
+        first, after = signals.until[0, :2]
+        if YELLOW in shown[t] or kind == "static":
+            assert first == pytest.approx(ends - t, abs=1.0) and np.array_equal(signals.state[:, 1], shown[ends])
+            assert (after < np.inf) == (kind == "static")
+        else:
+            assert GREEN in shown[t] and RED in shown[t]
+            assert np.all(np.isinf(signals.until)) and np.array_equal(signals.state, np.repeat(shown[t][:, None], PHASES, axis=1))
+    assert sum(YELLOW in each for each in shown) > 4
