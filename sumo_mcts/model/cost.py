@@ -42,13 +42,18 @@ from sumo_mcts.model.local import (
     chain_gap,
 )
 from sumo_mcts.model.react import seen
-from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, NEXT, REACH, RIGHT_NODE
+from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, NEXT, REACH, RIGHT_NODE, STATION
 from sumo_mcts.scene import Floats
 
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
 SLOW = 1.0  # m/s below which the ego stands in somebody's way
 ASTRIDE = 0.2  # rad between box and lane from which the rear is still in the lane that the ego leaves
+STANDS_BEFORE = 2.0  # m before a stop sign where it is time enough to stand
+AT_SIGN = 5.0  # m more from which every second counts in full,
+AS_GOOD_AS_STANDING = 0.3  # m/s, likewise,
+UP_TO_SIGN = 30.0  # m up to which they count at the horizon, and
+MOVE_UP = 4.0  # m/s at which
 SIGHT = 80.0  # m beyond which an agent is not looked at
 CLEAR, CLOSE, CONTACT = range(3)
 
@@ -356,9 +361,9 @@ def step_comfort(p: EgoParams, c: CostParams, before: State, after: State) -> fl
 
 @kernel
 def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) -> float:
-    """C_p of one simulation step: time lost against the limit, being on a lane that the route leaves, standing inside a junction or across two lanes."""
+    """C_p of one simulation step: time lost against the limit or before a stop sign, a lane that the route leaves, standing in a junction or across lanes."""
     limit = local.node[after.node, LIMIT]
-    rate = c.progress * (1.0 - min(after.v, limit) / limit)
+    rate = c.progress * (1.0 - min(after.v, limit) / limit + _before_sign(local, after))
     i = after.node - local.first
     if 0 <= i < local.urgency.shape[0]:
         rate += c.route * abs(local.urgency[i])
@@ -409,7 +414,23 @@ def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: fl
     useful = min(state.v, leader_v + gap / local.limit)
     missing = max(0.0, local.limit - useful) if local.free else 0.0
     behind = max(_behind(local, c, gap, leader_v), _behind(local, c, local.node[state.node, REACH] - state.s, 0.0))
-    return c.progress * (missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind)
+    return c.progress * (missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind + min(_to_sign(local, state), UP_TO_SIGN) / MOVE_UP)
+
+
+@kernel
+def _before_sign(local: Local, state: State) -> float:
+    """Share of a second that is lost before the ego stands at the stop sign ahead: its turn comes only after that."""
+    if math.isinf(local.stop_at):
+        return 0.0
+    return min(max(_to_sign(local, state) / AT_SIGN, state.v / AS_GOOD_AS_STANDING), 1.0)
+
+
+@kernel
+def _to_sign(local: Local, state: State) -> float:
+    """m to where it has to stand; 0 where it has, or there is none."""
+    if math.isinf(local.stop_at):
+        return 0.0
+    return max(local.stop_at - local.node[state.node, STATION] - state.s - STANDS_BEFORE, 0.0)
 
 
 @kernel

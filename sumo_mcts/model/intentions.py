@@ -54,6 +54,9 @@ STARTING_S = 1.5  # s within which it matters that somebody starts (of 200 that 
 START_VIEW = 20.0  # m about the ego, and what it drives in a second, within which it matters
 STANDS = 0.1  # m/s
 MOST_TOLD = 3.0  # m/s2 beyond which neither tells any more
+CRAWLS = 1.0  # m/s below which somebody ahead waits
+MOVING_OFF = 0.3  # m/s2 of acceleration of late that show that it waits no longer
+STAYING = 0.5  # odds that one ahead that waits, and is expected to move off, goes on waiting
 SLOW = 2.0  # m/s below which nobody is in danger of braking hard
 LEADERS = 2  # how many ahead of the ego may brake
 FOLLOWING = 4.0  # s within which somebody ahead is followed (and 10 m)
@@ -242,6 +245,8 @@ def _braking(agents: Agents, paths: Paths, ego_s: float, ego_v: float, expected:
     near = np.flatnonzero((gap > 0.0) & (gap < 10.0 + FOLLOWING * ego_v))
     for i in near[np.argsort(gap[near], kind="stable")][:LEADERS]:
         odds = braking_odds(float(agents.trend[i]), float(expected[i]))
+        if agents.v[i] < CRAWLS and agents.trend[i] < MOVING_OFF < expected[i]:
+            odds = max(odds, STAYING)
         if agents.v[i] > SLOW or odds > BRAKING:  # who has just come to a stand may stay
             yield Alternative(odds, Intent(int(i), BRAKES))
 

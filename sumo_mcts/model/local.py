@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.route import LENGTH, Indices, RouteMap, lane_pose
+from sumo_mcts.model.route import LENGTH, Indices, RouteMap, lane_pose, stop_ahead
 from sumo_mcts.scene import GREEN, YELLOW, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
 BACK = 100.0  # m of the route behind the ego where followers are seen
@@ -40,6 +40,7 @@ class Local(NamedTuple):
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
     free: bool  # no light that stays red and no dead end ahead of the ego, as far as it could come
+    stop_at: float  # m along the route (STATION) where the next stop line is if it is that of a stop sign at which the ego has still to stand; else inf
     followers: int  # bit i: agent i is behind the ego in its lane and reacts: its contact is imposed braking
     aside: float  # m to the side that a lane change keeps clear, since it may come out a little otherwise than planned
     dt: float  # s between forecast times
@@ -140,7 +141,7 @@ def build_local(
         _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width, forecast.dt, claim_s),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, followers), first, float(route.limit[state.node]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
-        followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
+        _stop_at(route, state, cleared, here), followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
     )  # fmt: skip
 
 
@@ -222,6 +223,12 @@ def _is_free(route: RouteMap, closed: NDArray[np.uint8], first: int, state: Stat
             return left <= 0.0 or bool(np.isinf(route.reach[node]))
         node = int(route.next[node])
     return True
+
+
+def _stop_at(route: RouteMap, state: State, cleared: frozenset[int], here: float) -> float:
+    """Local.stop_at."""
+    node, distance = stop_ahead(route, state.node, state.s)
+    return here + distance if node >= 0 and route.sign[node] and node not in cleared else math.inf
 
 
 def _duties(

@@ -19,7 +19,7 @@ from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change
 from sumo_mcts.model.local import Local, State, _levels, apart, chain_gap
 from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.base import Task
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.scene import STOP, RoadMap
 from sumo_mcts.world.roadmap import known_roadmap
 
 NOBODY = np.zeros((0, 2))  # who reacts in the search
@@ -203,6 +203,45 @@ def test_standing_aslant_is_dear_but_where_the_lane_leads_nowhere(lane: str, v: 
     task, local, state = view(ending_lane(), lane, 400.0, v)
     costs = [step_passability(local, task.ego, task.cost, state._replace(turn=t)) for t in (0.0, turn)]
     assert costs[1] - costs[0] == pytest.approx(task.cost.astride * task.ego.step if dear else 0.0)
+
+
+# --- stop signs ---
+
+
+def stop_sign() -> RoadMap:
+    """Edge a ends at a stop sign."""
+    return build(
+        [
+            Lane("a", 0, ((0.0, 0.0), (200.0, 0.0)), (":m_0",)),
+            Lane(":m", 0, ((200.0, 0.0), (220.0, 0.0)), ("b_0",), junction="m", rule=STOP),
+            Lane("b", 0, ((220.0, 0.0), (420.0, 0.0))),
+        ]
+    )
+
+
+@pytest.mark.parametrize(("room", "v", "share"), [(60.0, 5.0, 1.0), (10.0, 0.0, 1.0), (4.5, 0.0, 0.5), (1.5, 0.15, 0.5), (1.5, 1.0, 1.0), (1.5, 0.0, 0.0)])
+def test_every_second_counts_until_the_ego_has_stood_at_the_stop_sign(room: float, v: float, share: float) -> None:
+    """Its turn comes after that; where it is far away, or has stood, nothing is lost."""
+    road = stop_sign()
+    ego = ego_at(road, "a_0", 200.0 - room, v, route=edges(road, "a", "b"))
+    task = task_of(road, ego)
+    local, state = local_of(task, scene_of(ego, road))
+    cleared = local._replace(stop_at=math.inf)
+    rates = [step_passability(each, task.ego, task.cost, state) / task.ego.step for each in (local, cleared)]
+    assert rates[0] - rates[1] == pytest.approx(task.cost.progress * share)
+    ends = [terminal(each, task.cost, state, math.inf, 0.0) for each in (local, cleared)]
+    assert ends[0] - ends[1] == pytest.approx(task.cost.progress * min(max(room - 2.0, 0.0), 30.0) / 4.0)
+
+
+def test_only_the_stop_sign_that_comes_next_and_only_until_the_ego_has_stood_there() -> None:
+    road = stop_sign()
+    ego = ego_at(road, "a_0", 150.0, 8.0, route=edges(road, "a", "b"))
+    task = task_of(road, ego)
+    sign = int(np.flatnonzero(task.route.sign)[0])
+    assert local_of(task, scene_of(ego, road))[0].stop_at == pytest.approx(200.0)
+    assert local_of(task, scene_of(ego, road), cleared=frozenset({sign}))[0].stop_at == math.inf
+    ego = ego_at(road, "b_0", 10.0, 8.0, route=edges(road, "a", "b"))
+    assert local_of(task, scene_of(ego, road))[0].stop_at == math.inf
 
 
 # --- those who leave a lane, those who come late ---

@@ -9,7 +9,19 @@ from helpers_model import scene_of, traffic_params
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.model.intentions import COMES_OVER, LEAST, alternatives, braking_odds, forcing_odds, foresee, likeliest, signal_worth, starting_odds, way_worth
+from sumo_mcts.model.intentions import (
+    COMES_OVER,
+    LEAST,
+    STAYING,
+    alternatives,
+    braking_odds,
+    forcing_odds,
+    foresee,
+    likeliest,
+    signal_worth,
+    starting_odds,
+    way_worth,
+)
 from sumo_mcts.model.traffic import HARD, Told, predict
 from sumo_mcts.scene import BRAKES, FORCES, LEFT, RIGHT, STARTS, STRAIGHT, TURNS, VEHICLE_CLASSES, EgoState, Forecast, Intent, RoadMap, Scene
 
@@ -217,8 +229,13 @@ def test_who_brakes_comes_to_a_stand_and_the_next_one_reacts() -> None:
 def test_only_the_nearest_ahead_brake() -> None:
     scene = behind(*(Agent(name, "wi_0", s, 10.0) for name, s in zip("abcd", (8.0, 40.0, 55.0, 70.0), strict=True)))
     assert {i for i, does in others(scene) if does == BRAKES} == {1, 2}  # a is behind, d is the third
-    assert not others(behind(Agent("a", "wi_0", 45.0, 0.0)))  # who stands does not brake
-    assert others(seen(behind(Agent("a", "wi_0", 45.0, 0.0)), trend=[-3.0]))  # but may stay, if it has just come to a stand
+
+
+@pytest.mark.parametrize(("v", "trend", "odds"), [(0.0, 0.0, STAYING), (0.5, 0.2, STAYING), (0.5, 0.5, 0.0), (1.5, 0.0, 0.0), (0.0, -3.0, 1.0)])
+def test_who_waits_ahead_may_go_on_waiting_until_it_shows_that_it_does_not(v: float, trend: float, odds: float) -> None:
+    """Its forecast says that it moves off at once."""
+    found = others(seen(behind(Agent("a", "wi_0", 45.0, v)), trend=[trend])).get((0, BRAKES), 0.0)
+    assert found >= odds if trend < 0.0 else found == odds
 
 
 def test_who_brakes_for_no_reason_goes_on_braking() -> None:
