@@ -31,7 +31,7 @@ class RouteMap(NamedTuple):
     limit: Floats  # [W] speed limit times the ego's speed factor, at most its own top speed, m/s
     station: Floats  # [W] where it begins, m from the start of the route
     changes: Indices  # [W] lane changes to the lane of this edge that leads furthest; positive: to the left
-    needed: Indices  # [W] the changes that come first down the node's way: its own, else those of the nodes after it
+    needed: Indices  # [W] the most changes that a lane of the node's way needs, itself or one after it, to the side of the first of them
     reach: Floats  # [W] m from the node's start to where the route is lost without a lane change; inf: never
     stop: Bools  # [W] a stop line at its end: signal, stop sign
     signal: Indices  # [W] signal of that stop line, -1 none
@@ -167,12 +167,13 @@ def _continuations(
 
 
 def _needed(nxt: Indices, changes: Indices) -> Indices:
-    """The first changes on each node's way. With `changes` alone, driving on to where the lanes multiply would look like a loss."""
-    needed = changes.copy()
+    """The most changes on each node's way, to the side of the first. With `changes` alone, driving on to where the lanes multiply would look like a loss."""
+    side, most = np.sign(changes), np.abs(changes)
     for i in range(len(nxt) - 1, -1, -1):
-        if needed[i] == 0 and nxt[i] >= 0:
-            needed[i] = needed[nxt[i]]
-    return needed
+        if nxt[i] >= 0:
+            side[i] = side[i] or side[nxt[i]]
+            most[i] = max(most[i], most[nxt[i]])
+    return side * most
 
 
 def _stations(road: RoadMap, edges: tuple[int, ...], lane: Indices, leg: Indices, nxt: Indices) -> Floats:

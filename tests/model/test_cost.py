@@ -76,6 +76,17 @@ def test_the_changes_to_come_are_known_before_the_lanes_part() -> None:
     assert local.urgency[state.node - local.first] == local.urgency[state.node + 1 - local.first] > 1.0
 
 
+def test_going_on_is_no_loss_where_the_next_edge_needs_more_changes_than_this_one() -> None:
+    """Both lanes have to be left for one further left: the right one once here, and twice where the lanes are three."""
+    three = [Lane("b", k, ((100.0, 3.2 * k), (200.0, 3.2 * k)), ("c_0",) if k == 2 else ()) for k in range(3)]
+    two = [Lane("a", k, ((0.0, 3.2 * k), (100.0, 3.2 * k)), (f"b_{k}",)) for k in (0, 1)]
+    road = build([*two, *three, Lane("c", 0, ((200.0, 6.4), (500.0, 6.4)))])
+    task, local, state = view(road, "a_0", 90.0, 0.0)
+    assert task.route.needed.tolist()[:5] == [2, 1, 2, 1, 0]
+    rates = [step_passability(local, task.ego, task.cost, state._replace(node=node)) for node in (state.node, task.route.next[state.node])]
+    assert rates[0] == pytest.approx(rates[1])
+
+
 # --- bridges ---
 
 
