@@ -49,11 +49,11 @@ PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
 SLOW = 1.0  # m/s below which the ego stands in somebody's way
 ASTRIDE = 0.2  # rad between box and lane from which the rear is still in the lane that the ego leaves
-STANDS_BEFORE = 2.0  # m before a stop sign where it is time enough to stand
-AT_SIGN = 5.0  # m more from which every second counts in full,
-AS_GOOD_AS_STANDING = 0.3  # m/s, likewise,
-UP_TO_SIGN = 30.0  # m up to which they count at the horizon, and
-MOVE_UP = 4.0  # m/s at which
+STANDS_BEFORE = 2.0  # m before the line of a stop sign: the place to stand
+NEAR_SIGN = 5.0  # m before that place within which less and less of a second counts as lost,
+ROLLS = 0.3  # m/s below which, there, likewise
+UP_TO_SIGN = 30.0  # m before that place within which the way to it counts at the horizon,
+MOVE_UP = 4.0  # m/s as if driven with this
 SIGHT = 80.0  # m beyond which an agent is not looked at
 CLEAR, CLOSE, CONTACT = range(3)
 
@@ -422,7 +422,7 @@ def _before_sign(local: Local, state: State) -> float:
     """Share of a second that is lost before the ego stands at the stop sign ahead: its turn comes only after that."""
     if math.isinf(local.stop_at):
         return 0.0
-    return min(max(_to_sign(local, state) / AT_SIGN, state.v / AS_GOOD_AS_STANDING), 1.0)
+    return min(max(_to_sign(local, state) / NEAR_SIGN, state.v / ROLLS), 1.0)
 
 
 @kernel
