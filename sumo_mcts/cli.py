@@ -240,7 +240,7 @@ def _list_recorded(folder: Path, as_json: bool) -> None:
 @app.command()
 def batch(
     experiment: Annotated[str, typer.Argument(help="An experiment file, or a built-in one: `sumo-mcts experiments` lists them.")],
-    out: Annotated[Path, typer.Option(help="Folder for rows and traces; what is done there is not done again.")],
+    out: Annotated[Optional[Path], typer.Option(help="Folder for rows and traces; what is done there is not done again. --dry-run does without.")] = None,  # noqa: UP045
     jobs: Annotated[Optional[int], typer.Option(min=1, metavar="N", help="Processes. Default: one a core.")] = None,  # noqa: UP045
     scheduler: Annotated[Optional[str], typer.Option(metavar="tcp://...", help="Drive on the workers of this dask.distributed scheduler.")] = None,  # noqa: UP045
     shard: Annotated[str, typer.Option(metavar="I/N", help="Drive only this part of N; a folder of its own for each.")] = "1/1",
@@ -252,12 +252,15 @@ def batch(
     """Drive an experiment: scenarios x variants x seeds. Goes on where it was interrupted."""
     with _plain_errors():
         from sumo_mcts import commands
+        from sumo_mcts.config import ConfigError
         from sumo_mcts.experiments.batch import BatchError
 
         try:
             if dry_run:
                 typer.echo(commands.batch_listing(experiment, out, shard, fresh, allow_plugins))
                 return
+            if out is None:
+                raise ConfigError("batch: --out: a folder for rows and traces has to be given")
             commands.check_folder(out)
             with _BatchVoice(quiet) as voice:
                 rows = commands.batch(experiment, out, jobs, scheduler, shard, fresh, allow_plugins, sys.argv[1:], voice.tell)

@@ -242,7 +242,7 @@ def batch(
     )
 
 
-def batch_listing(experiment: str, out: Path, shard: str, fresh: bool, allow_plugins: bool) -> str:
+def batch_listing(experiment: str, out: Path | None, shard: str, fresh: bool, allow_plugins: bool) -> str:
     """A line for each row that `batch` would bring about. Raises ConfigError."""
     found = listed(experiment, out, shard=_shard(shard), fresh=fresh, allow_plugins=allow_plugins)
     lines = [f"{'done' if item.done else 'to do':6s} {item.key}" for item in found]

@@ -614,6 +614,10 @@ def test_a_dry_run_lists_and_writes_nothing(whole: Reference, command: Command, 
     assert {path: path.read_bytes() for path in out.iterdir()} == before
     assert command(str(small), "--out", str(tmp_path / "none"), "--dry-run", "--shard", "2/2")[0] == 0
     assert not (tmp_path / "none").exists()
+    status, printed, _ = command(str(small), "--dry-run")
+    assert status == 0 and printed.splitlines()[-1] == "8 rows, 0 done, 8 to do"
+    status, printed, told = command(str(small))
+    assert (status, printed) == (2, "") and "--out" in told and len(told.splitlines()) == 1
 
 
 def test_a_row_with_an_error_is_status_1(whole: Reference, command: Command, tmp_path: Path) -> None:
