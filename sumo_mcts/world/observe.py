@@ -15,6 +15,7 @@ STATIC = 0  # SUMO's type of signals whose phases last as long as their program 
 SIGNAL_RANGE = 500.0  # m within which signals are read
 LEADER_RANGE = 100.0  # m within which an agent's leader is asked for
 TREND_S = 1.0
+MOST_UNDER = 7  # lanes that a vehicle can stand on beside the one where its front is: they can be very short inside junctions
 BRAKING = -1.5  # m/s2 beyond which the referee wants to know why
 POSE, SPEED, LANE, POSITION, THERE = slice(0, 4), 4, 5, 6, 7  # columns of states(): centre x, y, cos, sin; m/s; lane of the front; m; 1 where it is there
 _SHOWS = {"G": GREEN, "g": GREEN, "o": GREEN, "O": GREEN, "s": GREEN, "y": YELLOW, "Y": YELLOW, "r": RED, "u": RED}
@@ -53,7 +54,7 @@ class Observer:
         self._edges = {edge: i for i, edge in enumerate(road.edge_ids)}
         self._types: dict[str, VehicleType] = {}
         self._standing: dict[str, float] = {}
-        self._came_from: dict[str, tuple[int, int]] = {}  # the lane before and the present one of articulated vehicles
+        self._driven: dict[str, tuple[int, ...]] = {}  # the lanes under articulated vehicles, the present one last
         self._trend: dict[str, tuple[float, float]] = {}  # time and smoothed acceleration
         self._signals = _SignalReader(self._libsumo, road)
         self.step = step_length()
@@ -176,13 +177,17 @@ class Observer:
         return px - 0.5 * kind.length * math.cos(heading), py - 0.5 * kind.length * math.sin(heading), heading, lane, s
 
     def _chord(self, vehicle: str, lane: int, rear: float, px: float, py: float) -> float:
-        """Heading from the rear, at lane position `rear` (m, negative: on the lane before), to the front of a long vehicle at (px, py)."""
-        before, now = self._came_from.get(vehicle, (lane, lane))
-        if self._road.edge[now] != self._road.edge[lane]:  # a change of lanes leads nowhere else
-            before = now
-        self._came_from[vehicle] = before, lane
-        if rear < 0.0 and before != lane:
-            lane, rear = before, max(rear + float(self._road.length[before]), 0.0)
+        """Heading from the rear, at lane position `rear` (m, negative: on a lane before), to the front of a long vehicle at (px, py)."""
+        driven = self._driven.get(vehicle, (lane,))
+        if driven[-1] != lane:
+            changed = self._road.edge[driven[-1]] == self._road.edge[lane]  # beside, not behind
+            driven = (*(driven[:-1] if changed else driven[-MOST_UNDER:]), lane)
+        self._driven[vehicle] = driven
+        for before in driven[-2::-1]:
+            if rear >= 0.0:
+                break
+            lane, rear = before, rear + float(self._road.length[before])
+        rear = max(rear, 0.0)
         scale = self._road.shape_length[lane] / max(float(self._road.length[lane]), 1e-9)
         first, last = int(self._road.point_offset[lane]), int(self._road.point_offset[lane + 1])
         x = np.interp(rear * scale, self._road.point_s[first:last], self._road.points[first:last, 0])

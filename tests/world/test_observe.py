@@ -47,6 +47,37 @@ def test_a_lorry_that_changes_lanes_with_its_rear_on_the_edge_before_stays_lengt
         libsumo.close()
 
 
+def test_a_lorry_lies_on_all_the_lanes_that_it_has_come_over(tmp_path: Path) -> None:
+    """Its rear is where its front was a length of it before, over lanes much shorter than it is."""
+    nodes = '<node id="w" x="0" y="0"/><node id="m" x="200" y="0"/><node id="n" x="212" y="4"/><node id="e" x="300" y="90"/>'
+    edges = "".join(f'<edge id="{name}" from="{a}" to="{b}" speed="10"/>' for name, a, b in (("a", "w", "m"), ("b", "m", "n"), ("c", "n", "e")))
+    net = netconvert(tmp_path, nodes, edges, '<connection from="a" to="b"/><connection from="b" to="c"/>')
+    (tmp_path / "x.rou.xml").write_text(
+        """<routes><vType id="lorry" vClass="trailer" guiShape="truck/trailer" length="16.5"/>
+        <vehicle id="ego" depart="0" departPos="90"><route edges="c"/></vehicle>
+        <vehicle id="lorry" type="lorry" depart="0" departPos="150" departSpeed="6"><route edges="a b c"/></vehicle></routes>"""
+    )
+    libsumo.start(["sumo", "-n", net, "-r", str(tmp_path / "x.rou.xml"), "--step-length", "0.1", "--no-step-log", "true", "--no-warnings", "true"])
+    try:
+        observer, trail, turned = Observer(read_roadmap(net)), [], 0
+        libsumo.simulationStep()
+        libsumo.vehicle.setSpeed("ego", 0.0)
+        while libsumo.simulation.getTime() < 9.0:
+            libsumo.simulationStep()
+            x, y = libsumo.vehicle.getPosition("lorry")
+            trail.append((x, y))
+            agents = observer.scene("ego", Change(), 300.0, timing=False).agents
+            driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(np.array(trail), axis=0).T))])
+            if driven[-1] < 16.5 + 1.0:
+                continue
+            rear = [np.interp(driven[-1] - 16.5, driven, np.array(trail)[:, axis]) for axis in (0, 1)]
+            assert agents.heading[0] == pytest.approx(math.atan2(y - rear[1], x - rear[0]), abs=0.06)
+            turned += 0.1 < agents.heading[0] < 0.7
+        assert turned > 10
+    finally:
+        libsumo.close()
+
+
 @pytest.mark.parametrize("kind", ["static", "actuated"])
 def test_nobody_knows_when_a_phase_ends_that_the_traffic_ends(tmp_path: Path, kind: str) -> None:
     """Of an actuated signal SUMO tells when it asks its detectors next; yellow lasts as long as its program says."""
