@@ -137,7 +137,7 @@ def _ahead(route: RouteMap, state: State, distances: Sequence[float]) -> Iterato
 
 def _stop_line(route: RouteMap, state: State, signals: Signals) -> Floats:
     """[7] the next one on the ego's lane and those that follow it."""
-    node, way = stop_ahead(route, state.node, state.s)
+    node, way = stop_ahead(route, state.node, state.s, FAR_M)
     if way >= FAR_M:
         return np.array([0.0, FAR_M, 0.0, 0.0, 0.0, 0.0, LATER_S])
     signal = int(route.signal[node])

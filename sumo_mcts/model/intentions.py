@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.model.ego import STANDS
 from sumo_mcts.model.traffic import Paths, Told, TrafficParams, changing, conflicts_of, likely_paths, predict
 from sumo_mcts.scene import (
     BRAKES,
@@ -52,7 +53,6 @@ BRAKING = 0.01  # odds that one ahead brakes hard, as long as nothing tells
 BRAKING_GAIN = 2.0  # growth of the logarithm of these odds for each m/s2 of braking that nothing explains
 STARTING_S = 1.5  # s within which it matters that somebody starts (docs/results.md: 14 of 35 did so within 2 s after 2 to 4 s, 8 of 71 after 8 to 16 s)
 START_VIEW = 20.0  # m about the ego, and what it drives in a second, within which it matters
-STANDS = 0.1  # m/s
 MOST_TOLD = 3.0  # m/s2 beyond which neither tells any more
 CRAWLS = 1.0  # m/s below which somebody ahead waits
 MOVING_OFF = 0.3  # m/s2 of acceleration of late that show that it waits no longer

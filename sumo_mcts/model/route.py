@@ -50,10 +50,10 @@ def is_rest_of(route: tuple[int, ...], edges: tuple[int, ...]) -> bool:
     return len(route) > 0 and route == edges[len(edges) - len(route) :]
 
 
-def stop_ahead(route: RouteMap, node: int, s: float) -> tuple[int, float]:
-    """The first node from `node` on, down its chain, that ends at a stop line, and how far that is from s (m); -1 and inf where there is none."""
+def stop_ahead(route: RouteMap, node: int, s: float, within: float = math.inf) -> tuple[int, float]:
+    """The first node from `node` on, down its chain, that ends at a stop line, and how far that is from s (m); -1 and inf where there is none `within` m."""
     distance = -s
-    while node >= 0:
+    while node >= 0 and distance < within:
         distance += float(route.length[node])
         if route.stop[node]:
             return node, distance
