@@ -316,12 +316,12 @@ def _closed(
     """[W, T] red and yellow lights, and stop signs at which the ego has not stood yet."""
     closed = np.zeros((w, times), np.uint8)
     grid = np.arange(times, dtype=np.float64) * dt
-    for i in np.flatnonzero(route.stop[first : first + w]):
-        n = first + int(i)
-        if route.signal[n] < 0:
-            closed[i] = n not in cleared
-            continue
-        shows = signal_states(signals, int(route.signal[n]), int(route.link[n]), grid)
+    lines = first + np.flatnonzero(route.stop[first : first + w])
+    for n in lines[route.signal[lines] < 0]:
+        closed[n - first] = int(n) not in cleared
+    lights = lines[route.signal[lines] >= 0]
+    for n, shows in zip(lights, signal_states(signals, route.signal[lights], route.link[lights], grid), strict=True):
+        i = n - first
         closed[i] = shows != GREEN
         distance = route.station[n] + route.length[n] - here
         # Whom the change to yellow (or a switch nobody announced) catches too close to stop goes on: until the next green or the stop line.
@@ -332,10 +332,11 @@ def _closed(
     return closed
 
 
-def signal_states(signals: Signals, signal: int, link: int, grid: Floats) -> Ints:
-    """[T] what a link shows at these times from now; the last known phase stays."""
-    phase = np.minimum(np.searchsorted(signals.until[signal], grid, side="right"), signals.until.shape[1] - 1)
-    return np.asarray(signals.state[signals.offset[signal] + link][phase])
+def signal_states(signals: Signals, signal: Ints | Indices, link: Ints | Indices, grid: Floats) -> Ints:
+    """[M, T] what M links of these signals show at these times from now; the last known phase stays."""
+    over = signals.until[signal][:, None] <= grid[:, None]
+    phase = np.minimum(over.sum(axis=2), signals.until.shape[1] - 1)
+    return np.asarray(signals.state[(signals.offset[signal] + link)[:, None], phase])
 
 
 @kernel

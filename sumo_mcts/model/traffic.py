@@ -230,14 +230,9 @@ def _turn_worth(turn: int, side: int) -> float:
 def _red_lights(road: RoadMap, scene: Scene, paths: Paths, grid: Floats) -> Bools:
     """[N+1, LANES, T] the way from the lane before into this lane of the path shows red or yellow."""
     red = np.zeros((*paths.lane.shape, len(grid)), np.bool_)
-    known: dict[int, Bools] = {}
-    for i, k in zip(*np.nonzero((paths.lane >= 0) & (road.signal[paths.lane] >= 0)), strict=True):
-        lane = int(paths.lane[i, k])
-        if k == 0:
-            continue
-        if lane not in known:
-            known[lane] = signal_states(scene.signals, int(road.signal[lane]), int(road.link[lane]), grid) != GREEN
-        red[i, k] = known[lane]
+    rows, places = np.nonzero((paths.lane[:, 1:] >= 0) & (road.signal[paths.lane[:, 1:]] >= 0))
+    lanes, which = np.unique(paths.lane[rows, places + 1], return_inverse=True)
+    red[rows, places + 1] = (signal_states(scene.signals, road.signal[lanes], road.link[lanes], grid) != GREEN)[which]
     return red
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -350,8 +351,13 @@ def _phases(logic: Any) -> list[_Phase]:
 
 def _show(letters: str, column: Ints) -> None:
     """What each link shows, into a column of Signals.state."""
-    for i in range(min(len(letters), len(column))):
-        column[i] = _SHOWS.get(letters[i], GREEN)
+    shown = _shown(letters)[: len(column)]
+    column[: len(shown)] = shown
+
+
+@lru_cache(maxsize=4096)
+def _shown(letters: str) -> Ints:
+    return np.array([_SHOWS.get(letter, GREEN) for letter in letters], np.int32)
 
 
 def _place(road: RoadMap, signal: int) -> tuple[float, float]:

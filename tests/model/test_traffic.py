@@ -284,8 +284,9 @@ def test_signal_states_are_those_of_the_phase(first: tuple[list[list[int]], list
     until = np.array([[*np.cumsum(ends)[:-1], *[np.inf] * (count - len(ends) + 1)] for ends in (first[1], second[1])])
     signals = Signals(np.array([0, 3, 6], np.int32), state, until)
     grid = np.arange(80) * dt
-    for signal, link in ((0, 0), (0, 2), (1, 1)):
-        assert signal_states(signals, signal, link, grid).tolist() == [naive.light_at(signals, signal, link, t) for t in grid]
+    asked = ((0, 0), (0, 2), (1, 1))
+    shown = signal_states(signals, *np.array(asked).T, grid)
+    assert shown.tolist() == [[naive.light_at(signals, signal, link, t) for t in grid] for signal, link in asked]
 
 
 # --- oracles ---
