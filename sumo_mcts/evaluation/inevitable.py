@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.evaluation.referee import Goal
-from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, can_change, pose_of
+from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, can_change, pose_of, within_step
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, build_local, ego_state
@@ -153,9 +153,10 @@ def _cell_of(state: State, level: int, cell: tuple[float, float, float, float, f
 def drive(local: Local, p: EgoParams, home: Bools, state: State, accel: float, at: int, steps: int, looks: int) -> tuple[State, int]:
     """`steps` steps towards an acceleration (m/s2) from step `at` on: where it leads, and ALIVE, TOUCHED or HOME. A red light run is no contact."""
     for k in range(at, at + steps):
+        before = state
         state, event = advance(local, p, state, accel, k * p.step)
         for look in range(1, looks + 1):
-            if _touched(local, p, state, k, look / looks):
+            if _touched(local, p, within_step(local, p, before, state, look / looks), k, look / looks):
                 return state, TOUCHED
         if event == GOAL or home[state.node]:
             return state, HOME
@@ -164,8 +165,8 @@ def drive(local: Local, p: EgoParams, home: Bools, state: State, accel: float, a
 
 @kernel
 def _touched(local: Local, p: EgoParams, state: State, row: int, share: float) -> bool:
-    """Whether the ego touches anybody when a share of the step has passed that leads from forecast time `row` to `state`."""
-    x, y, c, n = pose_of(local, p, state, (1.0 - share) * state.v * p.step)
+    """Whether the ego touches anybody in a state a share of a step after forecast time `row`."""
+    x, y, c, n = pose_of(local, p, state)
     own_length, own_width = p.half_length + MARGIN, p.half_width + MARGIN
     for i in range(local.agent.shape[1]):
         before, after = local.agent[row, i], local.agent[row + 1, i]

@@ -107,9 +107,9 @@ class Meeting(NamedTuple):
 
 
 @kernel
-def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats, followers: int, back: float, index: int) -> Meeting:
-    """Contacts, headway and claims at forecast time `index`; the ego's pose lies `back` metres before `state`; `others` as in model/react.py."""
-    x, y, cs, sn = pose_of(local, p, state, back)
+def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats, followers: int, index: int) -> Meeting:
+    """Contacts, headway and claims at forecast time `index`; `others` as in model/react.py."""
+    x, y, cs, sn = pose_of(local, p, state)
     now = min(index, local.agent.shape[0] - 1)
     half_width = p.half_width + (local.aside if state.progress > 0.0 else 0.0)
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
@@ -128,18 +128,18 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
             node = int(local.agent[at, i, NODE])
         length = local.trait[i, HALF_LENGTH]
         if node >= 0:
-            to_agent = _gap_ahead(local, state, back, node, s)
-            to_ego = _gap_behind(local, state, back, node, s)
+            to_agent = _gap_ahead(local, state, node, s)
+            to_ego = _gap_behind(local, state, node, s)
             behind = i < 63 and (followers >> i) & 1
             if not moved and behind and (to_agent < math.inf or to_ego < math.inf):
                 continue  # the table has it where it would be without the ego
-            to_rear = min(to_agent - 2.0 * length if to_agent >= 0.0 else math.inf, _to_leaving(local, state, back, i, s, now))
+            to_rear = min(to_agent - 2.0 * length if to_agent >= 0.0 else math.inf, _to_leaving(local, state, i, s, now))
             if to_rear < gap:
                 gap, leader_v = to_rear, v
-            if state.progress > 0.0 and _beside_in_lane(local, p, state, back, node, s, length):
+            if state.progress > 0.0 and _beside_in_lane(local, p, state, node, s, length):
                 return Meeting(True, rate, once, gap, leader_v, followers)
             if state.progress > 0.0 and _leaves(local, i, now) >= 0:
-                to_ego = min(to_ego, chain_gap(local, _leaves(local, i, now), s, _target(state), state.s - back))
+                to_ego = min(to_ego, chain_gap(local, _leaves(local, i, now), s, _target(state), state.s))
             if not behind and i < 63 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
                 price = _cut_in(c, to_ego - 2.0 * p.half_length, v, state.v)
                 if price >= 0.0:
@@ -230,21 +230,21 @@ def _target(state: State) -> int:
 
 
 @kernel
-def _gap_ahead(local: Local, state: State, back: float, node: int, s: float) -> float:
+def _gap_ahead(local: Local, state: State, node: int, s: float) -> float:
     """m from the ego's front to an agent's front, down the ego's lane or the other lane of its change; inf: not there."""
-    gap = chain_gap(local, state.node, state.s - back, node, s)
+    gap = chain_gap(local, state.node, state.s, node, s)
     if state.other >= 0:
-        gap = min(gap, chain_gap(local, state.other, state.s - back, node, s))
+        gap = min(gap, chain_gap(local, state.other, state.s, node, s))
     return gap
 
 
 @kernel
-def _to_leaving(local: Local, state: State, back: float, i: int, s: float, now: int) -> float:
+def _to_leaving(local: Local, state: State, i: int, s: float, now: int) -> float:
     """m from the ego's front to the rear of an agent that is ahead, in another lane already but not yet wholly out of the ego's; inf: it is not."""
     left = _leaves(local, i, now)
     if left < 0:
         return math.inf
-    gap = _gap_ahead(local, state, back, left, s) - 2.0 * local.trait[i, HALF_LENGTH]
+    gap = _gap_ahead(local, state, left, s) - 2.0 * local.trait[i, HALF_LENGTH]
     return gap if gap > 0.0 else math.inf
 
 
@@ -255,16 +255,16 @@ def _leaves(local: Local, i: int, now: int) -> int:
 
 
 @kernel
-def _gap_behind(local: Local, state: State, back: float, node: int, s: float) -> float:
+def _gap_behind(local: Local, state: State, node: int, s: float) -> float:
     """m from an agent's front to the ego's front, down the agent's lane; inf: its lane does not lead to the ego."""
-    gap = chain_gap(local, node, s, state.node, state.s - back)
+    gap = chain_gap(local, node, s, state.node, state.s)
     if state.other >= 0:
-        gap = min(gap, chain_gap(local, node, s, state.other, state.s - back))
+        gap = min(gap, chain_gap(local, node, s, state.other, state.s))
     return gap
 
 
 @kernel
-def _beside_in_lane(local: Local, p: EgoParams, state: State, back: float, node: int, s: float, half_length: float) -> bool:
+def _beside_in_lane(local: Local, p: EgoParams, state: State, node: int, s: float, half_length: float) -> bool:
     """Whether an agent is beside the ego in the lane that the ego counts to: SUMO calls that a collision, however far aside the ego has moved.
 
     It looks before it moves vehicles over, so that at half time the old lane counts for a step more, and another one for its rounding.
@@ -272,8 +272,8 @@ def _beside_in_lane(local: Local, p: EgoParams, state: State, back: float, node:
     lasts = 2.5 * p.step / p.change_duration if p.change_duration > 0.0 else 0.5
     old = 0.5 < state.progress < 0.5 + lasts and state.other >= 0
     lane = state.other if old else state.node
-    ahead = chain_gap(local, lane, state.s - back, node, s)
-    behind = chain_gap(local, node, s, lane, state.s - back)
+    ahead = chain_gap(local, lane, state.s, node, s)
+    behind = chain_gap(local, node, s, lane, state.s)
     return 0.0 <= ahead < 2.0 * half_length or 0.0 <= behind < 2.0 * p.half_length
 
 

@@ -126,6 +126,22 @@ def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, 
 
 
 @kernel
+def within_step(local: Local, p: EgoParams, before: State, after: State, share: float) -> State:
+    """Where the front is after a share of the step from `before` to `after`, at the speed of its end; in the lane of before where that has not ended yet."""
+    moved = _moved(p, before.v, after.v)
+    s = after.s - (1.0 - share) * moved
+    if share >= 1.0 or s >= 0.0:
+        return State(after.node, s, after.v, after.a, after.progress, after.other, after.turn) if share < 1.0 else after
+    node, s = before.node, before.s + share * moved
+    while s > local.node[node, LENGTH] and local.node[node, NEXT] >= 0.0:
+        s -= local.node[node, LENGTH]
+        node = int(local.node[node, NEXT])
+    if node != before.node:
+        return State(node, s, after.v, after.a, 0.0, -1, before.turn)
+    return State(node, s, after.v, after.a, before.progress, before.other, before.turn)
+
+
+@kernel
 def can_change(local: Local, p: EgoParams, state: State, side: int) -> bool:
     """Whether a change to the left (+1) or right (-1) may begin: a lane is there, and long enough for the change to take place on it."""
     if state.progress > 0.0:
@@ -152,11 +168,11 @@ def towards_other(state: State) -> float:
 
 
 @kernel
-def pose_of(local: Local, p: EgoParams, state: State, back: float) -> tuple[float, float, float, float]:
-    """Centre x, y, cos and sin of the heading of the ego's box, its front `back` metres before the state (for states inside a step)."""
-    x, y, c, n = lane_pose(local.node, local.row, state.node, state.s - back)
+def pose_of(local: Local, p: EgoParams, state: State) -> tuple[float, float, float, float]:
+    """Centre x, y, cos and sin of the heading of the ego's box."""
+    x, y, c, n = lane_pose(local.node, local.row, state.node, state.s)
     if state.progress > 0.0 and state.other >= 0:
-        left = towards_other(state) * _to_the_left(local, state.node, state.other, state.s - back)
+        left = towards_other(state) * _to_the_left(local, state.node, state.other, state.s)
         x, y = x - left * n, y + left * c
     if state.turn == 0.0:
         return x, y, c, n

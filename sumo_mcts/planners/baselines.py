@@ -235,4 +235,4 @@ def _follow(local: Local, p: EgoParams, follower: EgoParams, state: State, gap: 
         state, _ = advance(local, p, state, wanted, k * p.step)
         gap += (leader_v - state.v) * p.step
         nodes[k], motion[k, 0], motion[k, 1] = state.node, state.s, state.v
-        pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = pose_of(local, p, state, 0.0)
+        pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = pose_of(local, p, state)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, obey, pose_of
+from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, obey, pose_of, within_step
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, apart, chain_gap
@@ -200,7 +200,7 @@ def drive(
     interval = p.step / checks
     clear = 0.0
     for k in range(len(nodes)):
-        time = k * p.step
+        time, before = k * p.step, state
         if k == period:
             clear = _to_clear(local, p, state)
             if begin != BRAKE and clear <= 0.0 and state.progress == 0.0:
@@ -214,12 +214,12 @@ def drive(
             clear -= state.v * p.step
         nodes[k] = state.node
         motion[k, 0], motion[k, 1] = state.s, state.v
-        pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = pose_of(local, p, state, 0.0)
+        pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = pose_of(local, p, state)
         if event == GOAL:
             return k + 1, NOBODY, time
         for r in range(checks):
             moment = time + (r + 1.0) * interval
-            agent = _in_the_way(local, p, q, top, start, state, (checks - r - 1.0) * interval * state.v, moment, interval)
+            agent = _in_the_way(local, p, q, top, start, within_step(local, p, before, state, (r + 1.0) / checks), moment, interval)
             if agent != NOBODY:
                 return k + 1, agent, moment
         if k >= period and state.v < STANDING and time + p.step >= q.horizon:
@@ -243,9 +243,9 @@ def _to_clear(local: Local, p: EgoParams, state: State) -> float:
 
 
 @kernel
-def _in_the_way(local: Local, p: EgoParams, q: Assumed, top: Floats, start: State, state: State, back: float, moment: float, interval: float) -> int:
+def _in_the_way(local: Local, p: EgoParams, q: Assumed, top: Floats, start: State, state: State, moment: float, interval: float) -> int:
     """The first agent that could be where the ego is at `moment` (s from now), half an interval before or after; NOBODY."""
-    x, y, cs, sn = pose_of(local, p, state, back)
+    x, y, cs, sn = pose_of(local, p, state)
     length = p.half_length + 0.5 * state.v * interval
     width = p.half_width + (local.aside if state.progress > 0.0 else 0.0)
     early, late = max(moment - 0.5 * interval, 0.0), moment + 0.5 * interval

@@ -178,7 +178,7 @@ def _drive(local: Local, task: Task, w: Weights, state: State, action: Floats) -
         v.append(state.v)
         lane.append(int(task.route.lane[state.node]))
         s.append(state.s)
-        pose.append(pose_of(local, task.ego, state, 0.0))
+        pose.append(pose_of(local, task.ego, state))
         if event == GOAL:
             break
     return Plan((np.arange(len(v), dtype=np.float64) + 1.0) * task.ego.step, np.array(v), np.array(lane, np.int32), np.array(s), np.array(pose))
@@ -314,7 +314,7 @@ def _ply(local: Local, p: EgoParams, w: Weights, state: State, accel: float, gui
 @kernel
 def _nearest(local: Local, p: EgoParams, state: State, time: float) -> float:
     """Distance between the boxes of the ego and of the nearest agent, m; 0 at contact."""
-    x, y, c, s = pose_of(local, p, state, 0.0)
+    x, y, c, s = pose_of(local, p, state)
     now = min(index_at(local, time), local.agent.shape[0] - 1)
     nearest = math.inf
     for i in range(local.agent.shape[1]):

@@ -238,7 +238,7 @@ def _solve(work: Work, root: State, at_root: Floats, lines: Floats, starts: Labe
 def _begin(work: Work, root: State, at_root: Floats, line: Floats, labels: Labels, k: int) -> int:
     """Drive the first ply, written step by step, into label k: how it ends."""
     local, p = work.local, work.ego
-    meeting = meet(local, p, COST, root, at_root, local.followers, 0.0, 0)
+    meeting = meet(local, p, COST, root, at_root, local.followers, 0)
     state, followers, gap, leader_v = root, meeting.followers, meeting.gap, meeting.leader_v
     copy_pairs(at_root, work.moving)
     cost, end, side = 0.0, ALIVE, side_of(line[0])

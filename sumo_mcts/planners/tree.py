@@ -7,7 +7,21 @@ import numpy as np
 from numpy.random import Generator
 
 from sumo_mcts.model.cost import CostParams, contact_cost, meet, place_is_free, step_comfort, step_own, step_passability, terminal
-from sumo_mcts.model.ego import COMMANDED, FOLLOW, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, obey, pose_of
+from sumo_mcts.model.ego import (
+    COMMANDED,
+    FOLLOW,
+    GOAL,
+    OFF_END,
+    RED_LINE,
+    EgoParams,
+    advance,
+    begin_change,
+    can_change,
+    follow_accel,
+    obey,
+    pose_of,
+    within_step,
+)
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import Local, State, index_at, keep_state, kept_state
 from sumo_mcts.model.react import react
@@ -130,12 +144,12 @@ def simulate(
         checks = q.checks_in_step if q.check == 0 else (1 if (at + k + 1) % q.check == 0 else 0)
         for r in range(checks):
             share = (r + 1.0) / checks
-            back = (1.0 - share) * state.v * p.step if q.check == 0 else 0.0
+            there = within_step(local, p, before, state, share)
             moment = time + share * p.step
             now = index_at(local, moment)
             if others.shape[0] > 0:
-                safety += c.imposed * react(local, p, state, others, now, every) * every
-            meeting = meet(local, p, c, state, others, followers, back, now)
+                safety += c.imposed * react(local, p, there, others, now, every) * every
+            meeting = meet(local, p, c, there, others, followers, now)
             followers, gap, leader_v = meeting.followers, meeting.gap, meeting.leader_v
             safety += meeting.rate * every + meeting.once
             if meeting.contact:
@@ -191,7 +205,7 @@ def search(
 
 @kernel
 def _plant(tree: Tree, local: Local, p: EgoParams, c: CostParams, root: State) -> None:
-    meeting = meet(local, p, c, root, tree.others[0], local.followers, 0.0, 0)
+    meeting = meet(local, p, c, root, tree.others[0], local.followers, 0)
     _store(tree, 0, root, meeting.followers, meeting.gap, meeting.leader_v)
     tree.used[0] = 1
 
@@ -439,7 +453,7 @@ def replay(
     lanes [M] node, motion [M, 2] s and v, pose [M, 4]; terms [5] receives safety, comfort, passability, other and loss. Returns the number of
     steps written and how it ended: ALIVE at the end of the sequence, LOST, ARRIVED, or IMPOSSIBLE where a lane change cannot begin.
     """
-    meeting = meet(local, p, c, root, others, local.followers, 0.0, 0)
+    meeting = meet(local, p, c, root, others, local.followers, 0)
     state, followers, gap, leader_v = root, meeting.followers, meeting.gap, meeting.leader_v
     one = SearchParams(1, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon, False, False)
     terms[:] = 0.0
@@ -458,7 +472,7 @@ def replay(
         terms[3] += ply.other
         lanes[at] = state.node
         motion[at, 0], motion[at, 1] = state.s, state.v
-        pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local, p, state, 0.0)
+        pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local, p, state)
         terms[4] += ply.loss
         if ply.end != ALIVE:
             return at + 1, ply.end

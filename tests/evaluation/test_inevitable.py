@@ -14,7 +14,7 @@ from sumo_mcts.driver import Physics, ego_params
 from sumo_mcts.evaluation import inevitable
 from sumo_mcts.evaluation.inevitable import ALIVE, BEFORE_S, CELL, MARGIN, Future, Futures, Hindsight, drive, way_out
 from sumo_mcts.evaluation.referee import Goal
-from sumo_mcts.model.ego import begin_change, can_change, pose_of
+from sumo_mcts.model.ego import begin_change, can_change, pose_of, within_step
 from sumo_mcts.model.local import GONE, NODE, State, X, Y
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.scene import GREEN, RED, EgoState, RoadMap, Signals
@@ -183,9 +183,11 @@ def naive_way_out(asked: tuple, state: State, level: int, plies: int) -> bool:
         after = begin_change(local, p, state, int(side)) if side else state
         free = True
         for k in range(level * ply, (level + 1) * ply):
-            after, end = drive(alone, p, home, after, accel, k, 1, 1)
+            before = after
+            after, end = drive(alone, p, home, before, accel, k, 1, 1)
             assert end == ALIVE
-            free = free and not any(_overlaps(asked, after, k, (look + 1) / looks) for look in range(looks))
+            shares = [(look + 1) / looks for look in range(looks)]
+            free = free and not any(_overlaps(asked, within_step(local, p, before, after, share), k, share) for share in shares)
         if free and (level + 1 == plies or naive_way_out(asked, after, level + 1, plies)):
             return True
     return False
@@ -193,7 +195,7 @@ def naive_way_out(asked: tuple, state: State, level: int, plies: int) -> bool:
 
 def _overlaps(asked: tuple, state: State, row: int, share: float) -> bool:
     local, p = asked[:2]
-    x, y, c, n = pose_of(local, p, state, (1.0 - share) * state.v * p.step)
+    x, y, c, n = pose_of(local, p, state)
     own = naive.Box(x, y, math.atan2(n, c), p.half_length + MARGIN, p.half_width + MARGIN)
     before, after = local.agent[row], local.agent[row + 1]
     there = [(1.0 - share) * b + share * a for b, a in zip(before, after, strict=True) if b[NODE] != GONE and a[NODE] != GONE]

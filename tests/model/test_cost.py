@@ -6,19 +6,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers import Agent, Lane, build, crossing, edges, ego_at
-from helpers_model import lanes_east, local_of, scene_of, task_of
+from helpers_model import lanes_east, local_of, scenario, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
-from sumo_mcts.driver import Physics
+from sumo_mcts.driver import Physics, mcts_params
 from sumo_mcts.evaluation.referee import can_meet
 from sumo_mcts.model.cost import _late, meet, place_is_free, step_passability, terminal
 from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.local import Local, State, _levels, apart, chain_gap
 from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.base import Task
+from sumo_mcts.planners.mcts import follow_line, in_steps
+from sumo_mcts.planners.tree import ALIVE, LOST
 from sumo_mcts.scene import STOP, RoadMap
 from sumo_mcts.world.roadmap import known_roadmap
 
@@ -95,7 +97,7 @@ def test_who_drives_on_the_bridge_above_is_not_met(lane: str, s: float, contact:
     """The bridge is at x = 50, 40 m along the road below it."""
     task, local, state = view(crossing(), "wi_0", 10.0, 10.0, Agent("there", lane, s, 0.0))
     below = state._replace(node=int(np.flatnonzero(task.route.lane == task.road.lane_ids.index("eo_0"))[0]), s=42.5)
-    found = meet(local, task.ego, task.cost, below, NOBODY, local.followers, 0.0, 0)
+    found = meet(local, task.ego, task.cost, below, NOBODY, local.followers, 0)
     assert found.contact == contact and (contact or found.rate == 0.0)
 
 
@@ -149,11 +151,11 @@ def test_who_is_beside_the_ego_in_the_lane_that_it_leaves_is_met(progress: float
     road = lanes_east(2, 900.0)
     task, local, state = view(road, "a_0", 100.0, 10.0, Agent("beside", "a_0", 103.0, 10.0, d=-2.6))
     if progress == 0.0:  # alone in its lane, with somebody whose box is far aside: the boxes decide
-        assert not meet(local, task.ego, task.cost, state, NOBODY, local.followers, 0.0, 0).contact
+        assert not meet(local, task.ego, task.cost, state, NOBODY, local.followers, 0).contact
         return
     first, second = (state.node, state.node + 1) if progress <= 0.5 else (state.node + 1, state.node)
     changing = state._replace(node=first, other=second, progress=progress)
-    assert meet(local, task.ego, task.cost, changing, NOBODY, local.followers, 0.0, 0).contact == contact
+    assert meet(local, task.ego, task.cost, changing, NOBODY, local.followers, 0).contact == contact
 
 
 @pytest.mark.parametrize(("gap", "accel", "contact"), [(1.0, 1.5, True), (1.0, 0.5, False), (2.0, 1.5, False)])
@@ -165,8 +167,8 @@ def test_a_change_without_a_duration_leads_a_step_down_the_old_lane_first(gap: f
     local, state = local_of(task, scene_of(ego, road, Agent("x", "a_0", 105.0 + gap, 0.0), step=1.0))
     after, _ = advance(local, task.ego, begin_change(local, task.ego, state, 1), accel, 0.0)
     assert after.node != state.node and after.s == pytest.approx(100.0 + accel)
-    assert pose_of(local, task.ego, after, 0.0)[1] == pytest.approx(1.6, abs=1e-3)
-    assert meet(local, task.ego, task.cost, after, NOBODY, 0, 0.0, 1).contact == contact
+    assert pose_of(local, task.ego, after)[1] == pytest.approx(1.6, abs=1e-3)
+    assert meet(local, task.ego, task.cost, after, NOBODY, 0, 1).contact == contact
     later, _ = advance(local, task.ego, after, 0.0, 1.0)
     assert later.node == after.node and (later.progress, later.other) == (0.0, -1)
 
@@ -183,7 +185,7 @@ def test_whom_a_first_look_leaves_out_would_not_have_mattered(seed: int) -> None
     everywhere = np.broadcast_to(np.array([-np.inf, np.inf, -np.inf, np.inf]), local.reach.shape).copy()
     for index in (0, 1, 5, 20, 60):
         after = state._replace(s=state.s + state.v * index * local.dt)
-        seen, all_of_them = (meet(view, task.ego, task.cost, after, NOBODY, 0, 0.0, index) for view in (local, local._replace(reach=everywhere)))
+        seen, all_of_them = (meet(view, task.ego, task.cost, after, NOBODY, 0, index) for view in (local, local._replace(reach=everywhere)))
         assert seen == all_of_them
 
 
@@ -264,11 +266,11 @@ def test_only_the_stop_sign_that_comes_next_and_only_until_the_ego_has_stood_the
 def test_who_leaves_the_ego_s_lane_leads_until_its_whole_box_is_out_of_it(lane: str, d: float, times: int) -> None:
     """3.2 m wide lanes, a car 1.8 m wide, 1.2 m/s sideways: it is out at 0.7 m off its own lane's centre line."""
     task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", lane, 125.0, 8.0, d))
-    gaps = [meet(local, task.ego, task.cost, state, NOBODY, 0, 0.0, k).gap for k in range(20)]
+    gaps = [meet(local, task.ego, task.cost, state, NOBODY, 0, k).gap for k in range(20)]
     leads = [k for k, gap in enumerate(gaps) if gap < math.inf]
     assert leads == list(range(min(times, 20)))
     if leads:
-        assert gaps[0] == pytest.approx(20.0) and meet(local, task.ego, task.cost, state, NOBODY, 0, 0.0, 0).leader_v == pytest.approx(8.0)
+        assert gaps[0] == pytest.approx(20.0) and meet(local, task.ego, task.cost, state, NOBODY, 0, 0).leader_v == pytest.approx(8.0)
 
 
 @pytest.mark.parametrize(
@@ -287,13 +289,13 @@ def test_who_leaves_a_lane_is_not_cut_in_on_until_its_whole_box_is_out_of_it(lan
 def test_moving_in_front_of_who_leaves_the_lane_has_its_price() -> None:
     task, local, state = view(lanes_east(3, 900.0), "a_2", 105.0, 8.0, Agent("x", "a_0", 86.0, 12.0, 1.7))
     changing = begin_change(local, task.ego, state, -1)._replace(progress=0.1)
-    prices = [meet(local, task.ego, task.cost, changing, NOBODY, 0, 0.0, k).once for k in range(8)]
+    prices = [meet(local, task.ego, task.cost, changing, NOBODY, 0, k).once for k in range(8)]
     assert min(prices[:5]) > 0.0 and max(prices[5:]) == 0.0
 
 
 def test_who_stands_beside_half_out_of_the_lane_leads_nobody() -> None:
     task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", "a_0", 103.0, 8.0, 1.0))
-    assert meet(local, task.ego, task.cost, state, NOBODY, 0, 0.0, 0).gap == math.inf
+    assert meet(local, task.ego, task.cost, state, NOBODY, 0, 0).gap == math.inf
 
 
 @pytest.mark.parametrize(("behind", "dear"), [(0.5, True), (3.5, True), (4.5, False), (9.0, False)])
@@ -309,3 +311,29 @@ def test_nobody_is_late_who_stands() -> None:
     task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", "a_2", 125.0, 0.0))
     x, y = local.agent[0, 0, :2]
     assert _late(local, task.ego, task.cost, state, x - 5.1, y, 1.0, 0.0, 0, 0) == 0.0
+
+
+# --- between the ends of a long step ---
+
+
+def sharp_bend() -> RoadMap:
+    return build(
+        [
+            Lane("a", 0, ((0.0, 0.0), (100.0, 0.0)), (":t_0",)),
+            Lane(":t", 0, ((100.0, 0.0), (104.0, -1.0), (107.0, -4.0), (108.0, -8.0)), ("b_0",), junction="t"),
+            Lane("b", 0, ((108.0, -8.0), (108.0, -108.0))),
+        ]
+    )
+
+
+@pytest.mark.parametrize("step", [0.1, 1.0])
+@pytest.mark.parametrize(("x", "y", "end"), [(105.5, -2.5, LOST), (108.0, 1.0, ALIVE)])
+def test_who_stands_in_a_bend_is_met_whatever_the_step(x: float, y: float, end: int, step: float) -> None:
+    """A step of a second leads past the whole bend; the line back from its end leads elsewhere."""
+    road = sharp_bend()
+    ego = ego_at(road, "a_0", 99.0, 14.0, route=edges(road, "a", "b"))
+    task = task_of(road, ego, physics=Physics(step, False, 3.0))
+    scene = scene_of(ego, road, Agent("walker", "", v=0.0, length=0.5, width=0.5, x=x, y=y), step=step)
+    local, state = local_of(task, scene)
+    q = in_steps(mcts_params(scenario()), step, local.dt)
+    assert follow_line(local, task, q, state, NOBODY, np.zeros(round(2.0 / step)))[2] == end

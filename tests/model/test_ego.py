@@ -7,14 +7,15 @@ from itertools import pairwise
 import naive
 import numpy as np
 import pytest
-from helpers import Lane, build, edges, ego_at, lights
+from helpers import Lane, build, crossing, edges, ego_at, lights
 from helpers_model import PHYSICS, lanes_east, local_of, road_with_light, scenario, scene_of, task_of
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_mcts.driver import Physics
-from sumo_mcts.model.ego import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of
+from sumo_mcts.model.ego import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of, within_step
 from sumo_mcts.model.local import Local, State
+from sumo_mcts.model.route import LENGTH, STATION
 from sumo_mcts.planners.base import Task
 from sumo_mcts.scene import GREEN, RED, RoadMap, Signals
 
@@ -172,6 +173,23 @@ def test_a_line_that_opens_again_is_waited_for() -> None:
     assert all(event == FREE for _, event in states) and 6.0 < crossed < 9.0
 
 
+@given(st.floats(70.0, 90.0), st.floats(0.0, 15.0), st.sampled_from(["second", "half", "quarter"]), st.floats(0.0, 1.0))
+def test_within_a_long_step_the_ego_stays_on_the_curve(s: float, v: float, moves: str, share: float) -> None:
+    road = crossing()
+    task, local, state = on_road(road, "wi_0", s, v, PHYSICS_OF[moves], route=("wi", "no"))
+    for k in range(12):
+        after, event = advance(local, task.ego, state, 1.0, k * task.ego.step)
+        if event != FREE:
+            break
+        between, end = within_step(local, task.ego, state, after, share), within_step(local, task.ego, state, after, 1.0)
+        assert end == after
+        begin, there, target = (local.node[each.node, STATION] + each.s for each in (state, between, after))
+        assert there - begin == pytest.approx(share * (target - begin), abs=1e-6)
+        assert 0.0 <= between.s <= local.node[between.node, LENGTH] + 1e-9
+        assert pose_of(local, task.ego, between) == pose_of(local, task.ego, State(between.node, between.s, 0.0, 0.0, 0.0, -1, 0.0))
+        state = after
+
+
 # --- lane changes ---
 
 
@@ -183,7 +201,7 @@ def test_a_change_to_the_right_mirrors_one_to_the_left(moves: Physics, v: float,
     for side in (1, -1):
         assert can_change(local, task.ego, state, side)
         states = drive(local, task.ego, begin_change(local, task.ego, state, side), asked)
-        ways.append(np.array([pose_of(local, task.ego, after, 0.0) for after, _ in states]))
+        ways.append(np.array([pose_of(local, task.ego, after) for after, _ in states]))
         assert [after.node - state.node for after, _ in states] == sorted((after.node - state.node for after, _ in states), reverse=side < 0)
     assert ways[0] == pytest.approx(ways[1] * (1, -1, 1, -1))
 
@@ -192,7 +210,7 @@ def test_a_change_to_the_right_mirrors_one_to_the_left(moves: Physics, v: float,
 def test_a_change_takes_its_time_and_flips_the_lane_at_half(side: int, target: float) -> None:
     task, local, state = on_road(lanes_east(), "a_1", 50.0, 10.0)
     states = [after for after, _ in drive(local, task.ego, begin_change(local, task.ego, state, side), [0.0] * 4)]
-    poses = np.array([pose_of(local, task.ego, after, 0.0) for after in states])
+    poses = np.array([pose_of(local, task.ego, after) for after in states])
     front, rear = (poses[:, 1] + end * task.ego.half_length * poses[:, 3] for end in (1, -1))
     assert np.diff(front[:30]) == pytest.approx(np.full(29, target / 30), abs=1e-4)
     assert front[29:] == pytest.approx(target, abs=1e-4)

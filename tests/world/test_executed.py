@@ -56,7 +56,7 @@ class Erratic:
             np.array([s.v for s in states]),
             np.array([task.route.lane[s.node] for s in states], np.int32),
             np.array([s.s for s in states]),
-            np.array([pose_of(local, task.ego, s, 0.0) for s in states]),
+            np.array([pose_of(local, task.ego, s) for s in states]),
         )
         over = next((k for k, event in enumerate(events) if event != FREE), len(events))
         return Decision(Follow(plan.v, side), Plan(*(field[:over] for field in plan)), (), -1, "erratic", 0, 0)
@@ -193,7 +193,7 @@ def test_a_way_out_is_one_in_sumo(name: str, seed: int) -> None:
         scenes = loop.scenes()
         if not scenes:
             break
-        ego, (x, y, c, n) = scenes["ego"].ego, pose_of(local, p, state, 0.0)
+        ego, (x, y, c, n) = scenes["ego"].ego, pose_of(local, p, state)
         assert math.dist((ego.x, ego.y), (x, y)) < 0.12, k  # whoever stands goes sideways a little slower in SUMO
         assert abs(math.remainder(ego.heading - math.atan2(n, c), 2.0 * math.pi)) < 0.04, k
     assert loop.finish()[0]["outcome"] in (None, "arrived")
