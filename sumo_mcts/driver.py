@@ -466,7 +466,7 @@ def _traffic_params(config: ScenarioConfig, physics: Physics) -> TrafficParams:
     q, step = config.prediction, physics.step
     dt = step * max(1, round(q.step_s / step)) if step <= q.step_s * 1.25 + 1e-9 else step / round(step / q.step_s)
     return TrafficParams(
-        dt, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s,
+        dt, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s, q.persistence_s,
         0.0 if physics.ballistic else 0.5 * step, q.name != "constant_velocity",
     )  # fmt: skip
 

@@ -214,7 +214,7 @@ def moved_on(road: RoadMap, scene: Scene, seconds: float) -> Agents:
     agents = scene.agents
     if not len(agents.ids):
         return agents
-    keeps_speed = TrafficParams(seconds, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, False)
+    keeps_speed = TrafficParams(seconds, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, False)
     forecast = predict(road, scene, np.zeros(0, np.int32), np.zeros(0), keeps_speed, seconds, Told())
     pose, zero = forecast.pose[0, 1], np.zeros(len(agents.ids))
     moved = agents._replace(

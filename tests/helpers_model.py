@@ -59,7 +59,9 @@ def task_of(road: RoadMap, ego: EgoState, config: ScenarioConfig | None = None, 
 def traffic_params(step: float = 0.2, *, interacting: bool = True, config: ScenarioConfig | None = None) -> TrafficParams:
     """The configuration's, at forecast times `step` s apart."""
     q = (config or scenario()).prediction
-    return TrafficParams(step, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s, 0.05, interacting)
+    return TrafficParams(
+        step, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s, q.persistence_s, 0.05, interacting
+    )
 
 
 def ego_lanes(route: RouteMap, state: State) -> Sequence[int]:

@@ -79,7 +79,9 @@ def foresee(
     if most == 1 or not params.interacting:
         return usual
     found, odds = [usual], [1.0]
-    for other in alternatives(road, scene, ego_lanes, usual, params):
+    plain = predict(road, scene, ego_lanes, nominal, params._replace(persistence=0.0), params.step, Told(), ego_stood_s)
+    expected = (plain.v[0, 1] - plain.v[0, 0]) / plain.dt  # what an agent does otherwise is the evidence, so it must not be in here
+    for other in alternatives(road, scene, ego_lanes, usual, expected, params):
         forecast = predict(road, scene, ego_lanes, nominal, params, seconds, Told(), ego_stood_s, other.intent)
         if other.intent.does != STARTS or forecast.v[0, :, other.intent.agent].max() > STANDS:  # else it is not patience alone that holds it
             found.append(forecast)
@@ -102,11 +104,10 @@ def likeliest(forecast: Forecast) -> Forecast:
     return forecast._replace(weight=np.ones(1), intents=forecast.intents[:1], **{name: getattr(forecast, name)[:1] for name in OF_HYPOTHESES})
 
 
-def alternatives(road: RoadMap, scene: Scene, ego_lanes: Ints, usual: Forecast, params: TrafficParams) -> list[Alternative]:
-    """What agents may do that matters to the ego, the likeliest first."""
+def alternatives(road: RoadMap, scene: Scene, ego_lanes: Ints, usual: Forecast, expected: Floats, params: TrafficParams) -> list[Alternative]:
+    """What agents may do that matters to the ego, the likeliest first; `expected` [N]: their accelerations now if they did what is usual, m/s2."""
     agents = changing(road, scene.agents)
     paths = likely_paths(road, agents, scene.ego, ego_lanes, {})
-    expected = (usual.v[0, 1] - usual.v[0, 0]) / usual.dt
     found = [
         *_other_ways(road, agents, paths, scene.ego.s, usual, expected, params),
         *_forcing(road, agents, paths, scene.ego.s, usual.yields[0]),

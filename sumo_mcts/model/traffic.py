@@ -48,6 +48,8 @@ INSIDE = -1e9  # rank of whoever is inside a junction
 AT_LINE = 4.0  # m before a stop sign within which standing counts
 STOPS = 5.0  # m/s2 with which somebody stops for red or for who has the right of way: SUMO's drivers brake with 4.5 at the last moment, and a little more
 AT_SIGN = 9.0  # m/s2 likewise at a stop sign, at which everybody stops
+MOVES = 1.0  # m/s above which the acceleration of late tells how somebody drives on
+MOST_HABIT = 4.0  # m/s2 that it tells at most
 FOES = 24  # conflicts looked at for each agent
 HARD = 4.5  # m/s2 with which an agent is taken to brake where it is taken to brake for no reason
 
@@ -63,6 +65,7 @@ class TrafficParams(NamedTuple):
     yield_decel: float
     yield_gap: float
     stays_after: float
+    persistence: float  # s after which 1/e is left of what a driver did otherwise than expected; 0: nothing is
     euler: float  # half of SUMO's step, s: its positions follow the speed at the end of a step; 0 where it integrates ballistically
     interacting: bool  # False: constant velocity
 
@@ -98,7 +101,7 @@ def predict(
         road, params, params._replace(accel=min(params.accel, ego.max_accel)), paths, *_start(agents, ego), nominal,
         _red_lights(road, scene, paths, grid), _stays(agents, params), _cruises(agents),
         np.concatenate([[-ego_stood_s], np.where(agents.standing_s > 0.0, -agents.standing_s, np.inf)]), times,
-        conflicts_of(road, paths) if params.interacting else None, does,
+        conflicts_of(road, paths) if params.interacting else None, does, np.concatenate([[0.0], agents.trend]),
     )  # fmt: skip
     pose, lane, s, valid = _poses(road, agents, paths, x, v, times, params.step)
     for i, known in (*told.copies.items(), *told.scripts.items()):
@@ -301,7 +304,7 @@ def _signs(road: RoadMap, paths: Paths) -> Bools:
 def _drive(
     road: RoadMap, q: TrafficParams, own: TrafficParams, paths: Paths, x: Floats, v: Floats, length: Floats, nominal: Floats,
     red: Bools, stays: Bools, cruises: Bools, stood: Floats, times: int, conflicts: tuple[Ints, Ints, Floats] | None,
-    does: Indices,
+    does: Indices, trend: Floats,
 ) -> tuple[Floats, Floats, Bools]:  # fmt: skip
     """Positions along the paths [T, N+1], speeds [T, N+1], and which agents let the ego pass [N]. `own`: the parameters of the ego, row 0."""
     xs, vs = np.zeros((times, len(x))), np.zeros((times, len(x)))
@@ -314,7 +317,7 @@ def _drive(
     foe, kind, place = conflicts
     _step_all(
         xs, vs, polite, q, own, paths.lane, paths.offset, paths.count, length, nominal, red, stays, cruises,
-        np.full(len(road.lane_ids), -1, np.int32), road.speed, foe, kind, place, road.internal, _signs(road, paths), stood, does,
+        np.full(len(road.lane_ids), -1, np.int32), road.speed, foe, kind, place, road.internal, _signs(road, paths), stood, does, trend,
     )  # fmt: skip
     return xs, vs, polite[1:]
 
@@ -323,12 +326,14 @@ def _drive(
 def _step_all(
     xs: Floats, vs: Floats, polite: Bools, q: TrafficParams, own: TrafficParams, path: Ints, offset: Floats, count: Ints, length: Floats,
     nominal: Floats, red: Bools, stays: Bools, cruises: Bools, mark: Ints, speed: Floats, foe: Ints, kind: Ints, place: Floats, internal: Bools,
-    sign: Bools, stood: Floats, does: Indices,
+    sign: Bools, stood: Floats, does: Indices, trend: Floats,
 ) -> None:  # fmt: skip
     times, n = xs.shape
     rank = np.full(n, np.inf)  # when it came to a stand at the stop sign ahead; those inside a junction come before all others
     current = np.zeros(n, np.int32)
     liked = np.full(n, np.inf)
+    habit = np.zeros(n)  # m/s2 by which a driver accelerates otherwise than expected: its own car following is another one, or it knows more
+    fading = math.exp(-q.step / q.persistence) if q.persistence > 0.0 else 0.0
     for t in range(times - 1):
         x, v = xs[t], vs[t]
         for i in range(n):
@@ -350,6 +355,10 @@ def _step_all(
             a = _free(p, path, offset, count, speed, i, current[i], x[i], v[i], liked[i])
             if not math.isinf(gap):
                 a = min(a, _follow(p, v[i], gap, leader_v, a))
+            if t == 0 and i > 0 and fading > 0.0 and v[i] > MOVES:
+                habit[i] = min(max(trend[i] - a, -MOST_HABIT), MOST_HABIT)
+            a += habit[i]
+            habit[i] *= fading
             if stays[i] and does[i] != STARTS and v[i] < 0.1 and gap > 4.0 and not _red_ahead(red, current[i], count[i], i, 0, offset, x[i]):
                 xs[t + 1, i], vs[t + 1, i] = x[i], 0.0
                 continue

@@ -54,9 +54,15 @@ def usual(scene: Scene, intent: Intent | None = None, road: RoadMap = ROAD) -> F
     return predict(road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params(), 10.0, Told(), **more)
 
 
+def expected(scene: Scene, road: RoadMap = ROAD) -> np.ndarray:
+    """What the agents would do now, whatever they did of late, m/s2."""
+    plain = predict(road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params()._replace(persistence=0.0), 10.0, Told())
+    return (plain.v[0, 1] - plain.v[0, 0]) / plain.dt
+
+
 def others(scene: Scene, road: RoadMap = ROAD) -> dict[tuple[int, int], float]:
     """Odds of every alternative, by agent and what it does."""
-    found = alternatives(road, scene, ego_lanes(road, scene.ego), usual(scene, road=road), traffic_params())
+    found = alternatives(road, scene, ego_lanes(road, scene.ego), usual(scene, road=road), expected(scene, road), traffic_params())
     return {(each.intent.agent, each.intent.does): each.odds for each in found}
 
 
@@ -181,7 +187,8 @@ def test_only_ways_that_cars_may_take() -> None:
 
 def test_only_ways_that_meet_the_egos() -> None:
     scene = may_turn()
-    found = alternatives(ROAD, scene, np.array([lane(ROAD, "eo_0")], np.int32), usual(scene), traffic_params())  # an ego past the junction, eastbound
+    past = np.array([lane(ROAD, "eo_0")], np.int32)  # the ego's lanes, past the junction
+    found = alternatives(ROAD, scene, past, usual(scene), expected(scene), traffic_params())
     assert all(each.intent.does != TURNS for each in found)
 
 

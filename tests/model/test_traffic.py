@@ -14,7 +14,7 @@ from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.episode import run_episode
 from sumo_mcts.model.local import signal_states
-from sumo_mcts.model.traffic import HARD, Told, TrafficParams, predict
+from sumo_mcts.model.traffic import CRUISING, HARD, MOST_HABIT, Told, TrafficParams, predict
 from sumo_mcts.scene import ALLWAY, BRAKES, GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, Intent, RoadMap, Scene, Signals
 from sumo_mcts.world.roadmap import known_roadmap
 
@@ -63,7 +63,7 @@ def test_constant_velocity_is_constant(v: float, s: float) -> None:
 @given(st.floats(0.0, 15.0), st.floats(50.0, 200.0), st.sampled_from([0.1, 0.2, 0.5]))
 def test_a_free_car_drives_as_the_intelligent_driver_model_says(v: float, s: float, step: float) -> None:
     road = lanes_east(3, 900.0)
-    params = traffic_params(step)
+    params = traffic_params(step)._replace(persistence=0.0)
     _, forecast = predicted(road, Agent("a", "a_2", s, v), params=params, trend=[2.0])
     expected = naive.free_drive(s, v, 15.0, params.accel, step, forecast.v.shape[1])
     assert np.column_stack([forecast.s[0, :, 0], forecast.v[0, :, 0]]) == pytest.approx(np.array(expected))
@@ -85,10 +85,37 @@ def test_who_brakes_comes_as_far_as_in_sumo_with_its_steps(step: float) -> None:
 
 def test_who_cruises_goes_on_cruising() -> None:
     road = lanes_east(3, 900.0)
-    _, forecast = predicted(road, Agent("a", "a_2", 100.0, 9.0), trend=[0.1])
+    _, forecast = predicted(road, Agent("a", "a_2", 100.0, 9.0), trend=[0.0])
     assert forecast.v[0, :, 0] == pytest.approx(9.0)
     _, forecast = predicted(road, Agent("a", "a_2", 100.0, 9.0), trend=[1.0])
     assert forecast.v[0, -1, 0] > 13.0
+
+
+@given(st.floats(2.0, 14.0), st.floats(-3.0, 2.0), st.sampled_from([0.1, 0.2, 0.5]))
+def test_what_a_driver_does_otherwise_than_expected_goes_on_and_fades(v: float, trend: float, step: float) -> None:
+    params = traffic_params(step)
+    _, forecast = predicted(lanes_east(3, 900.0), Agent("a", "a_2", 50.0, v), params=params, trend=[trend], standing_s=[0.0])
+    speeds = forecast.v[0, :, 0]
+    free = params.accel * (1.0 - (speeds / 15.0) ** 4)
+    if abs(trend) < CRUISING and v > 3.0:  # it likes its speed
+        free = params.accel * (1.0 - (speeds / v) ** 4)
+    habit = np.clip(trend - free[0], -MOST_HABIT, MOST_HABIT) * np.exp(-np.arange(len(speeds)) * step / params.persistence)
+    moving = (np.minimum(speeds[:-1], speeds[1:]) > 0.5) & (speeds[:-1] < 15.0)  # not at a stand, nor beyond the limit
+    assert (np.diff(speeds) / step)[moving] == pytest.approx((free + habit)[:-1][moving], abs=1e-6)
+
+
+def test_who_keeps_closer_than_the_model_is_expected_to_go_on_doing_so() -> None:
+    pair = Agent("a", "a_2", 100.0, 10.0), Agent("b", "a_2", 114.0, 10.0)
+    _, forecast = predicted(lanes_east(3, 900.0), *pair, trend=[0.0, 0.0])
+    _, without = predicted(lanes_east(3, 900.0), *pair, params=traffic_params()._replace(persistence=0.0), trend=[0.0, 0.0])
+    assert forecast.v[0, 1, 0] == pytest.approx(10.0) and forecast.v[0, 10, 0] > 8.8
+    assert without.v[0, 10, 0] < forecast.v[0, 10, 0] - 0.5
+
+
+def test_who_accelerates_stops_for_red_all_the_same() -> None:
+    road = road_with_light()
+    _, forecast = predicted(road, Agent("a", "a_0", 120.0, 10.0), signals=lights(RED), trend=[2.6])
+    assert forecast.v[0, -1, 0] < 0.5 and forecast.s[0, -1, 0] < 200.0 and forecast.lane[0, -1, 0] == 0
 
 
 def test_an_offset_from_the_lane_dies_away_and_people_walk_on() -> None:

@@ -26,7 +26,7 @@ from sumo_mcts.planners.tree import ALIVE, IMPOSSIBLE, LOST, entry_of, side_of
 from sumo_mcts.scene import GREEN, RED, Floats, Follow, Plan
 
 FINE = (1e-9,) * 6  # cells that nobody shares
-FEW = np.array([[FOLLOW, 0.0], [-3.0, 0.0], [2.6, 0.0], [0.0, 1.0], [0.0, -1.0]])
+FEW = np.array([[FOLLOW, 0.0], [-3.0, 0.0], [0.0, 0.0], [2.6, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
 def problem_in(toy: Toy, *sets: str) -> Problem:
