@@ -91,6 +91,15 @@ _RATIO = Column(
     "Time ratio",
     "Median over pairs of the ego's travel time divided by the other's. An ego that did not arrive counts as infinite; pairs whose other did not are left out.",
 )
+_WITH_TWIN = Column("arrived_with_twin", "Arrived where the twin did", "Of the pairs whose twin arrived, those in which the ego did.")
+_IMPOSING = tuple(
+    Column(
+        f"imposed_brakes_{limit}",
+        f"Imposed beyond {limit}",
+        f"{_IMPOSED.format(limit)} The ego's episodes : the twin's, and the difference per hundred episodes; at most one more is allowed.",
+    )
+    for limit in (2, 3, 4)
+)
 _TTC = Column("min_ttc_s", "TTC", "Smallest time to collision, SUMO's surrogate safety device: median over the episodes in which there was one.", 2, "s")
 _PET = Column("min_pet_s", "PET", "Smallest time between one leaving a conflict area and the other entering it: median where it is known.", 2, "s")
 _DRAC = Column("max_drac_mps2", "DRAC", "Largest deceleration that was needed to avoid a crash: median where it is known.", 2, "m/s²")
@@ -120,7 +129,16 @@ _REAL = Column("realtime_factor", "Real time", "Simulated over wall time of whol
 def tables(rows: Sequence[Row]) -> list[Table]:
     """All tables of a report, from rows in their order."""
     groups = grouped(rows)
-    return [_outcomes(groups), _against_twin(groups, rows), _others(groups), _comfort(groups), _rules(groups), _planning(groups), _between(groups)]
+    return [
+        _outcomes(groups),
+        _overall(rows),
+        _against_twin(groups, rows),
+        _others(groups),
+        _comfort(groups),
+        _rules(groups),
+        _planning(groups),
+        _between(groups),
+    ]
 
 
 def grouped(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
@@ -156,6 +174,27 @@ def _rest(rows: list[Row]) -> str:
     return ", ".join(f"{count} {outcome.replace('_', ' ')}" for outcome, count in sorted(counts.items()))
 
 
+def _overall(rows: Sequence[Row]) -> Table:
+    """Each variant over all its scenarios; empty where there is one scenario only."""
+    twins = [row for row in rows if row["planner"] == TWIN]
+    variants: dict[str, list[Row]] = {}
+    for row in rows:
+        variants.setdefault(row["variant"], []).append(row)
+
+    def cells(those: list[Row]) -> list[Cell]:
+        both = pairs(those, twins) if those[0]["planner"] != TWIN else []
+        compared: list[Cell] = [time_ratio(both), *_imposed(both)] if both else [None] * 4
+        return [len(those), *(rate(map(each, those)) for each in (arrived, collided, at_fault)), *compared, _median(those, "plan_ms_p50")]
+
+    columns = (_VARIANT, _EPISODES, _ARRIVED, _COLLISIONS, _AT_FAULT, _RATIO, *_IMPOSING, _P50)
+    lines = tuple((labelled(those[0]), *cells(those)) for those in variants.values()) if len({row["scenario"] for row in rows}) > 1 else ()
+    return Table("overall", "Over all scenarios", "Every episode counts the same, whatever its scenario.", columns, lines)
+
+
+def _imposed(both: Sequence[Pair]) -> list[Contrast | None]:
+    return [contrast(both, some(f"imposed_brakes_{limit}")) for limit in (2, 3, 4)]
+
+
 def _against_twin(groups: Groups, rows: Sequence[Row]) -> Table:
     twins = [row for row in rows if row["planner"] == TWIN]
     found = {key: pairs(those, twins) for key, those in groups.items() if those[0]["planner"] != TWIN}
@@ -163,19 +202,10 @@ def _against_twin(groups: Groups, rows: Sequence[Row]) -> Table:
     def cells(both: list[Pair]) -> list[Cell]:
         there = [pair for pair in both if arrived(pair.other)]
         apart = [pair for pair in both if not arrived(pair.other)]
-        imposed = [contrast(both, some(f"imposed_brakes_{limit}")) for limit in (2, 3, 4)]
-        return [len(both), rate(arrived(pair.one) for pair in there), rate(arrived(pair.one) for pair in apart), time_ratio(both), *imposed]
+        return [len(both), rate(arrived(pair.one) for pair in there), rate(arrived(pair.one) for pair in apart), time_ratio(both), *_imposed(both)]
 
-    imposing = "{} The ego's episodes : the twin's, and the difference per hundred episodes; at most one more is allowed."
-    columns = (
-        _SCENARIO,
-        _VARIANT,
-        _PAIRS,
-        Column("arrived_with_twin", "Arrived where the twin did", "Of the pairs whose twin arrived, those in which the ego did."),
-        Column("arrived_without_twin", "... did not", "The other pairs, listed apart: those in which the ego arrived though its twin did not."),
-        _RATIO,
-        *(Column(f"imposed_brakes_{limit}", f"Imposed beyond {limit}", imposing.format(_IMPOSED.format(limit))) for limit in (2, 3, 4)),
-    )
+    without = Column("arrived_without_twin", "... did not", "The other pairs, listed apart: those in which the ego arrived though its twin did not.")
+    columns = (_SCENARIO, _VARIANT, _PAIRS, _WITH_TWIN, without, _RATIO, *_IMPOSING)
     about = "The twin is the same vehicle at the same seed, driven by SUMO. Differences in episodes per hundred with a 95 % bootstrap interval over pairs."
     lines = tuple((key[0], labelled(groups[key][0]), *cells(both)) for key, both in found.items() if both)
     return Table("twin", "Against SUMO's driver", about, columns, lines)

@@ -29,6 +29,7 @@ class Kind(NamedTuple):
     period: float = 1.2  # s between two departures
     vclass: str = "passenger"
     options: tuple[tuple[str, str], ...] = ()  # of SUMO
+    walkers: bool = False  # a pedestrian a second, too
 
 
 KINDS = {
@@ -44,6 +45,8 @@ KINDS = {
     "random-left-hand": Kind((*RANDOM, "-L", "2", "--lefthand"), 1.0),
     "random-lights": Kind((*RANDOM, "-L", "3", "--rand.random-lanenumber", "--tls.guess", "--tls.guess.threshold=30"), 0.8),
     "bicycles": Kind((*GRID, "--sidewalks.guess"), 2.0, "bicycle"),
+    "crossings": Kind((*GRID, "-L", "2", "--sidewalks.guess", "--crossings.guess"), 1.5, walkers=True),
+    "crossings-lights": Kind((*GRID, "-L", "2", "--sidewalks.guess", "--crossings.guess", "--default-junction-type=traffic_light"), 1.5, walkers=True),
     "short-steps": Kind((*GRID, "-L", "2"), 1.5, options=(("step-length", "0.05"), ("step-method.ballistic", "true"))),
     "sublane": Kind((*GRID, "-L", "2"), 1.5, options=(("lateral-resolution", "0.8"),)),
 }  # fmt: skip
@@ -70,9 +73,11 @@ def make(kind: str, seed: int, folder: Path) -> Path:
     here = folder.resolve() / name
     here.mkdir(parents=True, exist_ok=True)
     _run(here, str(BIN / "netgenerate"), *how.net, "--seed", str(seed), "-o", "net.xml")
-    trips = ("-n", "net.xml", "-r", "routes.xml", "-o", "trips.xml", "-e", "400", "-p", str(how.period), "--vclass", how.vclass)
-    _run(here, sys.executable, str(TOOLS / "randomTrips.py"), *trips, "--seed", str(seed), "--fringe-factor", "3", "--min-distance", "150", "--validate")
-    keys = (("net-file", "net.xml"), ("route-files", "routes.xml"), *how.options)
+    cars = ("-r", "routes.xml", "-p", str(how.period), "--vclass", how.vclass, "--fringe-factor", "3", "--min-distance", "150", "--validate")
+    people = ("-r", "walks.xml", "-p", "1.0", "--pedestrians", "--prefix", "walker", "--max-distance", "400")
+    for trips in (cars, people) if how.walkers else (cars,):
+        _run(here, sys.executable, str(TOOLS / "randomTrips.py"), "-n", "net.xml", "-o", "trips.xml", "-e", "400", "--seed", str(seed), *trips)
+    keys = (("net-file", "net.xml"), ("route-files", "routes.xml,walks.xml" if how.walkers else "routes.xml"), *how.options)
     (here / f"{name}.sumocfg").write_text("<configuration>" + "".join(f'<{key} value="{value}"/>' for key, value in keys) + "</configuration>")
     return here / f"{name}.sumocfg"
 

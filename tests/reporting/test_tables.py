@@ -52,6 +52,19 @@ def test_pairs_whose_twin_does_not_arrive_stand_apart() -> None:
     assert (imposed.k, imposed.other, imposed.n, imposed.per_hundred) == (0, 3, 4, -75.0), "over all pairs, those too whose twin does not arrive"
 
 
+def test_over_all_scenarios_each_variant_is_paired_with_its_twins() -> None:
+    rows = [made_row(scene, "idm", seed, travel_time_s=time) for scene, time in (("left", 10.0), ("exit", 30.0)) for seed in range(2)]
+    rows[0] = crashed(rows[0])
+    twins = [made_row(scene, "sumo", seed, travel_time_s=20.0, imposed_brakes_3=1) for scene in ("left", "exit") for seed in range(2)]
+    driver, twin = cells("overall", [*rows, *twins])
+    assert (driver["variant"], driver["episodes"], driver["arrived"], driver["at_fault"]) == ("idm", 4, Rate(3, 4, wilson(3, 4)), Rate(1, 4, wilson(1, 4)))
+    assert driver["travel_time_ratio"] == Estimate(1.5, None, 4)
+    imposed = driver["imposed_brakes_3"]
+    assert isinstance(imposed, Contrast) and (imposed.k, imposed.other, imposed.per_hundred) == (0, 4, -100.0)
+    assert twin["variant"] == "sumo" and twin["travel_time_ratio"] is None and twin["imposed_brakes_3"] is None
+    assert cells("overall", [row for row in [*rows, *twins] if row["scenario"] == "left"]) == [], "one scenario is its own sum"
+
+
 def test_variants_are_compared_within_a_scenario_by_seed() -> None:
     found = cells("variants", made_rows(6))
     assert [(row["scenario"], row["variant"], row["against"]) for row in found[:3]] == [
