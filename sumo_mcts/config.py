@@ -260,7 +260,10 @@ class PredictionConfig(_Section):
     yield_decel_mps2: Positive = Field(2.5, description="an agent is expected to yield only if this deceleration suffices")
     yield_gap_s: NonNegative = Field(2.0, description="time gap that a yielding agent accepts")
     stays_after_s: NonNegative = Field(2.0, description="a vehicle that stood this long without a cause is expected to stay")
-    persistence_s: NonNegative = Field(2.0, description="time after which 1/e is left of an agent's accelerating otherwise than the model has it; 0: none")
+    persistence_s: NonNegative = Field(
+        2.0,
+        description="time after which 1/e is left of an agent's accelerating otherwise than the model has it (nothing fades of who keeps its speed); 0: none",
+    )
     hypotheses: int = Field(
         4,
         ge=1,

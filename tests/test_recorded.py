@@ -243,7 +243,7 @@ def test_where_nothing_can_be_written_the_file_is_named(several: Path, name: str
 def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the page's `run` leaves, but for the pictures."""
     folder = tmp_path_factory.mktemp("page")
-    keep(folder / "out" / "straight", run_episode(config.load(assets.scenario_path("straight-line")), 7))
+    keep(folder / "out" / "straight", run_episode(config.load(assets.scenario_path("straight-line-varied")), 1))
     return folder
 
 
@@ -251,7 +251,7 @@ PAGE = EXPLAIN.read_text(encoding="utf-8")
 
 
 def test_the_example_is_the_episode_that_the_page_runs() -> None:
-    assert "    sumo-mcts run straight-line --seed 7 --out out/straight\n" in PAGE
+    assert "    sumo-mcts run straight-line-varied --seed 1 --out out/straight\n" in PAGE
 
 
 @pytest.mark.parametrize("block", re.findall(r"```text\n\$ (.*?)```", PAGE, re.DOTALL))

@@ -358,7 +358,7 @@ def _step_all(
             if t == 0 and i > 0 and fading > 0.0 and v[i] > MOVES:
                 habit[i] = min(max(trend[i] - a, -MOST_HABIT), MOST_HABIT)
             a += habit[i]
-            habit[i] *= fading
+            habit[i] *= 1.0 if cruises[i] else fading
             if stays[i] and does[i] != STARTS and v[i] < 0.1 and gap > 4.0 and not _red_ahead(red, current[i], count[i], i, 0, offset, x[i]):
                 xs[t + 1, i], vs[t + 1, i] = x[i], 0.0
                 continue

@@ -196,7 +196,9 @@ def search(
         j = _rollout(tree, local, p, c, q, child, line, rng)
         done += 1
         _back_up(tree, actions, child, j, line)
-        if j > c.contact * 0.5 and done + known < iterations:  # car following ran into something: would braking have helped?
+        # Would braking be better than car following? Asked of every beginning, since one that looks bad after a single try is not looked at again,
+        # and where car following ran into something.
+        if (tree.level[child] == 1 or j > c.contact * 0.5) and done + known < iterations:
             j = _rollout(tree, local, p, c, q, child, line, rng)
             done += 1
             _back_up(tree, actions, child, j, line)

@@ -99,7 +99,8 @@ def test_what_a_driver_does_otherwise_than_expected_goes_on_and_fades(v: float, 
     free = params.accel * (1.0 - (speeds / 15.0) ** 4)
     if abs(trend) < CRUISING and v > 3.0:  # it likes its speed
         free = params.accel * (1.0 - (speeds / v) ** 4)
-    habit = np.clip(trend - free[0], -MOST_HABIT, MOST_HABIT) * np.exp(-np.arange(len(speeds)) * step / params.persistence)
+    fades = abs(trend) >= CRUISING or v <= 3.0
+    habit = np.clip(trend - free[0], -MOST_HABIT, MOST_HABIT) * np.exp(-np.arange(len(speeds)) * step / params.persistence * fades)
     moving = (np.minimum(speeds[:-1], speeds[1:]) > 0.5) & (speeds[:-1] < 15.0)  # not at a stand, nor beyond the limit
     assert (np.diff(speeds) / step)[moving] == pytest.approx((free + habit)[:-1][moving], abs=1e-6)
 
@@ -108,8 +109,8 @@ def test_who_keeps_closer_than_the_model_is_expected_to_go_on_doing_so() -> None
     pair = Agent("a", "a_2", 100.0, 10.0), Agent("b", "a_2", 114.0, 10.0)
     _, forecast = predicted(lanes_east(3, 900.0), *pair, trend=[0.0, 0.0])
     _, without = predicted(lanes_east(3, 900.0), *pair, params=traffic_params()._replace(persistence=0.0), trend=[0.0, 0.0])
-    assert forecast.v[0, 1, 0] == pytest.approx(10.0) and forecast.v[0, 10, 0] > 8.8
-    assert without.v[0, 10, 0] < forecast.v[0, 10, 0] - 0.5
+    assert forecast.v[0, :20, 0] == pytest.approx(10.0, abs=0.5)
+    assert without.v[0, 10, 0] < 9.0
 
 
 def test_who_accelerates_stops_for_red_all_the_same() -> None:

@@ -20,8 +20,8 @@ from sumo_mcts.scene import Floats, RoadMap
 
 @cache
 def braking() -> EpisodeResult:
-    """In the straight line with this seed somebody ahead may brake hard."""
-    return run_episode(of_a_scene("straight-line"), 7)
+    """On the straight road with this seed somebody ahead may brake hard."""
+    return run_episode(of_a_scene("straight-line-varied"), 1)
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +39,8 @@ def box(x: float, y: float, c: float, s: float, half_length: float, half_width: 
     return Polygon(corners @ np.array([[c, s], [-s, c]]) + (x, y))
 
 
-def judged(cycle: CycleRecord, h: int, i: int) -> tuple[float, float]:
-    """The smallest distance between ego and agent on the forecast's grid, and when: by shapely."""
+def judged(cycle: CycleRecord, h: int, i: int) -> list[tuple[float, float]]:
+    """The distances between ego and agent on the forecast's grid, and when: by shapely."""
     ego, plan, forecast = cycle.ego, cycle.decision.plan, cycle.forecast
     assert plan is not None
     found: list[tuple[float, float]] = []
@@ -53,7 +53,7 @@ def judged(cycle: CycleRecord, h: int, i: int) -> tuple[float, float]:
             own = plan.pose[int(np.argmin(np.abs(plan.time - seconds)))]
         other = box(*forecast.pose[h, t, i], forecast.half_length[i], forecast.half_width[i])
         found.append((box(*own, ego.length / 2, ego.width / 2).distance(other), seconds))
-    return min(found)
+    return found
 
 
 @pytest.mark.parametrize("number", [0, 8, 20])
@@ -62,10 +62,11 @@ def test_how_near_others_come_is_what_shapely_says(number: int) -> None:
     near = closest(cycle)
     for h in range(len(cycle.forecast.weight)):
         for i in range(len(cycle.agents.ids)):
-            distance, seconds = judged(cycle, h, i)
+            found = judged(cycle, h, i)
+            distance = min(found)[0]
             assert near[h, i, 0] == pytest.approx(distance, abs=1e-6)
-            if distance > 0.0:
-                assert near[h, i, 1] == pytest.approx(seconds, abs=0.21)
+            if distance > 0.0:  # they may be as near several times
+                assert any(near[h, i, 1] == pytest.approx(seconds, abs=0.21) for there, seconds in found if there < distance + 1e-6)
 
 
 def test_costs_add_up_and_the_chosen_action_is_what_was_driven() -> None:
@@ -89,12 +90,12 @@ def test_costs_add_up_and_the_chosen_action_is_what_was_driven() -> None:
 
 
 def test_what_a_hypothesis_is_about_is_named() -> None:
-    told = explain(braking().traces[0], braking().road, 7)
+    told = explain(braking().traces[0], braking().road, 14)
     words = [each["words"] for each in told["hypotheses"]]
     assert words[0] == "everybody does what is likeliest"
-    assert "braking brakes hard, to a stand" in words
-    about = next(each for each in told["hypotheses"] if each["about"] == "braking")
-    agent = next(agent for agent in told["agents"] if agent["id"] == "braking")
+    assert "right brakes hard, to a stand" in words
+    about = next(each for each in told["hypotheses"] if each["about"] == "right")
+    agent = next(agent for agent in told["agents"] if agent["id"] == "right")
     assert about["closest_m"] < agent["closest_m"]
 
 
@@ -126,17 +127,17 @@ def test_an_oracle_is_called_one_and_what_a_planner_does_not_read_is_not_named()
 
 
 def test_whoever_may_come_nearest_is_first() -> None:
-    agents = explain(braking().traces[0], braking().road, 7)["agents"]
+    agents = explain(braking().traces[0], braking().road, 14)["agents"]
     assert [agent["worst_m"] for agent in agents] == sorted(agent["worst_m"] for agent in agents)
     assert all(agent["worst_m"] <= agent["closest_m"] for agent in agents)
-    assert {agents[0]["id"], agents[1]["id"]} == {"ahead", "braking"}  # in a hypothesis, though not in the likeliest
+    assert {agents[0]["id"], agents[1]["id"]} == {"right", "braking"}  # in a hypothesis, though not in the likeliest
 
 
 def test_without_its_map_lanes_go_by_numbers() -> None:
-    told = explain(braking().traces[0], None, 7)
+    told = explain(braking().traces[0], None, 14)
     assert re.fullmatch(r"lane \d+", told["ego"]["lane"])
-    assert "road_1" not in text(told)
-    assert "road_1" in text(explain(braking().traces[0], braking().road, 7))
+    assert "road_0" not in text(told)
+    assert "road_0" in text(explain(braking().traces[0], braking().road, 14))
 
 
 PLANNERS = {
@@ -170,12 +171,12 @@ def test_why_the_fail_safe_acted_is_told() -> None:
 
 def test_the_same_settings_give_the_identical_decision_and_others_stand_beside() -> None:
     trace, road = braking().traces[0], road_of(braking())
-    told = explain(trace, road, 7)
-    again = explain_again(trace, road, 7, ())
+    told = explain(trace, road, 14)
+    again = explain_again(trace, road, 14, ())
     assert again["identical"] and again["same_command"]
     assert {key: told[key] for key in ("ego", "agents", "hypotheses", "actions", "decision")} == {key: again[key] for key in again if key in told}
     assert text({**told, "replan": again}).endswith("taken again with the same settings: the identical decision")
-    other = explain_again(trace, road, 7, ("prediction.hypotheses=1",))
+    other = explain_again(trace, road, 14, ("prediction.hypotheses=1",))
     assert not other["identical"] and not other["same_command"]
     assert all(action["hypotheses"] == [] for action in other["actions"])
     shown = text({**told, "replan": other})
