@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 import time
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -64,7 +63,7 @@ def test_runs_and_shows_the_plan(display: str, tmp_path: Path) -> None:
     try:
         result = run(["-c", EPISODE, str(picture)], display)
     except subprocess.TimeoutExpired as late:  # seen once in a hundred runs, on a busy machine; twice in a row is a failure
-        warnings.warn(f"SUMO's window hung: {late.stderr}", stacklevel=1)
+        print(f"SUMO's window hung: {late.stderr!r}")
         result = run(["-c", EPISODE, str(picture)], display)
     assert result.returncode == 0, result.stderr
     assert "timeout" in result.stdout
