@@ -1,5 +1,6 @@
 """SUMO's window on a virtual display: it runs, follows the ego, shows the plan; without a display one line."""
 
+import logging
 import os
 import shutil
 import subprocess
@@ -63,7 +64,7 @@ def test_runs_and_shows_the_plan(display: str, tmp_path: Path) -> None:
     try:
         result = run(["-c", EPISODE, str(picture)], display)
     except subprocess.TimeoutExpired as late:  # seen once in a hundred runs, on a busy machine; twice in a row is a failure
-        print(f"SUMO's window hung: {late.stderr!r}")
+        logging.warning("SUMO's window hung: %r", late.stderr)
         result = run(["-c", EPISODE, str(picture)], display)
     assert result.returncode == 0, result.stderr
     assert "timeout" in result.stdout
