@@ -128,10 +128,12 @@ def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, 
 @kernel
 def within_step(local: Local, p: EgoParams, before: State, after: State, share: float) -> State:
     """Where the front is after a share of the step from `before` to `after`, at the speed of its end; in the lane of before where that has not ended yet."""
+    if share >= 1.0:
+        return after
     moved = _moved(p, before.v, after.v)
     s = after.s - (1.0 - share) * moved
-    if share >= 1.0 or s >= 0.0:
-        return State(after.node, s, after.v, after.a, after.progress, after.other, after.turn) if share < 1.0 else after
+    if s >= 0.0:
+        return State(after.node, s, after.v, after.a, after.progress, after.other, after.turn)
     node, s = before.node, before.s + share * moved
     while s > local.node[node, LENGTH] and local.node[node, NEXT] >= 0.0:
         s -= local.node[node, LENGTH]
