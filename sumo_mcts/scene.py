@@ -83,7 +83,7 @@ class Agents(NamedTuple):
     heading: Floats  # [N]
     v: Floats  # [N] m/s
     a: Floats  # [N] m/s2
-    trend: Floats  # [N] its acceleration smoothed over about a second, as far as it was seen, m/s2
+    trend: Floats  # [N] its acceleration smoothed over about half a second, as far as it was seen, and since it last changed abruptly, m/s2
     length: Floats  # [N] m
     width: Floats  # [N] m
     lane: Ints  # [N] lane of the front; -1 for pedestrians and whoever is off the road

@@ -14,7 +14,7 @@ from sumo_mcts.model.traffic import Told, TrafficParams, predict
 from sumo_mcts.scene import Agents, Bools, EgoState, Floats, RoadMap, Scene
 
 STANDING = 0.1  # m/s: whoever is slower is seen to stand
-SMOOTHING_S = 1.0  # of accelerations, as in Agents.trend
+SMOOTHING_S = 1.0  # of the error of an acceleration, which is told from speeds
 PLAIN_VIEW = 0.5  # share of an agent in view from which it is expected to be seen
 CHANCE = 1e-4  # of being missed so many times in a row, below which an agent is taken to be gone
 EDGE = 1e-6  # m by which a box that is nearer on a ray has to be so

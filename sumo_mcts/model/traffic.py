@@ -46,7 +46,9 @@ ASIDE = 0.1  # m off the centre line from which a blinking vehicle is taken to b
 CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes
 INSIDE = -1e9  # rank of whoever is inside a junction
 AT_LINE = 4.0  # m before a stop sign within which standing counts
-STOPS = 5.0  # m/s2 with which somebody stops for red or for who has the right of way: SUMO's drivers brake with 4.5 at the last moment, and a little more
+LAST = 4.5  # m/s2 with which somebody stops at a line, as late as possible
+BEFORE = 1.0  # m before it
+STOPS = 5.0  # m/s2 beyond which nobody stops for red or for who has the right of way: a little more than LAST
 AT_SIGN = 9.0  # m/s2 likewise at a stop sign, at which everybody stops
 MOVES = 1.0  # m/s above which the acceleration of late tells how somebody drives on
 MOST_HABIT = 4.0  # m/s2 that it tells at most
@@ -448,11 +450,14 @@ def _red_before(red: Bools, offset: Floats, count: int, k: int, i: int, t: int, 
 
 @kernel
 def _halt(q: TrafficParams, v: float, distance: float, most: float) -> float:
-    """Acceleration that stops `distance` m ahead; none where that takes more than `most` m/s2."""
+    """Acceleration that stops `distance` m ahead, at the last moment; none where that takes more than `most` m/s2.
+
+    It leads to the speed from which LAST stops within what is left after a step (Krauss 1998, with a step to react in): fitted to SUMO's drivers.
+    """
     if v * v > 2.0 * most * max(distance, 0.1):
         return math.inf
-    wish = 1.0 + max(0.0, 0.5 * v + v * v / (2.0 * math.sqrt(q.accel * q.decel)))
-    return q.accel * (1.0 - (wish / max(distance, 0.1)) ** 2)
+    safe = q.step * LAST * (math.sqrt(1.0 + 2.0 * max(distance - BEFORE, 0.0) / (LAST * q.step * q.step)) - 1.0)
+    return max((safe - v) / q.step, -most)
 
 
 @kernel

@@ -15,7 +15,8 @@ PHASES = 8  # coming phases that are broadcast
 STATIC = 0  # SUMO's type of signals whose phases last as long as their program says
 SIGNAL_RANGE = 500.0  # m within which signals are read
 LEADER_RANGE = 100.0  # m within which an agent's leader is asked for
-TREND_S = 1.0
+TREND_S = 0.5  # memory of smoothed accelerations
+CHANGED = 2.0  # m/s2 that an acceleration is off the smoothed one where the driver has changed its mind: SUMO's own noise stays below
 MOST_UNDER = 7  # lanes that a vehicle can stand on beside the one where its front is: they can be very short inside junctions
 BRAKING = -1.5  # m/s2 beyond which the referee wants to know why
 POSE, SPEED, LANE, POSITION, THERE = slice(0, 4), 4, 5, 6, 7  # columns of states(): centre x, y, cos, sin; m/s; lane of the front; m; 1 where it is there
@@ -209,9 +210,9 @@ class Observer:
         return time - self._standing.setdefault(name, time)
 
     def _smoothed(self, name: str, a: float, time: float) -> float:
-        """Its acceleration with a memory of TREND_S, m/s2."""
+        """Its acceleration with a memory of TREND_S, which begins anew where the driver changes its mind, m/s2."""
         before, mean = self._trend.get(name, (time, a))
-        mean += (a - mean) * (1.0 - math.exp((before - time) / TREND_S))
+        mean = a if abs(a - mean) > CHANGED else mean + (a - mean) * (1.0 - math.exp((before - time) / TREND_S))
         self._trend[name] = time, mean
         return mean
 
