@@ -367,8 +367,6 @@ class CostConfig(_Section):
     headway: NonNegative = Field(1.5, description="per second at no gap at all")
     claim_s: NonNegative = Field(1.6, description="time for which an agent's way ahead belongs to it")
     claim: NonNegative = Field(16.0, description="per second of standing in the way of an agent that will be there at once")
-    margin_m: NonNegative = Field(0.4, description="lateral distance below which passing costs")
-    margin: NonNegative = Field(1.0, description="per second of passing closer")
     acceleration: NonNegative = Field(0.02, description="per second at 1 m/s2, quadratic")
     jerk: NonNegative = Field(0.005, description="k of C_c = k j^2 per second, saturating at 10 m/s3")
     braking: NonNegative = Field(0.5, description="per second and m/s2 of braking beyond comfort_decel_mps2, quadratic")

@@ -414,8 +414,8 @@ def cost_params(config: ScenarioConfig) -> CostParams:
     """The weights of planner `mcts`, and a term of the user's own. Raises ConfigError where that cannot be compiled."""
     c = config.cost
     return CostParams(
-        c.contact, c.speed_at_contact, c.headway_s, c.headway_gap_m, c.headway, c.claim_s, c.claim, c.margin_m, c.margin, c.acceleration, c.jerk, c.braking,
-        c.progress, c.tail_s, c.blocking, c.astride, c.route, c.lane_change, c.red, c.cut_in_decel_mps2, c.imposed,
+        c.contact, c.speed_at_contact, c.headway_s, c.headway_gap_m, c.headway, c.claim_s, c.claim, c.acceleration, c.jerk, c.braking, c.progress,
+        c.tail_s, c.blocking, c.astride, c.route, c.lane_change, c.red, c.cut_in_decel_mps2, c.imposed,
         None if c.term is None else _term(c.term, c.term_weight),
     )  # fmt: skip
 

@@ -55,7 +55,8 @@ ROLLS = 0.3  # m/s below which, there, likewise
 UP_TO_SIGN = 30.0  # m before that place within which the way to it counts at the horizon,
 MOVE_UP = 4.0  # m/s as if driven with this
 SIGHT = 80.0  # m beyond which an agent is not looked at
-CLEAR, CLOSE, CONTACT = range(3)
+CROSSING_S = 1.0  # s of driving in the careful gap of who has the right of way in a junction,
+FOLLOWING_S = 1.5  # and of who is to follow the ego after a lane change: drivers keep up to 1.8 s
 
 TermFunction = Callable[[float, int, float, float, float, float, float, float], float]
 _TERM = "float64(float64, int64, float64, float64, float64, float64, float64, float64)"
@@ -78,8 +79,6 @@ class CostParams(NamedTuple):
     headway: float
     claim_s: float
     claim: float
-    margin_m: float
-    margin: float
     acceleration: float
     jerk: float
     braking: float
@@ -113,7 +112,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
     now = min(index, local.agent.shape[0] - 1)
     half_width = p.half_width + (local.aside if state.progress > 0.0 else 0.0)
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
-    own = p.half_length + p.half_width + c.margin_m + 0.5 * state.v * local.dt + 0.01
+    own = p.half_length + half_width + 0.5 * state.v * local.dt + 0.01
     for i in range(local.agent.shape[1]):
         node, moved = int(local.agent[now, i, NODE]), local.trait[i, SLOT] >= 0.0
         if node == GONE or abs(local.agent[now, i, X] - x) > SIGHT or abs(local.agent[now, i, Y] - y) > SIGHT:
@@ -151,10 +150,8 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
                     rate += c.claim
         if not near:
             continue
-        touch = _touch(local, p, c, state, half_width, x, y, cs, sn, i, at, bx, by, bc, bs, v)
-        if touch == CONTACT:
+        if _touch(local, p, state, half_width, x, y, cs, sn, i, at, bx, by, bc, bs, v):
             return Meeting(True, rate, once, gap, leader_v, followers)
-        rate += c.margin * touch
         if not moved:
             rate += _late(local, p, c, state, x, y, cs, sn, now, i) + _claim(local, p, c, state, x, y, cs, sn, now, i)
     if local.node[state.node, INTERNAL] > 0.0:
@@ -181,23 +178,19 @@ def _headway(c: CostParams, gap: float, v: float) -> float:
 
 @kernel
 def _touch(
-    local: Local, p: EgoParams, c: CostParams, state: State, half_width: float, x: float, y: float, cs: float, sn: float, i: int, at: int,
+    local: Local, p: EgoParams, state: State, half_width: float, x: float, y: float, cs: float, sn: float, i: int, at: int,
     bx: float, by: float, bc: float, bs: float, v: float,
-) -> int:  # fmt: skip
-    """CLEAR, CLOSE or CONTACT with agent i, whose box is at bx, by and who is where it was to be at forecast time `at`."""
+) -> bool:  # fmt: skip
+    """Whether the ego touches agent i, whose box is at bx, by and who is where it was to be at forecast time `at`."""
     length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
-    close = p.half_length + length + p.half_width + width + c.margin_m + 0.5 * (state.v + v) * local.dt
+    close = p.half_length + length + half_width + width + 0.5 * (state.v + v) * local.dt
     if abs(bx - x) >= close or abs(by - y) >= close:
-        return CLEAR
+        return False
     # Longer by what they drive until half-way to the next check: nobody slips through between two.
     swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * v * local.dt
-    if boxes_touch(x, y, cs, sn, swept, half_width, bx, by, bc, bs, sweep, width):
-        found = CONTACT
-    elif boxes_touch(x, y, cs, sn, p.half_length, p.half_width + c.margin_m, bx, by, bc, bs, length, width):
-        found = CLOSE
-    else:
-        return CLEAR
-    return CLEAR if apart(local, state.node, state.s, 2.0 * p.half_length, at, i) else found
+    if not boxes_touch(x, y, cs, sn, swept, half_width, bx, by, bc, bs, sweep, width):
+        return False
+    return not apart(local, state.node, state.s, 2.0 * p.half_length, at, i)
 
 
 @kernel
@@ -278,15 +271,15 @@ def _beside_in_lane(local: Local, p: EgoParams, state: State, node: int, s: floa
 
 
 @kernel
-def _careful_gap(v: float, leader_v: float) -> float:
-    """The gap (m) from which a driver at v (m/s) does not brake for a leader at leader_v (Krauss 1998, with a second and 4.5 m/s2)."""
-    return 2.5 + v + max(0.0, v * v - leader_v * leader_v) / (2.0 * 4.5)
+def _careful_gap(v: float, leader_v: float, seconds: float) -> float:
+    """The gap (m) from which a driver at v (m/s) does not brake for a leader at leader_v (Krauss 1998, with 4.5 m/s2), `seconds` behind it."""
+    return 2.5 + seconds * v + max(0.0, v * v - leader_v * leader_v) / (2.0 * 4.5)
 
 
 @kernel
 def _cut_in(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float:
     """Cost of moving in front of a follower (gap m, speeds m/s): 0 where it need not brake, -1 where it could not cope."""
-    needed = _careful_gap(follower_v, ego_v)
+    needed = _careful_gap(follower_v, ego_v, FOLLOWING_S)
     if gap >= needed:
         return 0.0
     closing = max(0.0, follower_v - ego_v)
@@ -308,7 +301,7 @@ def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: in
             continue
         distance = local.duty[k, ENTERS] - local.agent[now, i, DRIVEN]
         # Who crosses its way is to a driver in SUMO as good as standing there; who merges drives ahead of it.
-        needed = _careful_gap(local.agent[now, i, V], state.v if local.duty[k, MERGES] > 0.0 else 0.0)
+        needed = _careful_gap(local.agent[now, i, V], state.v if local.duty[k, MERGES] > 0.0 else 0.0, CROSSING_S)
         if 0.0 < distance < needed:
             rate = max(rate, c.claim * min(1.0, 0.5 + 2.0 * (1.0 - distance / needed)))
     return rate

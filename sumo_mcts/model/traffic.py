@@ -533,8 +533,8 @@ def _yield_accel(
         if math.isinf(stop):
             continue
         if j == 0:
-            if v[i] * v[i] > 2.0 * q.yield_decel * max(to_begin - 2.0, 0.1):
-                continue  # it could not let the ego pass in comfort: do not count on it
+            if not polite[i] and v[i] * v[i] > 2.0 * q.yield_decel * max(to_begin - 2.0, 0.1):
+                continue  # it could not let the ego pass in comfort when that came up: do not count on it
             polite[i] = True
         a = min(a, stop)
     return a

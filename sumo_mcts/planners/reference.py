@@ -22,8 +22,8 @@ from sumo_mcts.planners.tree import ALIVE, LOST, Ply, SearchParams, copy_pairs, 
 from sumo_mcts.scene import Bools, Floats, Follow
 
 COST = CostParams(
-    contact=60.0, speed_at_contact=1.0, headway_s=1.2, headway_gap=2.0, headway=1.5, claim_s=1.6, claim=16.0, margin_m=0.4, margin=1.0, acceleration=0.02,
-    jerk=0.005, braking=0.5, progress=1.0, tail_s=8.0, blocking=0.3, astride=4.0, route=2.0, lane_change=0.6, red=100.0, cut_in_decel=3.0, imposed=2.0,
+    contact=60.0, speed_at_contact=1.0, headway_s=1.2, headway_gap=2.0, headway=1.5, claim_s=1.6, claim=16.0, acceleration=0.02, jerk=0.005,
+    braking=0.5, progress=1.0, tail_s=8.0, blocking=0.3, astride=4.0, route=2.0, lane_change=0.6, red=100.0, cut_in_decel=3.0, imposed=2.0,
 )  # fmt: skip
 KEEPING = (FOLLOW, -8.0, -4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.6)  # accelerations in the lane, m/s2
 CHANGING = (-1.5, 0.0, 1.5)  # accelerations that begin a lane change to the left or right, m/s2
