@@ -1,12 +1,15 @@
 """How the others are expected to move."""
 
 import math
+from pathlib import Path
 
+import libsumo
 import naive
 import numpy as np
 import pytest
 from helpers import Agent, Lane, build, crossing, ego_at, lights
 from helpers_model import forecast_of, lanes_east, road_with_light, scene_of, task_of, traffic_params
+from helpers_networks import netconvert
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,7 +19,8 @@ from sumo_mcts.episode import run_episode
 from sumo_mcts.model.local import signal_states
 from sumo_mcts.model.traffic import CRUISING, HARD, MOST_HABIT, Told, TrafficParams, predict
 from sumo_mcts.scene import ALLWAY, BRAKES, GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, Intent, RoadMap, Scene, Signals
-from sumo_mcts.world.roadmap import known_roadmap
+from sumo_mcts.world.observe import Change, Observer
+from sumo_mcts.world.roadmap import known_roadmap, read_roadmap
 
 STEP = 0.2  # s between forecast times
 
@@ -226,6 +230,34 @@ def test_a_car_stops_for_red_and_goes_on_at_green() -> None:
     assert len(crossed) and 10.0 < crossed[0] * STEP < 14.0
     _, forecast = predicted(road, Agent("a", "a_0", 190.0, 12.0), signals=lights(YELLOW))
     assert np.any(forecast.lane[0] > 0)  # too late to stop
+
+
+@pytest.mark.parametrize("v", [5.0, 9.0, 13.0])
+def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
+    """As late as possible, and to a stand where SUMO's driver stands."""
+    nodes = '<node id="w" x="0" y="0"/><node id="m" x="200" y="0" type="traffic_light"/><node id="e" x="400" y="0"/><node id="s" x="200" y="-200"/>'
+    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}" speed="{v}"/>' for a, b in ("wm", "me", "sm"))
+    net = netconvert(tmp_path, nodes, edges, '<connection from="wm" to="me"/><connection from="sm" to="me"/>')
+    (tmp_path / "x.rou.xml").write_text(
+        f'''<routes><vType id="car" sigma="0" speedFactor="1" speedDev="0"/><vehicle id="ego" depart="0" departPos="10"><route edges="sm me"/></vehicle>
+        <vehicle id="other" type="car" depart="0" departPos="100" departSpeed="{v}"><route edges="wm me"/></vehicle></routes>'''
+    )
+    libsumo.start(["sumo", "-n", net, "-r", str(tmp_path / "x.rou.xml"), "--step-length", "0.1", "--no-step-log", "true", "--no-warnings", "true"])
+    try:
+        road = read_roadmap(net)
+        libsumo.simulationStep()
+        libsumo.trafficlight.setRedYellowGreenState("m", "rr")
+        scene = Observer(road).scene("ego", Change(), 300.0, timing=False)
+        driven = []
+        for _ in range(200):
+            driven.append((libsumo.vehicle.getLanePosition("other"), libsumo.vehicle.getSpeed("other")))
+            libsumo.simulationStep()
+    finally:
+        libsumo.close()
+    forecast = predict(road, scene, np.array([scene.ego.lane], np.int32), np.zeros(0), traffic_params(), 19.8, Told())
+    theirs = np.array(driven)[::2]
+    assert np.abs(forecast.s[0, : len(theirs), 0] - theirs[:, 0]).max() < 1.0
+    assert theirs[-1, 1] == pytest.approx(0.0, abs=0.01) and forecast.v[0, len(theirs) - 1, 0] < 0.1
 
 
 def test_who_has_to_yield_lets_the_other_pass() -> None:

@@ -1,5 +1,6 @@
 """What is read of running vehicles, against what SUMO says of them by other means."""
 
+import itertools
 import math
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from helpers_networks import netconvert
 
 from sumo_mcts.scene import GREEN, RED, YELLOW
-from sumo_mcts.world.observe import PHASES, Change, Observer
+from sumo_mcts.world.observe import CHANGED, PHASES, TREND_S, Change, Observer
 from sumo_mcts.world.roadmap import read_roadmap
 
 NODES = '<node id="w" x="0" y="0"/><node id="m" x="200" y="0"/><node id="e" x="400" y="0"/>'
@@ -109,3 +110,35 @@ def test_nobody_knows_when_a_phase_ends_that_the_traffic_ends(tmp_path: Path, ki
             assert GREEN in shown[t] and RED in shown[t]
             assert np.all(np.isinf(signals.until)) and np.array_equal(signals.state, np.repeat(shown[t][:, None], PHASES, axis=1))
     assert sum(YELLOW in each for each in shown) > 4
+
+
+def test_an_acceleration_is_smoothed_until_the_driver_changes_its_mind(tmp_path: Path) -> None:
+    """A driver with noise in its speed brakes hard for a while and lets go: what it does now is seen at once, the noise is not."""
+    net = netconvert(tmp_path, NODES, EDGES, WAYS)
+    (tmp_path / "x.rou.xml").write_text(
+        """<routes><vType id="noisy" sigma="0.5"/><vehicle id="ego" depart="0" departPos="10" departLane="1"><route edges="a b"/></vehicle>
+        <vehicle id="other" type="noisy" depart="0" departPos="5" departSpeed="9" departLane="0"><route edges="a b"/></vehicle></routes>"""
+    )
+    libsumo.start(["sumo", "-n", net, "-r", str(tmp_path / "x.rou.xml"), "--step-length", "0.1", "--no-step-log", "true", "--no-warnings", "true"])
+    try:
+        observer, seen = Observer(read_roadmap(net)), []
+        libsumo.simulationStep()
+        while libsumo.simulation.getTime() < 10.0:
+            if 6.0 <= libsumo.simulation.getTime() < 7.5:
+                libsumo.vehicle.setSpeed("other", libsumo.vehicle.getSpeed("other") - 0.4)
+            elif libsumo.simulation.getTime() >= 7.5:
+                libsumo.vehicle.setSpeed("other", -1.0)
+            libsumo.simulationStep()
+            agents = observer.scene("ego", Change(), 300.0, timing=False).agents
+            assert agents.a[0] == pytest.approx(libsumo.vehicle.getAcceleration("other"))
+            seen.append((libsumo.simulation.getTime(), float(agents.a[0]), float(agents.trend[0])))
+    finally:
+        libsumo.close()
+    for (_, _, before), (_, a, trend) in itertools.pairwise(seen):
+        smoothed = before + (a - before) * (1.0 - math.exp(-0.1 / TREND_S))
+        assert trend == pytest.approx(a if abs(a - before) > CHANGED else smoothed)
+    of = {round(time, 1): (a, trend) for time, a, trend in seen}
+    assert of[6.2][1] < -3.0 and of[7.4][1] == pytest.approx(-4.0, abs=0.1)
+    assert of[7.7][0] > 1.0 and of[7.7][1] > 0.5  # a memory of half a second would still be at -1.5
+    noise = [(a, trend) for time, a, trend in seen if 3.0 < time < 6.0]
+    assert np.std(noise, axis=0)[1] < 0.7 * np.std(noise, axis=0)[0]
