@@ -79,7 +79,8 @@ class MctsPlanner(Drawing):
             found, *more = self._weighed(situation, q, found, share)
             done, known = done + more[0], known + more[1]
         chosen = min(range(len(found)), key=lambda i: (found[i].child.best, -i))
-        lost = found[chosen].child.best >= 0.5 * task.cost.contact if len(share) > 1 else found[chosen].child.terms[4] > 0.0
+        likely = found[chosen].child
+        lost = likely.terms[4] > 0.0 and likely.best >= 0.5 * task.cost.contact  # what a contact costs at least
         if lost:  # nothing is free: what counts is how bad the contact is
             chosen = min(range(len(found)), key=lambda i: (float(found[i].child.terms[4]), found[i].child.best))
         child, plan, line = found[chosen]
