@@ -239,9 +239,9 @@ def twin_figure(title: str, ones: Sequence[Row], twins: Iterable[Row], colour: M
     times = [time for pair in both for time in (_time(pair.one), _time(pair.other)) if time is not None]
     if not times:
         return ""
-    width, height = WIDTH, 380.0
+    width, height, edge = WIDTH, 380.0, WIDTH - 26.0
     low, high = min(times) * 0.94, max(times) * 1.04
-    across, up = Axis(low, high, 46, width - 40), Axis(low, high, height - 40, 40)
+    across, up = Axis(low, high, 46, edge - 24), Axis(low, high, height - 40, 40)
     parts = [f'<line class="diagonal" x1="{across.begin}" y1="{up.begin}" x2="{across.end}" y2="{up.end}"/>']
     for tick in ticks(low, high):
         parts.append(_grid_line(across.begin, up.at(tick), across.end, up.at(tick)) + _label(38, up.at(tick) + 4, f"{tick:g}", "end"))
@@ -250,11 +250,10 @@ def twin_figure(title: str, ones: Sequence[Row], twins: Iterable[Row], colour: M
     if any(_time(pair.one) is None for pair in both):
         parts.append(_grid_line(across.begin, 26, across.end, 26) + _label(across.end, 18, "ego did not arrive", "end"))
     if any(_time(pair.other) is None for pair in both):
-        x = width - 16
-        parts.append(_grid_line(x, up.begin, x, up.end))
-        parts.append(f'<text class="label" transform="translate({x + 12} {up.end}) rotate(90)" text-anchor="start">twin did not arrive</text>')
+        parts.append(_grid_line(edge, up.begin, edge, up.end))
+        parts.append(f'<text class="label" transform="translate({edge + 8} {up.end}) rotate(90)" text-anchor="start">twin did not arrive</text>')
     for variant, those in _by_variant(both).items():
-        parts.append(f'<path class="points {colour[variant]}" d="{_dots(those, across, up, width - 16)}"/>')
+        parts.append(f'<path class="points {colour[variant]}" d="{_dots(those, across, up, edge)}"/>')
     return svg(width, height, f"{title}: travel times beside those of SUMO's driver", parts)
 
 
