@@ -258,7 +258,7 @@ class PredictionConfig(_Section):
     accel_mps2: Positive = Field(2.0, description="IDM acceleration of the others")
     decel_mps2: Positive = Field(2.5, description="IDM comfortable deceleration of the others")
     yield_decel_mps2: Positive = Field(2.5, description="an agent is expected to yield only if this deceleration suffices")
-    yield_gap_s: NonNegative = Field(2.0, description="time gap that a yielding agent accepts")
+    yield_gap_s: NonNegative = Field(1.0, description="time gap that a yielding agent accepts")
     stays_after_s: NonNegative = Field(2.0, description="a vehicle that stood this long without a cause is expected to stay")
     persistence_s: NonNegative = Field(
         2.0,

@@ -47,7 +47,8 @@ CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken t
 INSIDE = -1e9  # rank of whoever is inside a junction
 AT_LINE = 4.0  # m before a stop sign within which standing counts
 LAST = 4.5  # m/s2 with which somebody stops at a line, as late as possible
-BEFORE = 1.0  # m before it
+BEFORE = 1.0  # m before it,
+CLOSER = 0.5  # m nearer than that where it waits for others: SUMO's drivers do so 0.1 m before the line
 STOPS = 5.0  # m/s2 beyond which nobody stops for red or for who has the right of way: a little more than LAST
 AT_SIGN = 9.0  # m/s2 likewise at a stop sign, at which everybody stops
 MOVES = 1.0  # m/s above which the acceleration of late tells how somebody drives on
@@ -529,7 +530,7 @@ def _yield_accel(
         leaves = (to_end + length[i]) / max(v[i], 3.0)
         if theirs > leaves + q.yield_gap:
             continue
-        stop = _halt(q, v[i], _stop_place(offset, current[i], i, x[i], place[i, u, 0], path, internal) - 1.0, STOPS)
+        stop = _halt(q, v[i], _stop_place(offset, current[i], i, x[i], place[i, u, 0], path, internal) + CLOSER, STOPS)
         if math.isinf(stop):
             continue
         if j == 0:
@@ -542,15 +543,16 @@ def _yield_accel(
 
 @kernel
 def _stop_place(offset: Floats, k: int, i: int, x: float, begin: float, path: Ints, internal: Bools) -> float:
-    """m to where vehicle i would wait: the entry of the junction, or, once inside, the shared stretch itself."""
-    if internal[path[i, k]]:
-        return begin - x
-    m = k + 1
-    while m < offset.shape[1] - 1 and offset[i, m] < begin:
-        if path[i, m] >= 0 and internal[path[i, m]]:
-            return offset[i, m] - x
-        m += 1
-    return begin - x
+    """m to where vehicle i waits before a stretch that begins at `begin`: the entry of the junction, or the place to wait inside it, where it has one."""
+    place = begin
+    for m in range(k + 1, offset.shape[1] - 1):
+        if offset[i, m] >= begin or path[i, m] < 0:
+            break
+        if internal[path[i, m]]:
+            place = offset[i, m]
+        elif place < begin:
+            break
+    return place - x
 
 
 def _poses(road: RoadMap, agents: Agents, paths: Paths, x: Floats, v: Floats, times: int, step: float) -> tuple[Floats, Ints, Floats, Bools]:
