@@ -382,7 +382,7 @@ def _free(q: TrafficParams, path: Ints, offset: Floats, count: Ints, speed: Floa
     """Acceleration on the empty road, with the lower limits of the coming lanes in view."""
     wish = max(speed[path[i, k]], 1.0)
     wish = min(max(wish, min(v, 1.2 * wish)), liked)  # whoever is faster has a reason of its own
-    a = q.accel * (1.0 - (v / max(wish, 1.0)) ** 4) if v < wish + 0.5 else -q.decel
+    a = max(min(q.accel, (wish - v) / q.step), -q.decel)  # not less and less towards it, as in the model's own term: SUMO's drivers do not
     for m in range(k + 1, count[i]):
         distance = offset[i, m] - x
         if distance > 60.0:
