@@ -259,6 +259,38 @@ def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
     assert theirs[-1, 1] == pytest.approx(0.0, abs=0.01) and forecast.v[0, len(theirs) - 1, 0] < 0.1
 
 
+def test_who_turns_left_waits_inside_the_junction_where_it_waits_in_sumo(tmp_path: Path) -> None:
+    net = scenario_path("unprotected-left-turn").parent.parent / "networks" / "crossing" / "crossing.net.xml"
+    stream = "".join(
+        f'<vehicle id="o{k}" type="car" depart="0" departLane="2" departPos="{140 - 14 * k}" departSpeed="9"><route edges="from_south to_north"/></vehicle>'
+        for k in range(8)
+    )
+    (tmp_path / "x.rou.xml").write_text(
+        f"""<routes><vType id="car" sigma="0" speedFactor="1" speedDev="0" tau="0.8"/>
+        <vehicle id="ego" depart="0" departPos="10"><route edges="from_west to_east"/></vehicle>
+        <vehicle id="other" type="car" depart="0" departPos="100" departSpeed="9" departLane="1"><route edges="from_north to_east"/></vehicle>
+        {stream}</routes>"""
+    )
+    libsumo.start(["sumo", "-n", str(net), "-r", str(tmp_path / "x.rou.xml"), "--step-length", "0.1", "--no-step-log", "true", "--no-warnings", "true"])
+    try:
+        road = read_roadmap(str(net))
+        for _ in range(10):  # until all are there
+            libsumo.simulationStep()
+        scene = Observer(road).scene("ego", Change(), 300.0, timing=False)
+        driven = []
+        for _ in range(80):
+            driven.append((libsumo.vehicle.getLaneID("other"), libsumo.vehicle.getPosition("other")))
+            libsumo.simulationStep()
+        waits = libsumo.vehicle.getSpeed("other")
+    finally:
+        libsumo.close()
+    i = scene.agents.ids.index("other")
+    forecast = predict(road, scene, np.array([scene.ego.lane], np.int32), np.zeros(0), traffic_params(), 8.0, Told())
+    assert waits < 0.1 and driven[-1][0] == ":centre_3_0" == road.lane_ids[forecast.lane[0, -1, i]]
+    centre = forecast.pose[0, -1, i, :2]
+    assert np.hypot(*(centre + 0.5 * scene.agents.length[i] * forecast.pose[0, -1, i, 2:] - driven[-1][1])) < 1.5
+
+
 def test_who_has_to_yield_lets_the_other_pass() -> None:
     """North-bound traffic waits for the west-east road; alone it does not."""
     road = crossing(bridge=False)
