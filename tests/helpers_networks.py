@@ -1,8 +1,11 @@
-"""Networks made on the spot."""
+"""Networks made on the spot, and SUMO running in them."""
 
 import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
+import libsumo
 import sumo
 
 
@@ -25,3 +28,14 @@ def netconvert(folder: Path, nodes: str, edges: str, connections: str, *options:
     ]
     subprocess.run([*command, "--no-turnarounds", "true", *options], cwd=folder, check=True, capture_output=True)
     return str(folder / "x.net.xml")
+
+
+@contextmanager
+def simulation(net: str, routes: Sequence[Path | str], step: float = 0.1, change_s: float = 3.0, seed: int = 1) -> Iterator[None]:
+    """SUMO with these routes, until the end of the block."""
+    files = ["-n", net, "-r", ",".join(map(str, routes)), "--step-length", str(step), "--lanechange.duration", str(change_s), "--seed", str(seed)]
+    libsumo.start(["sumo", *files, "--collision.action", "warn", "--no-step-log", "true", "--no-warnings", "true"])
+    try:
+        yield
+    finally:
+        libsumo.close()

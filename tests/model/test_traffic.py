@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from helpers import Agent, Lane, build, crossing, ego_at, lights
 from helpers_model import forecast_of, lanes_east, road_with_light, scene_of, task_of, traffic_params
-from helpers_networks import netconvert
+from helpers_networks import netconvert, simulation
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.assets import scenario_path
+from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.episode import run_episode
 from sumo_mcts.model.local import signal_states
@@ -241,8 +241,7 @@ def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
         f'''<routes><vType id="car" sigma="0" speedFactor="1" speedDev="0"/><vehicle id="ego" depart="0" departPos="10"><route edges="sm me"/></vehicle>
         <vehicle id="other" type="car" depart="0" departPos="100" departSpeed="{v}"><route edges="wm me"/></vehicle></routes>'''
     )
-    libsumo.start(["sumo", "-n", net, "-r", str(tmp_path / "x.rou.xml"), "--step-length", "0.1", "--no-step-log", "true", "--no-warnings", "true"])
-    try:
+    with simulation(net, [tmp_path / "x.rou.xml"]):
         road = read_roadmap(net)
         libsumo.simulationStep()
         libsumo.trafficlight.setRedYellowGreenState("m", "rr")
@@ -251,8 +250,6 @@ def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
         for _ in range(200):
             driven.append((libsumo.vehicle.getLanePosition("other"), libsumo.vehicle.getSpeed("other")))
             libsumo.simulationStep()
-    finally:
-        libsumo.close()
     forecast = predict(road, scene, np.array([scene.ego.lane], np.int32), np.zeros(0), traffic_params(), 19.8, Told())
     theirs = np.array(driven)[::2]
     assert np.abs(forecast.s[0, : len(theirs), 0] - theirs[:, 0]).max() < 1.0
@@ -260,7 +257,7 @@ def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
 
 
 def test_who_turns_left_waits_inside_the_junction_where_it_waits_in_sumo(tmp_path: Path) -> None:
-    net = scenario_path("unprotected-left-turn").parent.parent / "networks" / "crossing" / "crossing.net.xml"
+    net = str(root() / "networks" / "crossing" / "crossing.net.xml")
     stream = "".join(
         f'<vehicle id="o{k}" type="car" depart="0" departLane="2" departPos="{140 - 14 * k}" departSpeed="9"><route edges="from_south to_north"/></vehicle>'
         for k in range(8)
@@ -271,9 +268,8 @@ def test_who_turns_left_waits_inside_the_junction_where_it_waits_in_sumo(tmp_pat
         <vehicle id="other" type="car" depart="0" departPos="100" departSpeed="9" departLane="1"><route edges="from_north to_east"/></vehicle>
         {stream}</routes>"""
     )
-    libsumo.start(["sumo", "-n", str(net), "-r", str(tmp_path / "x.rou.xml"), "--step-length", "0.1", "--no-step-log", "true", "--no-warnings", "true"])
-    try:
-        road = read_roadmap(str(net))
+    with simulation(net, [tmp_path / "x.rou.xml"]):
+        road = read_roadmap(net)
         for _ in range(10):  # until all are there
             libsumo.simulationStep()
         scene = Observer(road).scene("ego", Change(), 300.0, timing=False)
@@ -282,8 +278,6 @@ def test_who_turns_left_waits_inside_the_junction_where_it_waits_in_sumo(tmp_pat
             driven.append((libsumo.vehicle.getLaneID("other"), libsumo.vehicle.getPosition("other")))
             libsumo.simulationStep()
         waits = libsumo.vehicle.getSpeed("other")
-    finally:
-        libsumo.close()
     i = scene.agents.ids.index("other")
     forecast = predict(road, scene, np.array([scene.ego.lane], np.int32), np.zeros(0), traffic_params(), 8.0, Told())
     assert waits < 0.1 and driven[-1][0] == ":centre_3_0" == road.lane_ids[forecast.lane[0, -1, i]]

@@ -1,14 +1,14 @@
 """Scripts against what SUMO executes, drawn scenes, and events that vehicles driven by SUMO are told."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import libsumo
 import numpy as np
 import pytest
+from helpers_networks import simulation
 
 from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import Actor, ConfigError, TrafficConfig, VehicleEvent, load
@@ -29,16 +29,6 @@ def crossing() -> RoadMap:
 def actor(route: Sequence[str] = ("from_west", "to_east"), **keys: Any) -> Actor:
     given = {"id": "a", "route": tuple(route), "driver": "script", "depart": {"lane": 1, "pos_m": 50.0, "speed_mps": 8.0}}
     return Actor.model_validate({**given, **keys})
-
-
-@contextmanager
-def simulation(net: str, routes: Sequence[Path | str], step: float = 0.1, change_s: float = 3.0, seed: int = 1) -> Iterator[None]:
-    files = ["-n", net, "-r", ",".join(map(str, routes)), "--step-length", str(step), "--lanechange.duration", str(change_s), "--seed", str(seed)]
-    libsumo.start(["sumo", *files, "--collision.action", "warn", "--no-step-log", "true", "--no-warnings", "true"])
-    try:
-        yield
-    finally:
-        libsumo.close()
 
 
 def compare(actors: Actors, road: RoadMap, step: float, seconds: float) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
-from helpers_networks import netconvert
+from helpers_networks import netconvert, simulation
 
 from sumo_mcts.scene import GREEN, RED, YELLOW
 from sumo_mcts.world.observe import CHANGED, PHASES, TREND_S, Change, Observer
@@ -28,8 +28,7 @@ def test_a_lorry_that_changes_lanes_with_its_rear_on_the_edge_before_stays_lengt
     """Its body is drawn from where its rear is, which is on the lane that it came from and not far down the one beside it."""
     net = netconvert(tmp_path, NODES, EDGES, WAYS, *([] if internal else ["--no-internal-links"]))
     (tmp_path / "x.rou.xml").write_text(ROUTES)
-    libsumo.start(["sumo", "-n", net, "-r", str(tmp_path / "x.rou.xml"), "--step-length", "0.1", "--no-step-log", "true", "--no-warnings", "true"])
-    try:
+    with simulation(net, [tmp_path / "x.rou.xml"]):
         observer, lanes = Observer(read_roadmap(net)), []
         libsumo.simulationStep()
         libsumo.vehicle.setSpeed("ego", 0.0)
@@ -44,8 +43,6 @@ def test_a_lorry_that_changes_lanes_with_its_rear_on_the_edge_before_stays_lengt
             assert math.hypot(agents.x[0] - x, agents.y[0] - y) == pytest.approx(8.25) and agents.x[0] < x
             lanes.append(libsumo.vehicle.getLaneID("lorry"))
         assert lanes.index("b_0") == lanes.index("b_1") + lanes.count("b_1")
-    finally:
-        libsumo.close()
 
 
 def test_a_lorry_lies_on_all_the_lanes_that_it_has_come_over(tmp_path: Path) -> None:
@@ -58,8 +55,7 @@ def test_a_lorry_lies_on_all_the_lanes_that_it_has_come_over(tmp_path: Path) -> 
         <vehicle id="ego" depart="0" departPos="90"><route edges="c"/></vehicle>
         <vehicle id="lorry" type="lorry" depart="0" departPos="150" departSpeed="6"><route edges="a b c"/></vehicle></routes>"""
     )
-    libsumo.start(["sumo", "-n", net, "-r", str(tmp_path / "x.rou.xml"), "--step-length", "0.1", "--no-step-log", "true", "--no-warnings", "true"])
-    try:
+    with simulation(net, [tmp_path / "x.rou.xml"]):
         observer, trail, turned = Observer(read_roadmap(net)), [], 0
         libsumo.simulationStep()
         libsumo.vehicle.setSpeed("ego", 0.0)
@@ -75,8 +71,6 @@ def test_a_lorry_lies_on_all_the_lanes_that_it_has_come_over(tmp_path: Path) -> 
             assert agents.heading[0] == pytest.approx(math.atan2(y - rear[1], x - rear[0]), abs=0.06)
             turned += 0.1 < agents.heading[0] < 0.7
         assert turned > 10
-    finally:
-        libsumo.close()
 
 
 @pytest.mark.parametrize("kind", ["static", "actuated"])
@@ -119,8 +113,7 @@ def test_an_acceleration_is_smoothed_until_the_driver_changes_its_mind(tmp_path:
         """<routes><vType id="noisy" sigma="0.5"/><vehicle id="ego" depart="0" departPos="10" departLane="1"><route edges="a b"/></vehicle>
         <vehicle id="other" type="noisy" depart="0" departPos="5" departSpeed="9" departLane="0"><route edges="a b"/></vehicle></routes>"""
     )
-    libsumo.start(["sumo", "-n", net, "-r", str(tmp_path / "x.rou.xml"), "--step-length", "0.1", "--no-step-log", "true", "--no-warnings", "true"])
-    try:
+    with simulation(net, [tmp_path / "x.rou.xml"]):
         observer, seen = Observer(read_roadmap(net)), []
         libsumo.simulationStep()
         while libsumo.simulation.getTime() < 10.0:
@@ -132,8 +125,6 @@ def test_an_acceleration_is_smoothed_until_the_driver_changes_its_mind(tmp_path:
             agents = observer.scene("ego", Change(), 300.0, timing=False).agents
             assert agents.a[0] == pytest.approx(libsumo.vehicle.getAcceleration("other"))
             seen.append((libsumo.simulation.getTime(), float(agents.a[0]), float(agents.trend[0])))
-    finally:
-        libsumo.close()
     for (_, _, before), (_, a, trend) in itertools.pairwise(seen):
         smoothed = before + (a - before) * (1.0 - math.exp(-0.1 / TREND_S))
         assert trend == pytest.approx(a if abs(a - before) > CHANGED else smoothed)
