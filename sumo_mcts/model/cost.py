@@ -8,6 +8,7 @@ from typing import NamedTuple
 from sumo_mcts.model.ego import EgoParams, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel, scalar_function
+from sumo_mcts.model.krauss import STANDSTILL, safe_gap
 from sumo_mcts.model.local import (
     BESIDE,
     CLAIM_SAMPLES,
@@ -55,8 +56,8 @@ ROLLS = 0.3  # m/s below which, there, likewise
 UP_TO_SIGN = 30.0  # m before that place within which the way to it counts at the horizon,
 MOVE_UP = 4.0  # m/s as if driven with this
 SIGHT = 80.0  # m beyond which an agent is not looked at
-CROSSING_S = 1.0  # s of driving in the careful gap of who has the right of way in a junction,
-FOLLOWING_S = 1.5  # and of who is to follow the ego after a lane change: drivers keep up to 1.8 s
+USUAL_S = 1.0  # s of driving that drivers leave between themselves and what is ahead,
+CAREFUL_S = 1.8  # and that the most careful of them leave
 
 TermFunction = Callable[[float, int, float, float, float, float, float, float], float]
 _TERM = "float64(float64, int64, float64, float64, float64, float64, float64, float64)"
@@ -271,21 +272,16 @@ def _beside_in_lane(local: Local, p: EgoParams, state: State, node: int, s: floa
 
 
 @kernel
-def _careful_gap(v: float, leader_v: float, seconds: float) -> float:
-    """The gap (m) from which a driver at v (m/s) does not brake for a leader at leader_v (Krauss 1998, with 4.5 m/s2), `seconds` behind it."""
-    return 2.5 + seconds * v + max(0.0, v * v - leader_v * leader_v) / (2.0 * 4.5)
-
-
-@kernel
 def _cut_in(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float:
     """Cost of moving in front of a follower (gap m, speeds m/s): 0 where it need not brake, -1 where it could not cope."""
-    needed = _careful_gap(follower_v, ego_v, FOLLOWING_S)
-    if gap >= needed:
+    unharmed = STANDSTILL + safe_gap(follower_v, ego_v, CAREFUL_S)
+    if gap >= unharmed:
         return 0.0
     closing = max(0.0, follower_v - ego_v)
     if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel * (gap - 1.0):
         return -1.0
-    return c.claim * min(1.0, 8.0 * (1.0 - gap / needed))
+    braking = STANDSTILL + safe_gap(follower_v, ego_v, USUAL_S)  # from here down everybody brakes, the longer the nearer
+    return c.claim * (unharmed - gap) / max(unharmed - braking, 1.0)
 
 
 @kernel
@@ -301,7 +297,7 @@ def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: in
             continue
         distance = local.duty[k, ENTERS] - local.agent[now, i, DRIVEN]
         # Who crosses its way is to a driver in SUMO as good as standing there; who merges drives ahead of it.
-        needed = _careful_gap(local.agent[now, i, V], state.v if local.duty[k, MERGES] > 0.0 else 0.0, CROSSING_S)
+        needed = STANDSTILL + safe_gap(local.agent[now, i, V], state.v if local.duty[k, MERGES] > 0.0 else 0.0, USUAL_S)
         if 0.0 < distance < needed:
             rate = max(rate, c.claim * min(1.0, 0.5 + 2.0 * (1.0 - distance / needed)))
     return rate

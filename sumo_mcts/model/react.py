@@ -10,13 +10,12 @@ import numpy as np
 
 from sumo_mcts.model.ego import EgoParams
 from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.krauss import DECEL, STANDSTILL, safe_speed
 from sumo_mcts.model.local import COS, DRIVEN, GONE, NODE, SIN, SLOT, Local, S, State, V, X, Y, chain_gap
 from sumo_mcts.scene import Floats
 
 REACTION = 1.0  # s
-BRAKES = 4.5  # m/s2, as long as that is enough
 PANIC = 9.0  # m/s2
-DISTANCE = 2.5  # m to whoever stands ahead
 CATCHES_UP = 2.0  # m/s2
 IMPOSED = 2.0  # m/s2 of braking that counts as imposed (measures)
 
@@ -31,13 +30,6 @@ def at_rest(local: Local, count: int) -> Floats:
         if slot >= 0:
             others[slot, SPEED] = local.agent[0, i, V]
     return others
-
-
-@kernel
-def careful_speed(gap: float, leader_v: float) -> float:
-    """The speed (m/s) that a driver allows itself `gap` m behind a leader, its own distance to it included (Krauss 1998); 0 where it is too near."""
-    own, room = BRAKES * REACTION, gap - DISTANCE
-    return math.sqrt(own * own + leader_v * leader_v + 2.0 * BRAKES * room) - own if room >= 0.0 else 0.0
 
 
 @kernel
@@ -56,10 +48,10 @@ def react(local: Local, p: EgoParams, state: State, others: Floats, now: int, se
         gap = _gap_to_ego(local, p, state, int(local.agent[k, i, NODE]), local.agent[k, i, S] + driven - local.agent[k, i, DRIVEN])
         speed = v + CATCHES_UP * seconds
         if gap < math.inf:
-            careful = careful_speed(gap, state.v)
+            careful = safe_speed(gap - STANDSTILL, state.v, REACTION)
             if careful < v:
-                imposed += max(0.0, min((v - careful) / seconds, BRAKES) - IMPOSED)
-            speed = min(speed, max(careful, v - (BRAKES if gap > 1.0 else PANIC) * seconds))
+                imposed += max(0.0, min((v - careful) / seconds, DECEL) - IMPOSED)
+            speed = min(speed, max(careful, v - (DECEL if gap > 1.0 else PANIC) * seconds))
         speed = max(speed, 0.0)
         reached = driven + speed * seconds
         if reached >= local.agent[now, i, DRIVEN]:

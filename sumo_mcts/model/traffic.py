@@ -13,6 +13,7 @@ import numpy as np
 
 from sumo_mcts.model.geometry import chord, point_at, swung
 from sumo_mcts.model.kernel import kernel, making_arrays
+from sumo_mcts.model.krauss import safe_speed
 from sumo_mcts.model.local import SIDEWAYS, signal_states
 from sumo_mcts.model.route import Indices
 from sumo_mcts.scene import (
@@ -46,10 +47,9 @@ ASIDE = 0.1  # m off the centre line from which a blinking vehicle is taken to b
 CRUISING = 0.5  # m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes
 INSIDE = -1e9  # rank of whoever is inside a junction
 AT_LINE = 4.0  # m before a stop sign within which standing counts
-LAST = 4.5  # m/s2 with which somebody stops at a line, as late as possible
-BEFORE = 1.0  # m before it,
+BEFORE = 1.0  # m before a line where somebody stops, as late as possible,
 CLOSER = 0.5  # m nearer than that where it waits for others: SUMO's drivers do so 0.1 m before the line
-STOPS = 5.0  # m/s2 beyond which nobody stops for red or for who has the right of way: a little more than LAST
+STOPS = 5.0  # m/s2 beyond which nobody stops for red or for who has the right of way: a little more than they brake with
 AT_SIGN = 9.0  # m/s2 likewise at a stop sign, at which everybody stops
 MOVES = 1.0  # m/s above which the acceleration of late tells how somebody drives on
 MOST_HABIT = 4.0  # m/s2 that it tells at most
@@ -453,12 +453,11 @@ def _red_before(red: Bools, offset: Floats, count: int, k: int, i: int, t: int, 
 def _halt(q: TrafficParams, v: float, distance: float, most: float) -> float:
     """Acceleration that stops `distance` m ahead, at the last moment; none where that takes more than `most` m/s2.
 
-    It leads to the speed from which LAST stops within what is left after a step (Krauss 1998, with a step to react in): fitted to SUMO's drivers.
+    It leads to the safe speed of a driver with a step to react in: fitted to SUMO's drivers.
     """
     if v * v > 2.0 * most * max(distance, 0.1):
         return math.inf
-    safe = q.step * LAST * (math.sqrt(1.0 + 2.0 * max(distance - BEFORE, 0.0) / (LAST * q.step * q.step)) - 1.0)
-    return max((safe - v) / q.step, -most)
+    return max((safe_speed(max(distance - BEFORE, 0.0), 0.0, q.step) - v) / q.step, -most)
 
 
 @kernel
@@ -548,10 +547,7 @@ def _stop_place(offset: Floats, k: int, i: int, x: float, begin: float, path: In
     for m in range(k + 1, offset.shape[1] - 1):
         if offset[i, m] >= begin or path[i, m] < 0:
             break
-        if internal[path[i, m]]:
-            place = offset[i, m]
-        elif place < begin:
-            break
+        place = offset[i, m] if internal[path[i, m]] else begin
     return place - x
 
 

@@ -293,6 +293,17 @@ def test_moving_in_front_of_who_leaves_the_lane_has_its_price() -> None:
     assert min(prices[:5]) > 0.0 and max(prices[5:]) == 0.0
 
 
+@pytest.mark.parametrize(("behind", "claims"), [(40.0, 0.0), (22.24, 0.0), (19.03, 0.5), (15.83, 1.0), (9.43, 2.0), (1.5, -1.0)])
+def test_the_nearer_a_follower_the_dearer_a_lane_change(behind: float, claims: float) -> None:
+    """A follower at 8 m/s, an ego at 4: at 22.23 m nobody brakes (2.5 m, 1.8 s, the difference in stopping distance), at 15.83 m (1 s) everybody."""
+    task, local, state = view(lanes_east(3, 900.0), "a_1", 205.0, 4.0, Agent("x", "a_0", 200.0 - behind, 8.0))
+    met = meet(local, task.ego, task.cost, begin_change(local, task.ego, state, -1)._replace(progress=0.1), NOBODY, 0, 0)
+    if claims < 0.0:
+        assert (met.once, met.rate > 0.0, met.followers) == (0.0, True, 0)
+    else:
+        assert met.once == pytest.approx(claims * task.cost.claim, abs=0.01) and met.followers == 1
+
+
 def test_who_stands_beside_half_out_of_the_lane_leads_nobody() -> None:
     task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", "a_0", 103.0, 8.0, 1.0))
     assert meet(local, task.ego, task.cost, state, NOBODY, 0, 0).gap == math.inf

@@ -10,8 +10,9 @@ from helpers_model import lanes_east, local_of, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sumo_mcts.model.krauss import DECEL, STANDSTILL, safe_gap, safe_speed
 from sumo_mcts.model.local import COS, SIN, SLOT, Local, S, State, V, X, Y
-from sumo_mcts.model.react import BRAKES, CLOCK, DISTANCE, IMPOSED, REACTION, SPEED, at_rest, careful_speed, react, seen
+from sumo_mcts.model.react import CLOCK, IMPOSED, REACTION, SPEED, at_rest, react, seen
 from sumo_mcts.planners.base import Task
 
 DT = 0.2  # s between looks, and between forecast times
@@ -48,25 +49,27 @@ def test_who_has_nobody_ahead_does_as_forecast() -> None:
 
 
 @settings(deadline=None)
-@given(st.floats(0.0, 15.0), st.floats(3.0, 60.0), st.lists(st.floats(-BRAKES, 2.6), min_size=30, max_size=30))
+@given(st.floats(0.0, 15.0), st.floats(3.0, 60.0), st.lists(st.floats(-DECEL, 2.6), min_size=30, max_size=30))
 def test_a_careful_driver_never_touches_an_ego_that_brakes_no_harder(v: float, gap: float, accels: list[float]) -> None:
-    follower = min(15.0, careful_speed(gap, v))
+    follower = min(15.0, safe_speed(gap - STANDSTILL, v, REACTION))
     task, local, state = view(v, Agent("behind", "a_1", 300.0 - LENGTH - gap, follower))
     states, rows, _ = drive(task, local, state, accels)
     for k, (ego, (s, speed)) in enumerate(zip(states, rows, strict=True)):
         late = float(local.agent[k, 0, S]) - s
         assert s < ego.s - LENGTH and late >= -1e-9 and speed >= 0.0
         if late > 1e-9 and k > 0 and ego.s - LENGTH - s > 1.5:
-            assert rows[k - 1][1] - speed <= BRAKES * DT + 1e-9
+            assert rows[k - 1][1] - speed <= DECEL * DT + 1e-9
 
 
-@given(st.floats(0.0, 15.0), st.floats(3.0, 80.0), st.floats(0.0, 15.0))
-def test_the_careful_speed_leaves_room_to_stop(leader_v: float, gap: float, decel: float) -> None:
-    """After a second of reaction, both braking equally, it stands its own distance behind the leader."""
-    v = careful_speed(gap, leader_v)
-    stops_at = v * REACTION + v * v / (2.0 * BRAKES)
-    assert stops_at == pytest.approx(gap - DISTANCE + leader_v**2 / (2.0 * BRAKES))
-    assert careful_speed(DISTANCE - 0.01, leader_v) == 0.0
+@given(st.floats(0.0, 15.0), st.floats(0.0, 80.0), st.floats(0.1, 2.0))
+def test_the_safe_speed_leaves_room_to_stop(leader_v: float, gap: float, reaction: float) -> None:
+    """After its reaction, both braking equally, it stands where the leader does; and the safe gap is the other side of the same rule."""
+    v = safe_speed(gap, leader_v, reaction)
+    assert v * reaction + v * v / (2.0 * DECEL) == pytest.approx(gap + leader_v**2 / (2.0 * DECEL))
+    assert safe_speed(-0.01, leader_v, reaction) == 0.0
+    if v >= leader_v:
+        assert safe_gap(v, leader_v, reaction) == pytest.approx(gap, abs=1e-9)
+    assert safe_gap(v, v + 1.0, reaction) == pytest.approx(v * reaction)
 
 
 def test_who_is_held_up_drives_as_its_slow_twin() -> None:
@@ -76,14 +79,14 @@ def test_who_is_held_up_drives_as_its_slow_twin() -> None:
     states, rows, imposed = drive(task, local, state, accels)
     s, v = rows[0]
     for k, ego in enumerate(states[1:], 1):
-        careful = careful_speed(ego.s - LENGTH - s, ego.v)
-        wanted = max(0.0, min(v + 2.0 * DT, max(careful, v - BRAKES * DT)))
-        asked = max(0.0, min((v - careful) / DT, BRAKES) - IMPOSED) if careful < v else 0.0
+        careful = safe_speed(ego.s - LENGTH - s - STANDSTILL, ego.v, REACTION)
+        wanted = max(0.0, min(v + 2.0 * DT, max(careful, v - DECEL * DT)))
+        asked = max(0.0, min((v - careful) / DT, DECEL) - IMPOSED) if careful < v else 0.0
         s, v = s + wanted * DT, wanted
         if s >= local.agent[k, 0, S]:
             s, v = local.agent[k, 0, S], local.agent[k, 0, V]
         assert rows[k] == pytest.approx((s, v)) and imposed[k] == pytest.approx(asked), k
-    assert rows[-1][1] < 1.5 and DISTANCE - 0.5 < states[-1].s - LENGTH - rows[-1][0] < DISTANCE + 2.5
+    assert rows[-1][1] < 1.5 and STANDSTILL - 0.5 < states[-1].s - LENGTH - rows[-1][0] < STANDSTILL + 2.5
 
 
 def test_a_lane_change_close_in_front_imposes_braking_and_one_far_ahead_does_not() -> None:
@@ -106,6 +109,6 @@ def test_the_nearest_that_react_on_the_way_are_moved() -> None:
 
 def test_who_stands_where_its_forecast_stands_is_found_again() -> None:
     """Where a forecast stands still its clock has no one answer; the position does."""
-    task, local, state = view(0.0, Agent("behind", "a_1", 300.0 - LENGTH - DISTANCE - 1.0, 0.0))
+    task, local, state = view(0.0, Agent("behind", "a_1", 300.0 - LENGTH - STANDSTILL - 1.0, 0.0))
     _, rows, _ = drive(task, local, state, [0.0] * 20)
     assert all(math.isfinite(s) and s <= 300.0 - LENGTH for s, _ in rows)

@@ -17,7 +17,7 @@ from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.episode import run_episode
 from sumo_mcts.model.local import signal_states
-from sumo_mcts.model.traffic import CRUISING, HARD, MOST_HABIT, Told, TrafficParams, predict
+from sumo_mcts.model.traffic import CRUISING, HARD, MOST_HABIT, Told, TrafficParams, _stop_place, predict
 from sumo_mcts.scene import ALLWAY, BRAKES, GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, Intent, RoadMap, Scene, Signals
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap, read_roadmap
@@ -254,6 +254,17 @@ def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
     theirs = np.array(driven)[::2]
     assert np.abs(forecast.s[0, : len(theirs), 0] - theirs[:, 0]).max() < 1.0
     assert theirs[-1, 1] == pytest.approx(0.0, abs=0.01) and forecast.v[0, len(theirs) - 1, 0] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("begin", "waits"),
+    [(135.0, 130.0), (128.0, 120.0), (120.0, 120.0), (32.0, 30.0), (25.0, 20.0), (20.0, 20.0), (60.0, 60.0)],
+)
+def test_the_place_to_wait_is_in_the_junction_of_the_stretch(begin: float, waits: float) -> None:
+    """A path through two junctions, each with a place to wait inside: 20 to 40 m and 120 to 140 m along it."""
+    internal = np.array([False, True, True, False, True, True, False])
+    path, offset = np.arange(7, dtype=np.int32)[None], np.array([[0.0, 20.0, 30.0, 40.0, 120.0, 130.0, 140.0, 200.0]])
+    assert _stop_place(offset, 0, 0, 5.0, begin, path, internal) == waits - 5.0
 
 
 def test_who_turns_left_waits_inside_the_junction_where_it_waits_in_sumo(tmp_path: Path) -> None:
