@@ -359,13 +359,13 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
         if after.v < SLOW:
             if local.node[after.node, INTERNAL] > 0.0:
                 rate += c.blocking
-            if abs(after.turn) > ASTRIDE and not _leads_nowhere(local, after.node):  # who is held at a dead end leaves it as it can
+            if abs(after.turn) > ASTRIDE and not leads_nowhere(local, after.node):  # who is held at a dead end leaves it as it can
                 rate += c.astride
     return rate * p.step
 
 
 @kernel
-def _leads_nowhere(local: Local, node: int) -> bool:
+def leads_nowhere(local: Local, node: int) -> bool:
     """Whether the lane ends before the route does."""
     return local.node[node, NEXT] < 0.0 and not math.isinf(local.node[node, REACH])
 

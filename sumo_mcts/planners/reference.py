@@ -122,7 +122,7 @@ def problem_of(task: Task, situation: Situation) -> Problem:
     ends = np.unique([max(1, math.floor(end / ego.step + 0.5)) for end in ENDS_S])
     q = search_params(ego.step, local.dt, ENDS_S[0], CHECK_S, len(ends), 0, 0.0, False)._replace(horizon=float(ends[-1]) * ego.step)
     actions = np.array([(accel, 0.0) for accel in KEEPING] + [(accel, side) for side in (1.0, -1.0) for accel in CHANGING])
-    possible = [side == 0.0 or may_change(local, ego, COST, state, int(side), 0.0) for side in actions[:, 1]]
+    possible = [side == 0.0 or may_change(local, ego, COST, state, int(side), accel, 0.0) for accel, side in actions]
     return Problem(task, local, state, at_rest(local, REACTIVE), q, ends, actions, actions[possible])
 
 
@@ -281,7 +281,7 @@ def _spread(work: Work, now: Labels, used: int, then: Labels, ply: int, best: Fl
         for n in range(len(work.actions)):
             state, side, cost = kept_state(now.where, now.motion, k), int(work.actions[n, 1]), now.cost[k]
             if side != 0:
-                if not may_change(local, p, COST, state, side, at * p.step):
+                if not may_change(local, p, COST, state, side, work.actions[n, 0], at * p.step):
                     continue
                 state = begin_change(local, p, state, side)
                 cost += COST.lane_change
@@ -320,7 +320,7 @@ def _drive_on(work: Work, labels: Labels, i: int, ply: int, tail: Floats, best: 
         at, entry = int(work.ends[k - 1]), FOLLOW if np.isnan(tail[k]) else tail[k]
         side = side_of(entry)
         accel = entry_of(entry, -side)
-        if side != 0 and may_change(local, p, COST, state, side, at * p.step):
+        if side != 0 and may_change(local, p, COST, state, side, accel, at * p.step):
             state = begin_change(local, p, state, side)
             cost += COST.lane_change
         else:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from sumo_mcts.model.cost import CostParams, contact_cost, meet, place_is_free, step_comfort, step_own, step_passability, terminal
+from sumo_mcts.model.cost import CostParams, contact_cost, leads_nowhere, meet, place_is_free, step_comfort, step_own, step_passability, terminal
 from sumo_mcts.model.ego import (
     COMMANDED,
     FOLLOW,
@@ -31,6 +31,7 @@ from sumo_mcts.scene import Bools, Floats
 NONE = -1  # no child, no parent
 IMPOSSIBLE = -2  # an action that cannot be taken there, leads to the same state as another, or (adaptive) is too dear already
 ALIVE, LOST, ARRIVED = range(3)
+ROLLING = 2.0  # m/s below which a lane change begins with driving off
 
 
 class SearchParams(NamedTuple):
@@ -281,7 +282,7 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     state, side = kept_state(tree.where, tree.motion, node), int(actions[k, 1])
     changed = 0.0
     if side != 0:
-        if not may_change(local, p, c, state, side, tree.level[node] * q.ply * p.step):
+        if not may_change(local, p, c, state, side, actions[k, 0], tree.level[node] * q.ply * p.step):
             tree.child[node, k] = IMPOSSIBLE
             return IMPOSSIBLE
         state = begin_change(local, p, state, side)
@@ -345,7 +346,7 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
             accel = p.max_accel
         line[k] = accel
         side = way if k == turn and way != 0 else _needed_side(local, state)
-        if side != 0 and may_change(local, p, c, state, side, k * q.ply * p.step):
+        if side != 0 and may_change(local, p, c, state, side, accel, k * q.ply * p.step):
             state = begin_change(local, p, state, side)
             line[k] = entry_of(accel, side)
             j += c.lane_change
@@ -387,8 +388,13 @@ def _needed_side(local: Local, state: State) -> int:
 
 
 @kernel
-def may_change(local: Local, p: EgoParams, c: CostParams, state: State, side: int, time: float) -> bool:
-    """Whether a lane change may begin at `time` (s from now): the road allows it and the place is free."""
+def may_change(local: Local, p: EgoParams, c: CostParams, state: State, side: int, accel: float, time: float) -> bool:
+    """Whether a lane change may begin at `time` (s from now) with `accel` (m/s2, or FOLLOW): the road allows it and the place is free.
+
+    SUMO moves who stands to the side; no car does. So a slow ego has to drive off for it, but where its lane ends and SUMO holds it.
+    """
+    if state.v < ROLLING and accel <= 0.0 and not leads_nowhere(local, state.node):
+        return False
     return can_change(local, p, state, side) and place_is_free(local, p, c, begin_change(local, p, state, side), index_at(local, time))
 
 
@@ -462,7 +468,7 @@ def replay(
     for at in range(len(line)):
         side = side_of(line[at])
         if side != 0:
-            if not may_change(local, p, c, state, side, at * p.step):
+            if not may_change(local, p, c, state, side, entry_of(line[at], -side), at * p.step):
                 return at, IMPOSSIBLE
             state = begin_change(local, p, state, side)
             terms[3] += c.lane_change

@@ -13,7 +13,7 @@ from pathlib import Path
 import helpers_tree
 import numpy as np
 import pytest
-from helpers import Agent, ego_at, lights
+from helpers import Agent, Lane, build, edges, ego_at, lights
 from helpers_model import lanes_east, road_with_light, scenario, scene_of, situation_of, task_of
 from helpers_tree import GOLDEN, TOYS, Grown, Toy, before_a_light, decide, grow, mirrored, on_three_lanes, plain, rough, small_trees, steady
 from hypothesis import given, settings
@@ -149,7 +149,7 @@ BLOCKED = on_three_lanes(None, Agent("w", "a_1", 140.0, 0.0), Agent("x", "a_0", 
 @pytest.mark.parametrize("toy", [TOYS["traffic"], TOYS["wall"], BLOCKED], ids=["traffic", "wall", "blocked"])
 def test_a_mirrored_scene_gets_the_mirrored_decision(toy: Toy) -> None:
     """Values of the root's children, each with its lane change to the other side. All children: no randomness before they are tried."""
-    here, there = (decide(t, "planner.iterations=20000", "planner.adaptive=false") for t in (toy, mirrored(toy)))
+    here, there = (decide(t, "planner.iterations=60000", "planner.adaptive=false") for t in (toy, mirrored(toy)))
     found = [{(c.accel, side * c.lane_change): c.best for c in d.children} for d, side in ((here, 1), (there, -1))]
     assert found[0].keys() == found[1].keys()
     (accel, change), (accel_there, change_there) = ((d.children[d.chosen].accel, d.children[d.chosen].lane_change) for d in (here, there))
@@ -157,6 +157,20 @@ def test_a_mirrored_scene_gets_the_mirrored_decision(toy: Toy) -> None:
     best = min(found[0].values())
     for action, value in found[0].items():
         assert found[1][action] == pytest.approx(value, rel=0.02, abs=0.02 * (1.0 + best)), action
+
+
+@pytest.mark.parametrize("v", [0.0, 1.9, 2.1])
+def test_a_slow_ego_drives_off_for_a_lane_change(v: float) -> None:
+    decision = decide(on_three_lanes(ego_at(lanes_east(3, 900.0), "a_1", 100.0, v)))
+    slow = {(c.accel, c.lane_change) for c in decision.children if c.lane_change != 0 and c.accel <= 0.0}
+    assert bool(slow) == (v > 2.0) and {c.lane_change for c in decision.children if c.accel > 0.0} == {-1, 0, 1}
+
+
+def test_who_is_held_at_the_end_of_a_lane_leaves_it_standing() -> None:
+    lanes = [Lane("a", k, ((0.0, 3.2 * k), (300.0, 3.2 * k)), ("b_0",) * k) for k in range(2)]
+    road = build([*lanes, Lane("b", 0, ((300.0, 3.2), (600.0, 3.2)))])
+    toy = Toy(road, scene_of(ego_at(road, "a_0", 300.0, 0.0, route=edges(road, "a", "b")), road), ())
+    assert any(c.accel <= 0.0 and c.lane_change == 1 for c in decide(toy).children) and chosen(toy)[1] == 1
 
 
 def test_round_a_standing_obstacle_by_the_free_lane() -> None:
