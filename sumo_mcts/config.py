@@ -231,7 +231,7 @@ class EpisodeConfig(_Section):
 class SensorConfig(_Section):
     """What the planner may know."""
 
-    range_m: Positive = Field(120.0, description="sensor range")
+    range_m: Positive = Field(200.0, description="sensor range")
     signals: Literal["timing", "current"] = Field(
         "timing", description="coming signal phases are broadcast, up to one whose end the traffic decides, or only the present state is seen"
     )

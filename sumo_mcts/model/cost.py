@@ -8,7 +8,7 @@ from typing import NamedTuple
 from sumo_mcts.model.ego import EgoParams, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel, scalar_function
-from sumo_mcts.model.krauss import STANDSTILL, safe_gap
+from sumo_mcts.model.krauss import STANDSTILL, safe_gap, safe_speed
 from sumo_mcts.model.local import (
     BESIDE,
     CLAIM_SAMPLES,
@@ -58,6 +58,7 @@ MOVE_UP = 4.0  # m/s as if driven with this
 SIGHT = 80.0  # m beyond which an agent is not looked at
 USUAL_S = 1.0  # s of driving that drivers leave between themselves and what is ahead,
 CAREFUL_S = 1.8  # and that the most careful of them leave
+TAKEN = 2.5  # m/s by which one of these has to slow down for a lane change of the ego that costs as much as a second in its way
 
 TermFunction = Callable[[float, int, float, float, float, float, float, float], float]
 _TERM = "float64(float64, int64, float64, float64, float64, float64, float64, float64)"
@@ -195,8 +196,8 @@ def _touch(
 
 
 @kernel
-def place_is_free(local: Local, p: EgoParams, c: CostParams, changed: State, index: int) -> bool:
-    """Whether a change that begins now (`changed`: the state right after it began) leaves everybody who reacts a gap to cope with."""
+def place_is_free(local: Local, p: EgoParams, c: CostParams, changed: State, index: int, most: float = math.inf) -> bool:
+    """Whether a change that begins now (`changed`: the state right after it began) leaves everybody who reacts a gap to cope with, which costs at `most`."""
     now = min(index, local.agent.shape[0] - 1)
     target = changed.other if changed.other >= 0 else changed.node
     for i in range(local.agent.shape[1]):
@@ -207,7 +208,8 @@ def place_is_free(local: Local, p: EgoParams, c: CostParams, changed: State, ind
         behind = chain_gap(local, node, s, target, changed.s)
         if left >= 0:
             behind = min(behind, chain_gap(local, left, s, target, changed.s))
-        if 0.0 <= behind < math.inf and _cut_in(c, behind - 2.0 * p.half_length, local.agent[now, i, V], changed.v) < 0.0:
+        price = _cut_in(c, behind - 2.0 * p.half_length, local.agent[now, i, V], changed.v) if 0.0 <= behind < math.inf else 0.0
+        if price < 0.0 or price > most:
             return False
         ahead = chain_gap(local, target, changed.s, node, s) - 2.0 * local.trait[i, HALF_LENGTH]
         closing = max(0.0, changed.v - local.agent[now, i, V])
@@ -273,15 +275,11 @@ def _beside_in_lane(local: Local, p: EgoParams, state: State, node: int, s: floa
 
 @kernel
 def _cut_in(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float:
-    """Cost of moving in front of a follower (gap m, speeds m/s): 0 where it need not brake, -1 where it could not cope."""
-    unharmed = STANDSTILL + safe_gap(follower_v, ego_v, CAREFUL_S)
-    if gap >= unharmed:
-        return 0.0
+    """Cost of moving in front of a follower (gap m, speeds m/s): what speed it takes from a careful driver; -1 where nobody could cope."""
     closing = max(0.0, follower_v - ego_v)
     if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel * (gap - 1.0):
         return -1.0
-    braking = STANDSTILL + safe_gap(follower_v, ego_v, USUAL_S)  # from here down everybody brakes, the longer the nearer
-    return c.claim * (unharmed - gap) / max(unharmed - braking, 1.0)
+    return c.claim * max(0.0, follower_v - safe_speed(gap - STANDSTILL, ego_v, CAREFUL_S)) / TAKEN
 
 
 @kernel
@@ -353,15 +351,20 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
     """C_p of one simulation step: time lost against the limit or before a stop sign, a lane that the route leaves, standing in a junction or across lanes."""
     limit = local.node[after.node, LIMIT]
     rate = c.progress * (1.0 - min(after.v, limit) / limit + _before_sign(local, after))
-    i = after.node - local.first
-    if 0 <= i < local.urgency.shape[0]:
-        rate += c.route * abs(local.urgency[i])
-        if after.v < SLOW:
-            if local.node[after.node, INTERNAL] > 0.0:
-                rate += c.blocking
-            if abs(after.turn) > ASTRIDE and not leads_nowhere(local, after.node):  # who is held at a dead end leaves it as it can
-                rate += c.astride
+    rate += c.route * _urgent(local, after.node)
+    if after.v < SLOW:
+        if local.node[after.node, INTERNAL] > 0.0:
+            rate += c.blocking
+        if abs(after.turn) > ASTRIDE and not leads_nowhere(local, after.node):  # who is held at a dead end leaves it as it can
+            rate += c.astride
     return rate * p.step
+
+
+@kernel
+def _urgent(local: Local, node: int) -> float:
+    """How many lane changes are urgent there; 0 beyond the lanes that this cycle looks at."""
+    i = node - local.first
+    return abs(local.urgency[i]) if 0 <= i < local.urgency.shape[0] else 0.0
 
 
 @kernel
@@ -394,7 +397,8 @@ def step_own(term: Term | None, local: Local, p: EgoParams, c: CostParams, befor
 
 @kernel
 def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: float) -> float:
-    """What is still to come at the horizon: the time lost until the limit is reached, and behind a slow leader or before a dead end for tail_s more.
+    """What is still to come at the horizon: the time lost until the limit is reached, and for tail_s more behind a slow leader, before a dead end, and in
+    a lane that the route leaves.
 
     Nothing here may fall by more than 1 / limit for a metre less driven, the time that is gained by driving it, or it would pay to stand. So speed
     counts behind a leader only as far as there is room for it, before a red light or a dead end not at all (Local.free), and the limit is that of
@@ -403,7 +407,8 @@ def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: fl
     useful = min(state.v, leader_v + gap / local.limit)
     missing = max(0.0, local.limit - useful) if local.free else 0.0
     behind = max(_behind(local, c, gap, leader_v), _behind(local, c, local.node[state.node, REACH] - state.s, 0.0))
-    return c.progress * (missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind + min(_to_sign(local, state), UP_TO_SIGN) / MOVE_UP)
+    lost = missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind + min(_to_sign(local, state), UP_TO_SIGN) / MOVE_UP
+    return c.progress * lost + c.route * _urgent(local, state.node) * c.tail_s
 
 
 @kernel

@@ -16,6 +16,9 @@ GONE = -2  # Local.agent's NODE of an agent that is not there
 JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are looked at
 NEARBY = 10.0  # m beside its length within which a vehicle is near a knot
 RED_DECEL = 6.0  # m/s2 beyond which nobody stops for red: whoever has to, since yellow was short or it departs before a red light
+AHEAD_S = 14.4  # s of driving before a lane is lost at which a lane change that the route needs begins to be urgent,
+GROWS_S = 9.0  # and in which it becomes so altogether,
+URBAN = 13.9  # m/s at the limit, or this: 200 m in town
 ASIDE = 0.2  # m kept clear aside by a lane change yet to begin, half of it by one that is under way: else every inaccuracy would stop it half-way
 SIDEWAYS = 1.2  # m/s with which a vehicle moves to the centre line: a lane in 3 s
 TURNED = 0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
@@ -304,10 +307,11 @@ def _followers(node: Indices, s: Floats, reacts: Bools, ahead: Floats, state: St
 
 
 def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
-    """[W] the number of changes needed (at most 3, positive to the left) where the lane is about to be lost, falling to 0 at 200 m for each of them."""
+    """[W] the number of changes needed (at most 3, positive to the left) where the lane is about to be lost, falling to 0 at AHEAD_S for each of them."""
     room = np.maximum(route.station[view] + route.reach[view] - here, 1.0)
     needed = np.clip(route.needed[view], -3, 3)
-    return np.where(needed != 0, np.clip(1.6 - room / (125.0 * np.maximum(np.abs(route.needed[view]), 1)), 0.0, 1.0) * needed, 0.0)
+    seconds = room / max(route.limit[view][needed != 0].max(initial=0.0), URBAN)  # one speed for all, or going on could cost more than standing
+    return np.where(needed != 0, np.clip((AHEAD_S - seconds / np.maximum(np.abs(route.needed[view]), 1)) / GROWS_S, 0.0, 1.0) * needed, 0.0)
 
 
 def _closed(

@@ -346,7 +346,8 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
             accel = p.max_accel
         line[k] = accel
         side = way if k == turn and way != 0 else _needed_side(local, state)
-        if side != 0 and may_change(local, p, c, state, side, accel, k * q.ply * p.step):
+        most = math.inf if k == turn and way != 0 else 0.0  # the tree's own actions may cost others something; what goes on of itself waits for a gap
+        if side != 0 and may_change(local, p, c, state, side, accel, k * q.ply * p.step, most):
             state = begin_change(local, p, state, side)
             line[k] = entry_of(accel, side)
             j += c.lane_change
@@ -388,14 +389,14 @@ def _needed_side(local: Local, state: State) -> int:
 
 
 @kernel
-def may_change(local: Local, p: EgoParams, c: CostParams, state: State, side: int, accel: float, time: float) -> bool:
-    """Whether a lane change may begin at `time` (s from now) with `accel` (m/s2, or FOLLOW): the road allows it and the place is free.
+def may_change(local: Local, p: EgoParams, c: CostParams, state: State, side: int, accel: float, time: float, most: float = math.inf) -> bool:
+    """Whether a lane change may begin at `time` (s from now) with `accel` (m/s2, or FOLLOW): the road allows it and the place is free for at `most` that cost.
 
     SUMO moves who stands to the side; no car does. So a slow ego has to drive off for it, but where its lane ends and SUMO holds it.
     """
     if state.v < ROLLING and accel <= 0.0 and not leads_nowhere(local, state.node):
         return False
-    return can_change(local, p, state, side) and place_is_free(local, p, c, begin_change(local, p, state, side), index_at(local, time))
+    return can_change(local, p, state, side) and place_is_free(local, p, c, begin_change(local, p, state, side), index_at(local, time), most)
 
 
 @kernel

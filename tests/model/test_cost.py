@@ -14,7 +14,7 @@ from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.driver import Physics, mcts_params
 from sumo_mcts.evaluation.referee import can_meet
-from sumo_mcts.model.cost import _late, meet, place_is_free, step_passability, terminal
+from sumo_mcts.model.cost import TAKEN, _late, meet, place_is_free, step_passability, terminal
 from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.local import Local, State, _levels, apart, chain_gap
 from sumo_mcts.model.route import route_map
@@ -54,11 +54,12 @@ def test_a_metre_more_never_costs_more_than_the_time_it_saves(s: float, v: float
     assert rise <= task.cost.progress / local.limit + 1e-9
 
 
-def test_the_end_of_a_lane_counts_like_somebody_who_stands_there() -> None:
+def test_the_end_of_a_lane_counts_like_somebody_who_stands_there_and_goes_on_being_urgent() -> None:
     task, local, state = view(ending_lane(), "a_0", 400.0, 10.0)
     at_the_end = terminal(local, task.cost, state._replace(s=498.0, v=0.0), math.inf, 0.0)
     on_the_other = terminal(local, task.cost, state._replace(node=int(np.flatnonzero(task.route.lane == 1)[0]), s=498.0, v=0.0), math.inf, 0.0)
-    assert at_the_end - on_the_other == pytest.approx(task.cost.progress * task.cost.tail_s, rel=0.05)
+    urgency = (14.4 - 100.0 / local.limit) / 9.0
+    assert at_the_end - on_the_other == pytest.approx((task.cost.progress + task.cost.route * urgency) * task.cost.tail_s, rel=0.02)
 
 
 @pytest.mark.parametrize("length", [100.0, 249.0, 251.0, 2000.0])
@@ -293,15 +294,15 @@ def test_moving_in_front_of_who_leaves_the_lane_has_its_price() -> None:
     assert min(prices[:5]) > 0.0 and max(prices[5:]) == 0.0
 
 
-@pytest.mark.parametrize(("behind", "claims"), [(40.0, 0.0), (22.24, 0.0), (19.03, 0.5), (15.83, 1.0), (9.43, 2.0), (1.5, -1.0)])
-def test_the_nearer_a_follower_the_dearer_a_lane_change(behind: float, claims: float) -> None:
-    """A follower at 8 m/s, an ego at 4: at 22.23 m nobody brakes (2.5 m, 1.8 s, the difference in stopping distance), at 15.83 m (1 s) everybody."""
+@pytest.mark.parametrize(("behind", "taken"), [(40.0, 0.0), (22.24, 0.0), (13.983, 2.5), (9.7, 4.0), (1.5, -1.0)])
+def test_the_nearer_a_follower_the_dearer_a_lane_change(behind: float, taken: float) -> None:
+    """A follower at 8 m/s, an ego at 4: a follower at 2.5 m + 1.8 s * 8 m/s + (64 - 16) / 9 m keeps its speed, one at 9.7 m gives up 4 m/s."""
     task, local, state = view(lanes_east(3, 900.0), "a_1", 205.0, 4.0, Agent("x", "a_0", 200.0 - behind, 8.0))
     met = meet(local, task.ego, task.cost, begin_change(local, task.ego, state, -1)._replace(progress=0.1), NOBODY, 0, 0)
-    if claims < 0.0:
+    if taken < 0.0:
         assert (met.once, met.rate > 0.0, met.followers) == (0.0, True, 0)
     else:
-        assert met.once == pytest.approx(claims * task.cost.claim, abs=0.01) and met.followers == 1
+        assert met.once == pytest.approx(task.cost.claim * taken / TAKEN, abs=0.01) and met.followers == 1
 
 
 def test_who_stands_beside_half_out_of_the_lane_leads_nobody() -> None:
