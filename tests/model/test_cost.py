@@ -305,6 +305,21 @@ def test_the_nearer_a_follower_the_dearer_a_lane_change(behind: float, taken: fl
         assert met.once == pytest.approx(task.cost.claim * taken / TAKEN, abs=0.01) and met.followers == 1
 
 
+@pytest.mark.parametrize(("behind", "free", "at_no_cost"), [(25.0, True, True), (15.0, True, False), (1.5, False, False)])
+def test_a_place_may_be_free_at_a_price_only(behind: float, free: bool, at_no_cost: bool) -> None:
+    task, local, state = view(lanes_east(3, 900.0), "a_1", 205.0, 4.0, Agent("x", "a_0", 200.0 - behind, 8.0))
+    changed = begin_change(local, task.ego, state, -1)
+    assert (place_is_free(local, task.ego, task.cost, changed, 0), place_is_free(local, task.ego, task.cost, changed, 0, 0.0)) == (free, at_no_cost)
+
+
+@pytest.mark.parametrize(("limit", "room", "urgent"), [(13.9, 210.0, 0.0), (13.9, 190.0, 0.08), (33.0, 210.0, 0.89), (33.0, 480.0, 0.0), (33.0, 100.0, 1.0)])
+def test_a_lane_change_is_the_sooner_urgent_the_faster_the_road(limit: float, room: float, urgent: float) -> None:
+    lanes = [Lane("a", k, ((0.0, 3.2 * k), (500.0, 3.2 * k)), ("b_0",) * k, speed=limit) for k in range(2)]
+    road = build([*lanes, Lane("b", 0, ((500.0, 3.2), (900.0, 3.2)), speed=limit)])
+    _, local, state = view(road, "a_0", 500.0 - room, 10.0)
+    assert local.urgency[state.node - local.first] == pytest.approx(urgent, abs=0.01)
+
+
 def test_who_stands_beside_half_out_of_the_lane_leads_nobody() -> None:
     task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", "a_0", 103.0, 8.0, 1.0))
     assert meet(local, task.ego, task.cost, state, NOBODY, 0, 0).gap == math.inf
