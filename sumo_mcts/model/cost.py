@@ -279,7 +279,8 @@ def _cut_in(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float
     closing = max(0.0, follower_v - ego_v)
     if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel * (gap - 1.0):
         return -1.0
-    return c.claim * max(0.0, follower_v - safe_speed(gap - STANDSTILL, ego_v, CAREFUL_S)) / TAKEN
+    leads_with = min(ego_v, follower_v)  # an ego that is faster now may be so no longer when somebody slows down ahead of it
+    return c.claim * max(0.0, follower_v - safe_speed(gap - STANDSTILL, leads_with, CAREFUL_S)) / TAKEN
 
 
 @kernel
