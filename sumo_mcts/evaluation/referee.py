@@ -673,8 +673,7 @@ class Referee:
         if i < 0 or not frame.present:
             return True
         j = _find(before.agents.ids, name)
-        moving = agents.v[i] >= STANDING or (j >= 0 and before.agents.v[j] >= STANDING)
-        if not moving or frame.time - self._change_began < CHANGE_COUNTS_S - _EPS:
+        if not self._moves(before, frame, j, i) or frame.time - self._change_began < CHANGE_COUNTS_S - _EPS:
             return True
         if self._against_right_of_way(frame, i) or self._stands_on_junction(frame, i):
             return True
@@ -691,6 +690,13 @@ class Referee:
         # by its own lane change, or on the way of one
         drifts = j >= 0 and _shifts(self._road, before.agents, j, agents, i)
         return not (its_forward >= size[0] - TOUCHING or drifts)
+
+    def _moves(self, before: Frame, frame: Frame, j: int, i: int) -> bool:
+        """Whether agent i (j before, -1: not there) drives, or is moved to the side by a lane change, as SUMO does with those that stand, too."""
+        if j < 0:
+            return bool(frame.agents.v[i] >= STANDING)
+        moved = hypot(frame.agents.x[i] - before.agents.x[j], frame.agents.y[i] - before.agents.y[j])
+        return bool(max(frame.agents.v[i], before.agents.v[j], moved / self._step) >= STANDING)
 
     def _against_right_of_way(self, frame: Frame, i: int) -> bool:
         """Whether the ego is inside a junction that it entered against red, or inside a conflict area in which it has to let agent i pass."""

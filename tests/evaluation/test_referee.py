@@ -414,6 +414,15 @@ def test_sideswipe() -> None:
     assert crash(STRAIGHT, (ways[0], beside[0]), (ways[1], beside[1]), ROUTE) == ("collision", True)
 
 
+def test_who_changes_lanes_standing_does_not_stand() -> None:
+    """SUMO moves it to the side at no speed, into an ego that stands; an ego that moves aside itself comes to one that stands."""
+    stands = ego_at(STRAIGHT, "a_1", 50.0, 0.0)
+    beside = [Agent("x", "a_0", 47.0, 0.0, d=d) for d in (1.2, 1.6)]
+    assert crash(STRAIGHT, (stands, beside[0]), (stands, beside[1]), ROUTE) == ("collision", False)
+    aside = ego_at(STRAIGHT, "a_1", 50.0, 0.0, d=-0.4)
+    assert crash(STRAIGHT, (stands, beside[0]), (aside, beside[0]), ROUTE) == ("collision", True)
+
+
 def test_pedestrians_count() -> None:
     ego = [ego_at(STRAIGHT, "a_1", s) for s in (50.0, 55.0)]
     ahead = Agent("p", "", v=1.0, x=53.0, y=0.2, width=0.5, length=0.3)
