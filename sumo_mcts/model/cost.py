@@ -8,7 +8,7 @@ from typing import NamedTuple
 from sumo_mcts.model.ego import EgoParams, pose_of
 from sumo_mcts.model.geometry import boxes_touch
 from sumo_mcts.model.kernel import kernel, scalar_function
-from sumo_mcts.model.krauss import STANDSTILL, safe_gap, safe_speed
+from sumo_mcts.model.krauss import CAREFUL_S, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.model.local import (
     BESIDE,
     CLAIM_SAMPLES,
@@ -56,9 +56,7 @@ ROLLS = 0.3  # m/s below which, there, likewise
 UP_TO_SIGN = 30.0  # m before that place within which the way to it counts at the horizon,
 MOVE_UP = 4.0  # m/s as if driven with this
 SIGHT = 80.0  # m beyond which an agent is not looked at
-USUAL_S = 1.0  # s of driving that drivers leave between themselves and what is ahead,
-CAREFUL_S = 1.8  # and that the most careful of them leave
-TAKEN = 2.5  # m/s by which one of these has to slow down for a lane change of the ego that costs as much as a second in its way
+TAKEN = 2.5  # m/s by which a careful driver has to slow down for a lane change of the ego that costs as much as a second in its way
 
 TermFunction = Callable[[float, int, float, float, float, float, float, float], float]
 _TERM = "float64(float64, int64, float64, float64, float64, float64, float64, float64)"

@@ -10,11 +10,10 @@ import numpy as np
 
 from sumo_mcts.model.ego import EgoParams
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.model.krauss import DECEL, STANDSTILL, safe_speed
+from sumo_mcts.model.krauss import DECEL, STANDSTILL, USUAL_S, safe_speed
 from sumo_mcts.model.local import COS, DRIVEN, GONE, NODE, SIN, SLOT, Local, S, State, V, X, Y, chain_gap
 from sumo_mcts.scene import Floats
 
-REACTION = 1.0  # s
 PANIC = 9.0  # m/s2
 CATCHES_UP = 2.0  # m/s2
 IMPOSED = 2.0  # m/s2 of braking that counts as imposed (measures)
@@ -48,7 +47,7 @@ def react(local: Local, p: EgoParams, state: State, others: Floats, now: int, se
         gap = _gap_to_ego(local, p, state, int(local.agent[k, i, NODE]), local.agent[k, i, S] + driven - local.agent[k, i, DRIVEN])
         speed = v + CATCHES_UP * seconds
         if gap < math.inf:
-            careful = safe_speed(gap - STANDSTILL, state.v, REACTION)
+            careful = safe_speed(gap - STANDSTILL, state.v, USUAL_S)
             if careful < v:
                 imposed += max(0.0, min((v - careful) / seconds, DECEL) - IMPOSED)
             speed = min(speed, max(careful, v - (DECEL if gap > 1.0 else PANIC) * seconds))

@@ -10,9 +10,9 @@ from helpers_model import lanes_east, local_of, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.model.krauss import DECEL, STANDSTILL, safe_gap, safe_speed
+from sumo_mcts.model.krauss import DECEL, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.model.local import COS, SIN, SLOT, Local, S, State, V, X, Y
-from sumo_mcts.model.react import CLOCK, IMPOSED, REACTION, SPEED, at_rest, react, seen
+from sumo_mcts.model.react import CLOCK, IMPOSED, SPEED, at_rest, react, seen
 from sumo_mcts.planners.base import Task
 
 DT = 0.2  # s between looks, and between forecast times
@@ -51,7 +51,7 @@ def test_who_has_nobody_ahead_does_as_forecast() -> None:
 @settings(deadline=None)
 @given(st.floats(0.0, 15.0), st.floats(3.0, 60.0), st.lists(st.floats(-DECEL, 2.6), min_size=30, max_size=30))
 def test_a_careful_driver_never_touches_an_ego_that_brakes_no_harder(v: float, gap: float, accels: list[float]) -> None:
-    follower = min(15.0, safe_speed(gap - STANDSTILL, v, REACTION))
+    follower = min(15.0, safe_speed(gap - STANDSTILL, v, USUAL_S))
     task, local, state = view(v, Agent("behind", "a_1", 300.0 - LENGTH - gap, follower))
     states, rows, _ = drive(task, local, state, accels)
     for k, (ego, (s, speed)) in enumerate(zip(states, rows, strict=True)):
@@ -79,7 +79,7 @@ def test_who_is_held_up_drives_as_its_slow_twin() -> None:
     states, rows, imposed = drive(task, local, state, accels)
     s, v = rows[0]
     for k, ego in enumerate(states[1:], 1):
-        careful = safe_speed(ego.s - LENGTH - s - STANDSTILL, ego.v, REACTION)
+        careful = safe_speed(ego.s - LENGTH - s - STANDSTILL, ego.v, USUAL_S)
         wanted = max(0.0, min(v + 2.0 * DT, max(careful, v - DECEL * DT)))
         asked = max(0.0, min((v - careful) / DT, DECEL) - IMPOSED) if careful < v else 0.0
         s, v = s + wanted * DT, wanted
