@@ -41,6 +41,7 @@ from sumo_mcts.model.local import (
     Y,
     apart,
     chain_gap,
+    upstream_of,
 )
 from sumo_mcts.model.react import seen
 from sumo_mcts.model.route import INTERNAL, JUNCTION, LIMIT, NEXT, REACH, RIGHT_NODE, STATION
@@ -56,7 +57,9 @@ ROLLS = 0.3  # m/s below which, there, likewise
 UP_TO_SIGN = 30.0  # m before that place within which the way to it counts at the horizon,
 MOVE_UP = 4.0  # m/s as if driven with this
 SIGHT = 80.0  # m beyond which an agent is not looked at
-TAKEN = 2.5  # m/s by which a careful driver has to slow down for a lane change of the ego that costs as much as a second in its way
+TAKEN = 2.5  # m/s by which a careful driver has to slow down for a lane change of the ego that costs as much as a second in its way,
+TAKEN_SHARE = 0.2  # or this share of its speed, where that is more: on motorways nobody keeps a careful driver's distance
+RUN_UP = 0.1  # by how much dearer, at the horizon, a lane is that the route leaves if the ego cannot get as fast any more as those it has to move between
 
 TermFunction = Callable[[float, int, float, float, float, float, float, float], float]
 _TERM = "float64(float64, int64, float64, float64, float64, float64, float64, float64)"
@@ -118,7 +121,8 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
         if node == GONE or abs(local.agent[now, i, X] - x) > SIGHT or abs(local.agent[now, i, Y] - y) > SIGHT:
             continue
         near = moved or _near(local, x, y, own, now, i)
-        if node < 0 and not near:
+        joins = state.progress > 0.0 and upstream_of(node) >= 0
+        if node < 0 and not near and not joins:
             continue
         bx, by, bc, bs = local.agent[now, i, X], local.agent[now, i, Y], local.agent[now, i, COS], local.agent[now, i, SIN]
         v, s, at = local.agent[now, i, V], local.agent[now, i, S], now
@@ -126,10 +130,12 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
             bx, by, bc, bs, v, s, at = seen(local, others, i, now)
             node = int(local.agent[at, i, NODE])
         length = local.trait[i, HALF_LENGTH]
-        if node >= 0:
+        behind, to_ego = i < 63 and (followers >> i) & 1, math.inf
+        if joins:
+            to_ego = chain_gap(local, upstream_of(node), s, _target(state), state.s)
+        elif node >= 0:
             to_agent = _gap_ahead(local, state, node, s)
             to_ego = _gap_behind(local, state, node, s)
-            behind = i < 63 and (followers >> i) & 1
             if not moved and behind and (to_agent < math.inf or to_ego < math.inf):
                 continue  # the table has it where it would be without the ego
             to_rear = min(to_agent - 2.0 * length if to_agent >= 0.0 else math.inf, _to_leaving(local, state, i, s, now))
@@ -139,15 +145,15 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
                 return Meeting(True, rate, once, gap, leader_v, followers)
             if state.progress > 0.0 and _leaves(local, i, now) >= 0:
                 to_ego = min(to_ego, chain_gap(local, _leaves(local, i, now), s, _target(state), state.s))
-            if not behind and i < 63 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
-                price = _cut_in(c, to_ego - 2.0 * p.half_length, v, state.v)
-                if price >= 0.0:
-                    followers |= 1 << i
-                    once += price
-                    if not moved:
-                        continue
-                else:
-                    rate += c.claim
+        if not behind and i < 63 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
+            price = _cut_in(c, to_ego - 2.0 * p.half_length, v, state.v)
+            if price >= 0.0:
+                followers |= 1 << i
+                once += price
+                if not moved:
+                    continue
+            else:
+                rate += c.claim
         if not near:
             continue
         if _touch(local, p, state, half_width, x, y, cs, sn, i, at, bx, by, bc, bs, v):
@@ -200,15 +206,18 @@ def place_is_free(local: Local, p: EgoParams, c: CostParams, changed: State, ind
     target = changed.other if changed.other >= 0 else changed.node
     for i in range(local.agent.shape[1]):
         node = int(local.agent[now, i, NODE])
-        if node < 0 or local.trait[i, REACTS] == 0.0:
+        comes_to = upstream_of(node)
+        if (node < 0 and comes_to < 0) or local.trait[i, REACTS] == 0.0:
             continue
         s, left = local.agent[now, i, S], _leaves(local, i, now)
-        behind = chain_gap(local, node, s, target, changed.s)
+        behind = chain_gap(local, max(node, comes_to), s, target, changed.s)
         if left >= 0:
             behind = min(behind, chain_gap(local, left, s, target, changed.s))
         price = _cut_in(c, behind - 2.0 * p.half_length, local.agent[now, i, V], changed.v) if 0.0 <= behind < math.inf else 0.0
         if price < 0.0 or price > most:
             return False
+        if comes_to >= 0:
+            continue
         ahead = chain_gap(local, target, changed.s, node, s) - 2.0 * local.trait[i, HALF_LENGTH]
         closing = max(0.0, changed.v - local.agent[now, i, V])
         beside = ahead < 0.5 <= ahead + 2.0 * local.trait[i, HALF_LENGTH]
@@ -278,7 +287,8 @@ def _cut_in(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float
     if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel * (gap - 1.0):
         return -1.0
     leads_with = min(ego_v, follower_v)  # an ego that is faster now may be so no longer when somebody slows down ahead of it
-    return c.claim * max(0.0, follower_v - safe_speed(gap - STANDSTILL, leads_with, CAREFUL_S)) / TAKEN
+    taken = max(0.0, follower_v - safe_speed(gap - STANDSTILL, leads_with, CAREFUL_S))
+    return c.claim * taken / max(TAKEN, TAKEN_SHARE * follower_v)
 
 
 @kernel
@@ -407,7 +417,16 @@ def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: fl
     missing = max(0.0, local.limit - useful) if local.free else 0.0
     behind = max(_behind(local, c, gap, leader_v), _behind(local, c, local.node[state.node, REACH] - state.s, 0.0))
     lost = missing * missing / (2.0 * PICK_UP * local.limit) + c.tail_s * behind + min(_to_sign(local, state), UP_TO_SIGN) / MOVE_UP
-    return c.progress * lost + c.route * _urgent(local, state.node) * c.tail_s
+    return c.progress * lost + c.route * _urgent(local, state.node) * c.tail_s * (1.0 + RUN_UP * _too_slow(local, state))
+
+
+@kernel
+def _too_slow(local: Local, state: State) -> float:
+    """Share of the speed of those it has to move between that the ego cannot reach any more before its lane ends: who stands there finds no gap."""
+    room = local.node[state.node, REACH] - state.s
+    if math.isinf(room):
+        return 0.0
+    return max(0.0, 1.0 - math.sqrt(state.v * state.v + 2.0 * PICK_UP * max(room, 0.0)) / max(local.pace, 1.0))
 
 
 @kernel

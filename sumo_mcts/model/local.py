@@ -13,12 +13,14 @@ from sumo_mcts.scene import GREEN, YELLOW, Agents, Bools, EgoState, Floats, Fore
 BACK = 100.0  # m of the route behind the ego where followers are seen
 VIEW = 400.0  # m of the route ahead that a search may see
 GONE = -2  # Local.agent's NODE of an agent that is not there
+UPSTREAM = -3  # ... and UPSTREAM - n of one that comes to node n from a lane beside the route: see upstream_of
 JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are looked at
 NEARBY = 10.0  # m beside its length within which a vehicle is near a knot
 RED_DECEL = 6.0  # m/s2 beyond which nobody stops for red: whoever has to, since yellow was short or it departs before a red light
 AHEAD_S = 14.4  # s of driving before a lane is lost at which a lane change that the route needs begins to be urgent,
 GROWS_S = 9.0  # and in which it becomes so altogether,
 URBAN = 13.9  # m/s at the limit, or this: 200 m in town
+PACE_VIEW = 100.0  # m before and behind the ego in which the speed of those that it has to move between is looked at
 ASIDE = 0.2  # m kept clear aside by a lane change yet to begin, half of it by one that is under way: else every inaccuracy would stop it half-way
 SIDEWAYS = 1.2  # m/s with which a vehicle moves to the centre line: a lane in 3 s
 TURNED = 0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
@@ -42,6 +44,7 @@ class Local(NamedTuple):
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
+    pace: float  # mean speed of the others around the ego in the lanes that the route goes on in, m/s; where there is nobody, their limit
     free: bool  # no light that stays red and no dead end ahead of the ego, as far as it could come
     stop_at: float  # m along the route (STATION) where the next stop line is if it is that of a stop sign at which the ego has still to stand; else inf
     followers: int  # bit i: agent i is behind the ego in its lane and reacts: its contact is imposed braking
@@ -49,7 +52,8 @@ class Local(NamedTuple):
     dt: float  # s between forecast times
 
 
-# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, -2: not there any more), lane position, m driven from now on.
+# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, GONE, from UPSTREAM downwards: on the way to one), lane position there (on the
+# way: negative), m driven from now on.
 X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
 # Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass;
 # its row among those that the search moves (model/react.py), -1: the table has it; the node of the lane beside into which its box reaches
@@ -129,6 +133,8 @@ def build_local(
     ahead = _ahead(route.next, route.length, first, w)
     node[~forecast.valid[hypothesis]] = GONE
     s, v = forecast.s[hypothesis], forecast.v[hypothesis]
+    station = s.copy()
+    _fill_upstream(node, station, lane, lane_node, route.upstream.lane, route.upstream.onto, route.upstream.begin)
     driven = np.zeros_like(v)
     driven[1:] = np.cumsum(np.where(lane[1:] == lane[:-1], s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * forecast.dt), axis=0)
     level, place = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
@@ -136,16 +142,43 @@ def build_local(
     followers = _followers(node[0], s[0], forecast.reacts, ahead, state, first)
     return Local(
         route.table, route.rows, closed, level, place, ahead,
-        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, s, driven]),
+        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, station, driven]),
         np.column_stack([
             forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields[hypothesis], _slots(forecast, node, scene, reactive),
             *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt),
         ]),
         _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width, forecast.dt, claim_s),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, followers), first, float(route.limit[state.node]),
+        _pace(route, view, here, node[0], station[0], v[0]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
         _stop_at(route, state, cleared, here), followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
     )  # fmt: skip
+
+
+@making_arrays
+def _fill_upstream(node: Indices, s: Floats, lane: Ints, lane_node: Indices, upstream: Indices, onto: Indices, begin: Floats) -> None:
+    """Of agents [T, N] on lanes that lead into the ego's, write down which node they come to and how far before it they are; not of those who turn off."""
+    to = np.full(len(lane_node), -1, np.int64)
+    for k in range(len(upstream)):
+        if lane_node[onto[k]] >= 0:
+            to[upstream[k]] = k
+    for i in range(lane.shape[1]):
+        comes = True  # until it is known better: at the end of the forecast
+        for t in range(len(lane) - 1, -1, -1):
+            if node[t, i] != -1:
+                comes = node[t, i] >= 0
+                continue
+            k = to[lane[t, i]] if comes and lane[t, i] >= 0 else -1
+            comes = k >= 0
+            if comes:
+                node[t, i] = UPSTREAM - lane_node[onto[k]]
+                s[t, i] += begin[k]
+
+
+@kernel
+def upstream_of(node: int) -> int:
+    """The node that an agent comes to from a lane beside the route; -1: it does not, or is on the route."""
+    return UPSTREAM - node if node <= UPSTREAM else -1
 
 
 def _levels(road: RoadMap, own: Indices, lane: Ints, s: Floats, length: Floats) -> tuple[Indices, Indices]:
@@ -312,6 +345,16 @@ def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
     needed = np.clip(route.needed[view], -3, 3)
     seconds = room / max(route.limit[view][needed != 0].max(initial=0.0), URBAN)  # one speed for all, or going on could cost more than standing
     return np.where(needed != 0, np.clip((AHEAD_S - seconds / np.maximum(np.abs(route.needed[view]), 1)) / GROWS_S, 0.0, 1.0) * needed, 0.0)
+
+
+def _pace(route: RouteMap, view: slice, here: float, node: Indices, s: Floats, v: Floats) -> float:
+    """Local.pace, of agents [N]; who comes into such a lane from beside the route counts."""
+    to = np.where(node <= UPSTREAM, UPSTREAM - node, node)
+    beside = (to >= 0) & (route.changes[to] == 0) & (np.abs(route.station[to] + s - here) < PACE_VIEW)
+    if beside.any():
+        return float(v[beside].mean())
+    good = route.changes[view] == 0
+    return float(route.limit[view][good].max(initial=0.0))
 
 
 def _closed(

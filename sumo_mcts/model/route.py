@@ -1,5 +1,6 @@
 """The lanes an ego may use along its route, laid out for the search: what follows, what lies beside, where it is allowed to be how fast."""
 
+import heapq
 import math
 from itertools import pairwise
 from typing import NamedTuple
@@ -16,6 +17,15 @@ SPACING = 1.0  # m between the rows of the pose and speed tables
 # Columns of RouteMap.table: compiled code is handed one array, since every array in a tuple costs at every call.
 NEXT, LEFT_NODE, RIGHT_NODE, LENGTH, LIMIT, STATION, REACH, STOP_LINE, INTERNAL, FIRST_ROW, LAST_ROW, JUNCTION = range(12)
 END_GAP = 1.5  # m kept to the end of a lane that leads nowhere
+UPSTREAM_VIEW = 200.0  # m before a lane of the route over which the lanes that lead into it are followed
+
+
+class Upstream(NamedTuple):
+    """U lanes beside the route that lead into it."""
+
+    lane: Indices  # [U] lane of the RoadMap
+    onto: Indices  # [U] the lane of the route that it leads to
+    begin: Floats  # [U] where it begins, as that lane counts: negative, m
 
 
 class RouteMap(NamedTuple):
@@ -43,6 +53,7 @@ class RouteMap(NamedTuple):
     cap: Floats  # [R] speed from which all lower limits and dead ends ahead are reached with approach_decel
     table: Floats  # [W, 12] next .. station, reach, stop, internal, first and last row, and junction, once more, for compiled code
     rows: Floats  # [R, 5] pose and cap, likewise
+    upstream: Upstream
 
 
 def is_rest_of(route: tuple[int, ...], edges: tuple[int, ...]) -> bool:
@@ -89,7 +100,7 @@ def route_map(road: RoadMap, edges: tuple[int, ...], vclass: int, length: float,
         lane, leg, nxt, left, right, node_length, limit, station, changes, _needed(nxt, changes), reach, stop, signal,
         np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
         np.column_stack([nxt, left, right, node_length, limit, station, reach, stop, internal, row[:-1], row[1:] - 1, road.junction[lane]]).astype(np.float64),
-        np.column_stack([pose, cap]),
+        np.column_stack([pose, cap]), _upstream(road, lane),
     )  # fmt: skip
 
 
@@ -164,6 +175,28 @@ def _continuations(
             for i in here:
                 changes[i] = min((g - int(road.index[lane[i]]) for g in good), key=abs)
     return nxt, changes, reach
+
+
+def _upstream(road: RoadMap, own: Indices) -> Upstream:
+    """The lanes that are not among the route's `own` and lead to one of them within UPSTREAM_VIEW m; where one leads to several, to the nearest."""
+    order = np.argsort(road.successor, kind="stable")
+    origin = np.repeat(np.arange(len(road.length)), np.diff(road.successor_offset))[order]
+    first = np.searchsorted(road.successor[order], np.arange(len(road.length) + 1))
+    seen = set(own.tolist())
+    todo = [(0.0, here, here) for here in sorted(seen)]
+    found: list[tuple[int, int, float]] = []
+    while todo:
+        way, here, onto = heapq.heappop(todo)
+        for lane in origin[first[here] : first[here + 1]].tolist():
+            if lane in seen:
+                continue
+            seen.add(lane)
+            begin = way + float(road.length[lane])
+            found.append((lane, onto, -begin))
+            if begin < UPSTREAM_VIEW:
+                heapq.heappush(todo, (begin, lane, onto))
+    lanes, onto_lanes, begins = zip(*found, strict=True) if found else ((), (), ())
+    return Upstream(np.array(lanes, np.int64), np.array(onto_lanes, np.int64), np.array(begins))
 
 
 def _needed(nxt: Indices, changes: Indices) -> Indices:

@@ -14,9 +14,9 @@ from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.driver import Physics, mcts_params
 from sumo_mcts.evaluation.referee import can_meet
-from sumo_mcts.model.cost import TAKEN, _late, meet, place_is_free, step_passability, terminal
+from sumo_mcts.model.cost import RUN_UP, TAKEN, _late, meet, place_is_free, step_passability, terminal
 from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change, pose_of
-from sumo_mcts.model.local import Local, State, _levels, apart, chain_gap
+from sumo_mcts.model.local import Local, State, _fill_upstream, _levels, apart, chain_gap, upstream_of
 from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.mcts import follow_line, in_steps
@@ -59,7 +59,9 @@ def test_the_end_of_a_lane_counts_like_somebody_who_stands_there_and_goes_on_bei
     at_the_end = terminal(local, task.cost, state._replace(s=498.0, v=0.0), math.inf, 0.0)
     on_the_other = terminal(local, task.cost, state._replace(node=int(np.flatnonzero(task.route.lane == 1)[0]), s=498.0, v=0.0), math.inf, 0.0)
     urgency = (14.4 - 100.0 / local.limit) / 9.0
-    assert at_the_end - on_the_other == pytest.approx((task.cost.progress + task.cost.route * urgency) * task.cost.tail_s, rel=0.02)
+    slow = 1.0 - math.sqrt(2.0 * 2.6 * 2.0) / local.pace  # what it can still reach there
+    worth = task.cost.progress + task.cost.route * urgency * (1.0 + RUN_UP * slow)
+    assert at_the_end - on_the_other == pytest.approx(worth * task.cost.tail_s, rel=0.01)
 
 
 @pytest.mark.parametrize("length", [100.0, 249.0, 251.0, 2000.0])
@@ -310,6 +312,72 @@ def test_a_place_may_be_free_at_a_price_only(behind: float, free: bool, at_no_co
     task, local, state = view(lanes_east(3, 900.0), "a_1", 205.0, 4.0, Agent("x", "a_0", 200.0 - behind, 8.0))
     changed = begin_change(local, task.ego, state, -1)
     assert (place_is_free(local, task.ego, task.cost, changed, 0), place_is_free(local, task.ego, task.cost, changed, 0, 0.0)) == (free, at_no_cost)
+
+
+# --- merging ---
+
+
+def acceleration_lane() -> RoadMap:
+    """A ramp leads to the lane a_0, which ends; main_0, from which x_0 branches off, leads to a_1 beside it, and on to b."""
+    return build(
+        [
+            Lane("ramp", 0, ((-100.0, -60.0), (0.0, 0.0)), ("a_0",)),
+            Lane("main", 0, ((-300.0, 3.2), (0.0, 3.2)), ("a_1", "x_0"), speed=30.0),
+            Lane("x", 0, ((0.0, 3.2), (80.0, 40.0)), speed=30.0),
+            Lane("a", 0, ((0.0, 0.0), (150.0, 0.0)), speed=30.0),
+            Lane("a", 1, ((0.0, 3.2), (150.0, 3.2)), ("b_0",), speed=30.0),
+            Lane("b", 0, ((150.0, 3.2), (600.0, 3.2)), speed=30.0),
+        ]
+    )
+
+
+def merging(s: float, v: float, *agents: Agent) -> tuple[Task, Local, State]:
+    road = acceleration_lane()
+    ego = ego_at(road, "a_0", s, v, route=edges(road, "a", "b"))
+    task = task_of(road, ego)
+    return task, *local_of(task, scene_of(ego, road, *agents))
+
+
+@pytest.mark.parametrize(("v", "left", "free", "at_no_cost"), [(20.0, 8.0, False, False), (20.0, 45.0, True, False), (14.0, 50.0, True, True)])
+def test_who_comes_to_the_new_lane_from_beside_the_route_is_behind_there(v: float, left: float, free: bool, at_no_cost: bool) -> None:
+    """The ego, at 10 m/s, is 12 m down the acceleration lane; somebody is `left` m before the lane beside begins."""
+    task, local, state = merging(12.0, 10.0, Agent("x", "main_0", 300.0 - left, v))
+    changed = begin_change(local, task.ego, state, 1)
+    assert (place_is_free(local, task.ego, task.cost, changed, 0), place_is_free(local, task.ego, task.cost, changed, 0, 0.0)) == (free, at_no_cost)
+    met = meet(local, task.ego, task.cost, changed._replace(progress=0.1), NOBODY, 0, 0)
+    assert (met.rate > 0.0, met.once > 0.0, met.followers) == (not free, free and not at_no_cost, int(free))
+
+
+def test_who_comes_from_beside_the_route_leads_nobody_and_matters_to_lane_changes_only() -> None:
+    task, local, state = merging(12.0, 10.0, Agent("x", "main_0", 295.0, 20.0))
+    met = meet(local, task.ego, task.cost, state, NOBODY, 0, 0)
+    assert (met.rate, met.once, met.followers, met.gap) == (0.0, 0.0, 0, math.inf)
+
+
+def test_who_is_expected_to_turn_off_before_does_not_come() -> None:
+    """Lanes: 0 leads into the route's lane 1, or to lane 2."""
+    lane_node, upstream, onto, begin = np.array([-1, 7, -1]), np.array([0]), np.array([1]), np.array([-50.0])
+    lane = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 2]], np.int32)  # [T, N]
+    s = np.array([[10.0, 10.0, 10.0], [40.0, 20.0, 40.0], [5.0, 30.0, 5.0]])
+    node = np.where(lane == 1, 7, -1)
+    _fill_upstream(node, s, lane, lane_node, upstream, onto, begin)
+    assert [[upstream_of(n) for n in row] for row in node.tolist()] == [[7, 7, -1], [7, 7, -1], [-1, 7, -1]]
+    assert s.tolist() == [[-40.0, -40.0, 10.0], [-10.0, -30.0, 40.0], [5.0, -20.0, 5.0]]
+
+
+@pytest.mark.parametrize(("others", "pace"), [((), 30.0), ((("a_1", 60.0, 20.0), ("main_0", 290.0, 26.0), ("a_0", 50.0, 3.0), ("main_0", 50.0, 9.0)), 23.0)])
+def test_the_pace_is_that_of_those_beside_and_of_those_who_come(others: tuple[tuple[str, float, float], ...], pace: float) -> None:
+    _, local, _ = merging(12.0, 10.0, *(Agent(str(k), *each) for k, each in enumerate(others)))
+    assert local.pace == pytest.approx(pace)
+
+
+def test_at_the_horizon_room_to_get_as_fast_as_the_others_is_worth_something() -> None:
+    task, local, state = merging(12.0, 10.0, Agent("x", "a_1", 60.0, 20.0))
+    costs = [terminal(local, task.cost, state._replace(s=s, v=v), math.inf, 0.0) for s, v in ((60.0, 0.0), (120.0, 0.0), (120.0, 16.0))]
+    no_room, full = 1.0 - math.sqrt(2.0 * 2.6 * 30.0) / 20.0, task.cost.route * task.cost.tail_s
+    further = 0.4 * 60.0 / local.limit  # the end of the lane is nearer
+    assert costs[1] - costs[0] == pytest.approx(RUN_UP * full * (no_room - max(0.0, 1.0 - math.sqrt(2.0 * 2.6 * 90.0) / 20.0)) + further, rel=0.01)
+    assert costs[2] == pytest.approx(costs[1] - RUN_UP * full * no_room)
 
 
 @pytest.mark.parametrize(("limit", "room", "urgent"), [(13.9, 210.0, 0.0), (13.9, 190.0, 0.08), (33.0, 210.0, 0.89), (33.0, 480.0, 0.0), (33.0, 100.0, 1.0)])

@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 
 from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import load
-from sumo_mcts.model.route import SPACING, RouteMap, lane_pose, route_map
+from sumo_mcts.model.route import SPACING, UPSTREAM_VIEW, RouteMap, lane_pose, route_map
 from sumo_mcts.scene import STOP, EgoState, RoadMap
 from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.observe import Change, Observer
@@ -153,6 +153,39 @@ def test_stations_grow_along_next(name: str) -> None:
         assert np.all(room > -1e-6)  # ways through a junction may be shorter than the longest of them
         assert np.all(np.diff(route.leg[nodes]) >= 0)
         assert not np.any(route.internal & ((route.left >= 0) | (route.right >= 0)))
+
+
+@pytest.mark.parametrize("name", [*GAMES, "unprotected-left-turn"])
+def test_lanes_upstream_are_those_from_which_a_search_ahead_finds_the_route(name: str) -> None:
+    road, seen = observed(name)
+    compared = 0
+    for vehicle in seen[:: max(1, len(seen) // 5)]:
+        route = laid_out(name, vehicle.whole, vehicle.ego.vclass, vehicle.ego.length)
+        found = {lane: (onto, begin) for lane, onto, begin in zip(*(column.tolist() for column in route.upstream), strict=True)}
+        own, ways = set(route.lane.tolist()), dict[int, float]()
+        for lane in set(range(len(road.lane_ids))) - own:
+            way = metres_to_the_route(road, own, lane)
+            if way < UPSTREAM_VIEW:
+                ways[lane] = way
+        assert found.keys() == ways.keys() and {onto for onto, _ in found.values()} <= own
+        assert all(begin == pytest.approx(-ways[lane] - road.length[lane]) for lane, (_, begin) in found.items())
+        compared += len(found)
+    assert compared > 0
+
+
+def metres_to_the_route(road: RoadMap, own: set[int], lane: int) -> float:
+    """From the end of a lane on, by the shortest way; inf where that is longer than UPSTREAM_VIEW."""
+    best, todo = {lane: 0.0}, [lane]
+    nearest = math.inf
+    while todo:
+        here = todo.pop()
+        for after in road.successor[road.successor_offset[here] : road.successor_offset[here + 1]].tolist():
+            if after in own:
+                nearest = min(nearest, best[here])
+            elif best[here] + road.length[after] < min(UPSTREAM_VIEW, best.get(after, math.inf)):
+                best[after] = best[here] + float(road.length[after])
+                todo.append(after)
+    return nearest
 
 
 # --- small routes ---
