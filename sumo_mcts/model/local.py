@@ -350,7 +350,8 @@ def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
 def _pace(route: RouteMap, view: slice, here: float, node: Indices, s: Floats, v: Floats) -> float:
     """Local.pace, of agents [N]; who comes into such a lane from beside the route counts."""
     to = np.where(node <= UPSTREAM, UPSTREAM - node, node)
-    beside = (to >= 0) & (route.changes[to] == 0) & (np.abs(route.station[to] + s - here) < PACE_VIEW)
+    at = np.maximum(to, 0)  # nobody's node is -1 or GONE
+    beside = (to >= 0) & (route.changes[at] == 0) & (np.abs(route.station[at] + s - here) < PACE_VIEW)
     if beside.any():
         return float(v[beside].mean())
     good = route.changes[view] == 0
