@@ -121,8 +121,8 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
         if node == GONE or abs(local.agent[now, i, X] - x) > SIGHT or abs(local.agent[now, i, Y] - y) > SIGHT:
             continue
         near = moved or _near(local, x, y, own, now, i)
-        joins = state.progress > 0.0 and upstream_of(node) >= 0
-        if node < 0 and not near and not joins:
+        comes_to = upstream_of(node) if state.progress > 0.0 else -1
+        if node < 0 and comes_to < 0 and not near:
             continue
         bx, by, bc, bs = local.agent[now, i, X], local.agent[now, i, Y], local.agent[now, i, COS], local.agent[now, i, SIN]
         v, s, at = local.agent[now, i, V], local.agent[now, i, S], now
@@ -131,8 +131,8 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
             node = int(local.agent[at, i, NODE])
         length = local.trait[i, HALF_LENGTH]
         behind, to_ego = i < 63 and (followers >> i) & 1, math.inf
-        if joins:
-            to_ego = chain_gap(local, upstream_of(node), s, _target(state), state.s)
+        if comes_to >= 0:
+            to_ego = chain_gap(local, comes_to, s, _target(state), state.s)
         elif node >= 0:
             to_agent = _gap_ahead(local, state, node, s)
             to_ego = _gap_behind(local, state, node, s)

@@ -133,8 +133,8 @@ def build_local(
     ahead = _ahead(route.next, route.length, first, w)
     node[~forecast.valid[hypothesis]] = GONE
     s, v = forecast.s[hypothesis], forecast.v[hypothesis]
-    station = s.copy()
-    _fill_upstream(node, station, lane, lane_node, route.upstream.lane, route.upstream.onto, route.upstream.begin)
+    position = s.copy()  # those upstream count from their node
+    _fill_upstream(node, position, lane, lane_node, route.upstream.lane, route.upstream.onto, route.upstream.begin)
     driven = np.zeros_like(v)
     driven[1:] = np.cumsum(np.where(lane[1:] == lane[:-1], s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * forecast.dt), axis=0)
     level, place = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
@@ -142,14 +142,14 @@ def build_local(
     followers = _followers(node[0], s[0], forecast.reacts, ahead, state, first)
     return Local(
         route.table, route.rows, closed, level, place, ahead,
-        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, station, driven]),
+        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
         np.column_stack([
             forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields[hypothesis], _slots(forecast, node, scene, reactive),
             *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt),
         ]),
         _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width, forecast.dt, claim_s),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, followers), first, float(route.limit[state.node]),
-        _pace(route, view, here, node[0], station[0], v[0]),
+        _pace(route, view, here, node[0], position[0], v[0]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
         _stop_at(route, state, cleared, here), followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
     )  # fmt: skip
