@@ -125,6 +125,7 @@ def regret(
     seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Episodes a scenario, at most: seeds 0 to N-1.")] = 10,
     every: Annotated[int, typer.Option(min=1, metavar="N", help="Decision periods from one state to the next.")] = 5,
     converged: Annotated[bool, typer.Option("--converged", help="Measure the reference itself, against 100 times its effort.")] = False,
+    jobs: Annotated[Optional[int], typer.Option(min=1, metavar="N", help="Processes. Default: one a core.")] = None,  # noqa: UP045
     assign: Assignments = None,
     out: Annotated[Optional[Path], typer.Option(help="Folder for regret.jsonl and regret.csv, a row for each judgement.")] = None,  # noqa: UP045
     allow_plugins: AllowPlugins = False,
@@ -134,10 +135,12 @@ def regret(
     """Measure how near planners come to the optimum of a reference problem, in states from episodes driven by planner mcts."""
     with _plain_errors():
         from sumo_mcts import commands
+        from sumo_mcts.regret import Asked
 
         if out is not None:
             commands.check_folder(out)
-        plan = commands.RegretPlan(tuple(planners.split(",")), commands.counts(iterations), seeds, every, states, converged)
+        asked = Asked(tuple(planners.split(",")), commands.counts(iterations), converged)
+        plan = commands.RegretPlan(asked, seeds, every, states, jobs)
         with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
             egos = tuple(ego or ())
             result = commands.regret(tuple(scenarios or ()), egos, ego_until, tuple(assign or ()), plan, out, note, allow_plugins=allow_plugins)

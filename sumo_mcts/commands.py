@@ -1,9 +1,12 @@
 """What the commands do, as plain functions: no printing, no exit codes."""
 
 import tempfile
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from concurrent.futures import Future
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,10 +17,13 @@ from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.driver import cost_params, make_planner, make_predictor
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.experiments import folder as batch_folder
+from sumo_mcts.experiments import workers
 from sumo_mcts.experiments.batch import SHARDS, Progress, built_in, listed, run_batch
+from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.forecast_error import compare
+from sumo_mcts.model.kernel import COMPILING, is_compiled
 from sumo_mcts.planners.reference import LABELS, digest
-from sumo_mcts.regret import FACTOR, FINER, Harvest, Panel, Row, both_efforts, convergence, ranking
+from sumo_mcts.regret import FACTOR, FINER, Asked, Harvest, Row, check, convergence, harvest, ranking
 from sumo_mcts.world.arguments import key_of_value, network_of, sumocfg_arguments
 from sumo_mcts.world.candidates import Candidate, candidates
 from sumo_mcts.world.roadmap import known_roadmap
@@ -34,12 +40,23 @@ Note = Callable[[str], None]
 class RegretPlan(NamedTuple):
     """What `regret` is to do."""
 
-    planners: tuple[str, ...]
-    iterations: tuple[int, ...]
+    asked: Asked
     seeds: int  # episodes a scenario, at most
     every: int  # cycles from one state to the next
     states: int  # at most, over all scenarios
-    converged: bool  # look at the reference itself, not at planners
+    jobs: int | None = 1  # processes; None: one a core
+
+
+@dataclass
+class _Source:
+    """Where states come from: a scenario with one ego, as far as it was driven."""
+
+    origin: str
+    config: ScenarioConfig
+    missing: int  # states
+
+    def named(self) -> AbstractContextManager[None]:
+        return _named(self.origin, self.config.sumo.sumocfg)
 
 
 def resolve(
@@ -108,26 +125,33 @@ def regret(
     """How near planners come to the optimum of the reference problem, in states of episodes that planner `mcts` drives: an episode for each scenario (none
     given: REGRET_SCENES), ego and seed. Every judgement goes into regret.jsonl and regret.csv in `out`, and what is returned into regret.json. Raises
     ConfigError."""
-    for name in plan.planners:
+    for name in plan.asked.planners:
         config.require_permission("--planners", name, allow_plugins)
     driven = (*overrides, "planner.name=mcts")
-    episodes = [(name, one) for name in scenarios or REGRET_SCENES for one in _episodes(name, egos, until, driven, allow_plugins=allow_plugins)]
+    sources = _sources(scenarios or REGRET_SCENES, egos, until, driven, plan, allow_plugins)
     rows: list[Row] = []
-    each, left = divmod(plan.states, len(episodes))
-    harvests = [_harvest(name, one, plan, each + (k < left), note) for k, (name, one) in enumerate(episodes)]
+    outcomes, problems, states = Counter[str](), list[str](), 0
     with _regret_file(out, rows) as keep:
-        for number in range(plan.seeds):
-            for (name, one), harvest in zip(episodes, harvests, strict=True):
-                with _named(name, one.sumo.sumocfg):
-                    harvest.drive(number, None if one.sumo.sumocfg is not None and plan.seeds == 1 else number, keep)
+        for source, seed, found in _harvests(sources, plan, note):
+            if not source.missing:  # driven ahead, in vain
+                continue
+            with source.named():
+                harvested = _harvested(found, source.config.name, seed)
+            outcomes += harvested.outcomes
+            problems += harvested.problems
+            taken = harvested.states[: source.missing]
+            source.missing -= len(taken)
+            states += len(taken)
+            for row in chain(*taken):
+                keep(row)
     result = {
         "schema_version": records.SCHEMA_VERSION,
         "reference_digest": digest(),
-        "scenarios": list(dict.fromkeys(one.name for _, one in episodes)),
-        "states": sum(harvest.states for harvest in harvests),
-        "outcomes": dict(sum((harvest.outcomes for harvest in harvests), Counter[str]())),
-        "problems": [problem for harvest in harvests for problem in harvest.problems],
-        **({"convergence": convergence(rows)} if plan.converged else {"planners": ranking(rows)}),
+        "scenarios": list(dict.fromkeys(source.config.name for source in sources)),
+        "states": states,
+        "outcomes": dict(outcomes),
+        "problems": problems,
+        **({"convergence": convergence(rows)} if plan.asked.converged else {"planners": ranking(rows)}),
     }
     if out is not None:
         records.write_whole(out / "regret.json", (records.json_text(result) + "\n").encode())
@@ -145,10 +169,45 @@ def counts(text: str) -> tuple[int, ...]:
     return numbers
 
 
-def _harvest(name: str, config: ScenarioConfig, plan: RegretPlan, most: int, note: Note) -> Harvest:
-    ask = both_efforts if plan.converged else Panel(config, plan.planners, plan.iterations).ask
-    with _named(name, config.sumo.sumocfg):
-        return Harvest(config, plan.every, most, ask, note)
+def _sources(scenarios: Sequence[str], egos: Sequence[str], until: str | None, overrides: tuple[str, ...], plan: RegretPlan, allow: bool) -> list[_Source]:
+    """Each scenario with each ego, and its share of the states. Raises ConfigError where somebody cannot be asked there."""
+    found = [(name, one) for name in scenarios for one in _episodes(name, egos, until, overrides, allow_plugins=allow)]
+    each, left = divmod(plan.states, len(found))
+    sources = [_Source(name, one, each + (k < left)) for k, (name, one) in enumerate(found)]
+    for source in sources:
+        with source.named():
+            check(source.config, plan.asked)
+    return sources
+
+
+def _harvests(sources: Sequence[_Source], plan: RegretPlan, note: Note) -> Iterator[tuple[_Source, int | None, "Future[Harvest]"]]:
+    """The episodes of all sources, seed by seed, as far as states are missing; in this order whatever the number of processes."""
+
+    def begun(crew: Crew) -> Iterator[tuple[_Source, int | None, "Future[Harvest]"]]:
+        for number in range(plan.seeds):
+            for source in sources:
+                if source.missing:
+                    note(f"{sum(one.missing for one in sources)} of {plan.states} states to go  {source.config.name}, episode {number}")
+                    seed = None if source.config.sumo.sumocfg is not None and plan.seeds == 1 else number
+                    yield source, seed, crew.executor.submit(harvest, source.config, seed, plan.asked, plan.every, number, source.missing)
+
+    if not is_compiled():
+        note(COMPILING)
+    with workers.here() if plan.jobs == 1 else workers.local(plan.jobs or workers.cores()) as crew:
+        ahead = deque[tuple[_Source, int | None, "Future[Harvest]"]]()
+        for one in begun(crew):
+            ahead.append(one)
+            if len(ahead) >= crew.most():
+                yield ahead.popleft()
+        yield from ahead
+
+
+def _harvested(found: "Future[Harvest]", scenario: str, seed: int | None) -> Harvest:
+    """What an episode gave; one whose worker died is an outcome too."""
+    try:
+        return found.result()
+    except workers.DeadWorkerError as error:
+        return Harvest((), Counter(error=1), (f"{scenario}: seed {seed}: {error}",))
 
 
 def _episodes(

@@ -17,7 +17,7 @@ from sumo_mcts.driver import SEARCHING, Driver, as_seen, ego_params, forecast_la
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import COLLISION, Goal, Referee
-from sumo_mcts.model.kernel import is_compiled
+from sumo_mcts.model.kernel import COMPILING, is_compiled
 from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import Scripted
@@ -76,7 +76,7 @@ def run_episode(
         loop.start()
         drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.oracles) for ego in config.egos}
         if progress is not None and _searches(config) and not is_compiled():
-            progress("compiling the search, once for this version (about half a minute)")
+            progress(COMPILING)
         elif progress is not None and config.cost.term is not None:
             progress("loading the search with a further term (compiled when it is first used, about half a minute)")
         warm_up(config, loop.world.road, loop.world.physics)

@@ -116,7 +116,7 @@ def write(folder: Path, key: str, form: str, out: Path | None, note: Note) -> Pa
 def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Sequence[str], note: Note, *, allow_plugins: bool = False) -> dict[str, Any]:
     """Why the ego did what it did at a moment (simulation time, s); `again`: with the decision taken once more, by code that the trace names only where
     that is allowed. Raises ConfigError."""
-    from sumo_mcts.model.kernel import is_compiled
+    from sumo_mcts.model.kernel import COMPILING, is_compiled
     from sumo_mcts.reporting import explanation
 
     trace = trace_of(folder, key)
@@ -127,7 +127,7 @@ def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Se
     if not trace.setting.config:
         raise ConfigError(f"{folder}: --episode {key}: --replan: the trace does not hold the scenario it was recorded with")
     if not is_compiled():
-        note("compiling the search, once for this version (about half a minute)")
+        note(COMPILING)
     return {**told, "replan": explanation.explain_again(trace, map_of(folder, trace), cycle, overrides, allow_plugins=allow_plugins)}
 
 

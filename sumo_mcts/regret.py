@@ -23,7 +23,6 @@ SMALL = 0.1  # ... of the scale, where the spread is smaller than the scale
 FACTOR = 100  # times the labels, with which the reference has to come to the same, and
 FINER = 10  # ... times the labels in cells half as wide
 
-Note = Callable[[str], None]
 Row = dict[str, Any]
 Ask = Callable[[Task, Situation, int], list[Row]]  # with a seed
 
@@ -38,55 +37,72 @@ class Standing(NamedTuple):
     contested: bool  # the actions differ by more than the scale, or one of them ends in a loss
 
 
-class Harvest:
-    """Asks in the cycles of a scenario's episodes, and keeps what comes of it."""
+class Asked(NamedTuple):
+    """What is asked in every state."""
 
-    def __init__(self, config: ScenarioConfig, every: int, most: int, ask: Ask, note: Note) -> None:
-        """In every `every`-th cycle of each ego, until `most` states are there. Raises ConfigError."""
-        _require_horizon(config)
-        self._config, self._every, self._most, self._ask, self._note = config, every, most, ask, note
-        self.states = 0
-        self.outcomes: Counter[str] = Counter()
-        self.problems: list[str] = []
+    planners: tuple[str, ...]
+    iterations: tuple[int, ...]  # each of them, where a planner searches
+    converged: bool = False  # no planner, but whether the reference has converged
 
-    def drive(self, number: int, seed: int | None, keep: Callable[[Row], None]) -> None:
-        """The episode with this number, if states are missing; which cycle is the first to be asked in moves on with the number. `keep` is handed each
-        row at once. Raises ConfigError."""
-        if self.states >= self._most:
-            return
-        self._seed, self._first, self._keep, self._cycles = seed, number, keep, Counter[str]()
-        for row in run_episode(self._config, seed, sumo_options=without_outputs(self._config.sumo), progress=self._note, watch=self._watch).rows:
-            self.outcomes[row["outcome"]] += 1
-            if row["outcome"] == "error":
-                self.problems.append(f"{row['scenario']}: ego {row['ego']}: {row['error']}")
 
-    def _watch(self, loop: Loop, drivers: Mapping[str, Driver], scenes: Mapping[str, Scene]) -> None:
+# --- states of an episode ---
+
+
+class Harvest(NamedTuple):
+    """What came of asking in the cycles of an episode."""
+
+    states: tuple[list[Row], ...]  # the answers in each
+    outcomes: Counter[str]
+    problems: tuple[str, ...]
+
+
+def harvest(config: ScenarioConfig, seed: int | None, asked: Asked, every: int, first: int, most: int) -> Harvest:
+    """Drive an episode and ask in every `every`-th cycle of each ego, in at most `most` states; `first` moves the cycles that are asked in. Raises
+    ConfigError."""
+    gathering = _Gathering(both_efforts if asked.converged else Panel(config, asked.planners, asked.iterations).ask, every, first, most)
+    rows = run_episode(config, seed, sumo_options=without_outputs(config.sumo), watch=gathering.watch).rows
+    where = {"scenario": config.name, "prediction": config.prediction.name, "seed": seed}
+    states = tuple([{**where, **row} for row in state] for state in gathering.states)
+    problems = tuple(f"{row['scenario']}: ego {row['ego']}: {row['error']}" for row in rows if row["outcome"] == "error")
+    return Harvest(states, Counter(row["outcome"] for row in rows), problems)
+
+
+class _Gathering:
+    """The answers of an episode so far."""
+
+    def __init__(self, ask: Ask, every: int, first: int, most: int) -> None:
+        self._ask, self._every, self._first, self._most = ask, every, first, most
+        self._cycles = Counter[str]()
+        self.states: list[list[Row]] = []
+
+    def watch(self, loop: Loop, drivers: Mapping[str, Driver], scenes: Mapping[str, Scene]) -> None:
         """A cycle of the egos in `scenes`."""
         for ego, scene in scenes.items():
             question = drivers[ego].question
             self._cycles[ego] += 1
-            if (self._cycles[ego] + self._first) % self._every or question is None or self.states >= self._most:
+            if (self._cycles[ego] + self._first) % self._every or question is None or len(self.states) >= self._most:
                 continue
             try:
-                rows = self._ask(*question, self.states)
+                answers = self._ask(*question, len(self.states))
             except Exception as error:  # as with planners: an outcome, not the end of a batch
                 loop.fail(ego, f"{type(error).__name__}: {error}")
                 continue
-            self.states += 1
-            self._note(f"{self._config.name}, up to {self._most} states  {self.states}, seed {self._seed}")
-            where = {"scenario": self._config.name, "prediction": self._config.prediction.name, "seed": self._seed, "ego": ego, "time_s": scene.time}
-            for row in rows:
-                self._keep({**where, **row})
+            self.states.append([{"ego": ego, "time_s": scene.time, **row} for row in answers])
 
 
-def _require_horizon(config: ScenarioConfig) -> None:
-    """Raise ConfigError where the forecast that the episodes' planner asks for is shorter than the reference's horizon."""
+def check(config: ScenarioConfig, asked: Asked) -> None:
+    """Raise ConfigError where the reference cannot be asked in this scenario, or a planner."""
     p = config.planner
     if (p.look_ahead_steps + p.rollout_steps) * p.step_s < ENDS_S[-1] - 1e-9:
         raise ConfigError(
             f"planner.look_ahead_steps: with planner.rollout_steps and planner.step_s a forecast of {(p.look_ahead_steps + p.rollout_steps) * p.step_s:g} s; "
             f"the reference problem needs {ENDS_S[-1]:g} s or more"
         )
+    if not asked.converged:
+        Panel(config, asked.planners, asked.iterations)
+
+
+# --- planners ---
 
 
 class Panel:
@@ -176,7 +192,7 @@ def _statistics(rows: Sequence[Row]) -> Row:
 # --- whether the reference has converged ---
 
 
-def both_efforts(task: Task, situation: Situation, seed: int) -> list[Row]:
+def both_efforts(task: Task, situation: Situation, _: int) -> list[Row]:
     """A row for each action that can begin here: its cost with the usual effort, and the lower one of two that take far more: FACTOR times the labels,
     and FINER times the labels in cells half as wide."""
     problem = problem_of(task, situation)
@@ -186,7 +202,6 @@ def both_efforts(task: Task, situation: Situation, seed: int) -> list[Row]:
     unit, best, chosen = scale(problem.task.ego), best_root(more), best_root(usual)
     return [
         {
-            "state": seed,
             "value": float(usual.value[i]) / unit,
             "converged": float(more.value[i]) / unit,
             "regret": float(more.value[i] - more.value[best]) / unit,

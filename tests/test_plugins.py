@@ -30,6 +30,7 @@ from sumo_mcts.forecast_error import compare
 from sumo_mcts.model.cost import Term, compiled_term, step_own
 from sumo_mcts.model.ego import advance
 from sumo_mcts.planners.tree import search
+from sumo_mcts.regret import Asked
 from sumo_mcts.replan import recorded_config, replan
 from sumo_mcts.reporting.explanation import explain
 from sumo_mcts.reporting.explanation_text import text
@@ -266,7 +267,7 @@ def test_permission() -> None:
     with pytest.raises(ConfigError, match=r"cost.term: a.b:c: code"):
         config.build(dict(data), "x")
     assert config.build(dict(data), "x", allow_plugins=True).cost.term == "a.b:c"
-    plan = commands.RegretPlan(("mcts", "a:B"), (50,), 1, 1, 1, False)
+    plan = commands.RegretPlan(Asked(("mcts", "a:B"), (50,)), 1, 1, 1)
     with pytest.raises(ConfigError, match=r"--planners: a:B: code"):
         commands.regret(("straight-line",), (), None, (), plan, None, print)
 
@@ -363,7 +364,7 @@ def test_an_oracle_of_mine_cannot_be_asked_later(mine: str) -> None:
 
 
 def test_regret_asks_plugins(mine: str) -> None:
-    plan = commands.RegretPlan(("constant", "of_mine:Good"), (50,), 1, 3, 2, False)
+    plan = commands.RegretPlan(Asked(("constant", "of_mine:Good"), (50,)), 1, 3, 2)
     result = commands.regret(("straight-line",), (), None, ("planner.iterations=50", "episode.stop_time_s=4"), plan, None, print, allow_plugins=True)
     one, same = result["planners"]
     assert {**one, "planner": ""} == {**same, "planner": ""} and same["planner"] == "of_mine:Good"

@@ -150,10 +150,18 @@ def test_the_command_from_end_to_end(tmp_path: Path) -> None:
     assert len({line.count("|") for line in again.splitlines()[2:] if line}) == 1
 
 
+def test_the_number_of_processes_changes_nothing(tmp_path: Path) -> None:
+    """What is driven ahead in vain does not count."""
+    words = ("straight-line", "highway-exit", *SHORT, "--planners", "mcts,random", "--iterations", "20", "--states", "4", "--seeds", "2", "--json")
+    told = [json.loads(command(*words, "--jobs", jobs, "--out", str(tmp_path / jobs))) for jobs in ("1", "2")]
+    assert told[0] == told[1] and told[0]["states"] == 4
+    assert (tmp_path / "1" / "regret.jsonl").read_bytes() == (tmp_path / "2" / "regret.jsonl").read_bytes()
+
+
 def test_the_command_looks_at_the_reference_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(regret, "FACTOR", 3)
     monkeypatch.setattr(regret, "FINER", 2)
-    words = ("unprotected-left-turn", *SHORT, "--states", "2", "--converged")
+    words = ("unprotected-left-turn", *SHORT, "--states", "2", "--converged", "--jobs", "1")
     told = json.loads(command(*words, "--json"))
     assert told["states"] == told["convergence"]["choice"]["count"] == 2 and told["convergence"]["actions"]["count"] >= 18
     assert "costs of the optimum: 2, off by" in command(*words)
@@ -170,5 +178,5 @@ def test_a_planner_that_fails_is_an_outcome(monkeypatch: pytest.MonkeyPatch) -> 
         raise RuntimeError("no idea")
 
     monkeypatch.setattr("sumo_mcts.planners.baselines.IdmPlanner.plan", broken)
-    done = CliRunner().invoke(app, ["regret", "straight-line", *SHORT, "--planners", "idm", "--seeds", "1", "--states", "2"])
+    done = CliRunner().invoke(app, ["regret", "straight-line", *SHORT, "--planners", "idm", "--seeds", "1", "--states", "2", "--jobs", "1"])
     assert done.exit_code == 1 and "straight-line: ego ego: RuntimeError: no idea" in done.output

@@ -1,7 +1,6 @@
 """Runs an experiment: hands its episodes out, keeps every row as it ends, and goes on where an earlier run was interrupted."""
 
 import hashlib
-import os
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,7 +16,7 @@ from sumo_mcts.experiments.drive import Driven
 from sumo_mcts.experiments.experiment import Episode, Plan, episodes, load, shard, with_ego
 from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.experiments.worth import Bar, Worth
-from sumo_mcts.model.kernel import is_compiled
+from sumo_mcts.model.kernel import COMPILING, is_compiled
 from sumo_mcts.records import MAPS, TRACES, Row
 from sumo_mcts.world.arguments import REFEREE_OPTIONS, files_of
 
@@ -88,7 +87,7 @@ def run_batch(
     """
     plan, out = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins), Path(out)
     tell = watch or _nobody
-    count = _cores() if jobs is None else whole("jobs", jobs, 1)
+    count = workers.cores() if jobs is None else whole("jobs", jobs, 1)
     with folder.only_here(out):
         wanted = _manifest(plan, shard, command)
         manifest = _begun(out, wanted, fresh)
@@ -291,7 +290,7 @@ def _chosen(plan: Plan, crew: Crew, tell: Watch) -> Egos:
 def _rehearse(plan: Plan, egos: Egos, crew: Crew, tell: Watch, decide: bool) -> None:
     """Start every scenario once with every planner, in one process: wrong input ends the batch here, and the search is compiled for all that `decide`.
     Raises ConfigError."""
-    tell(_before("starting SUMO" if is_compiled() else "compiling the search, once for this version (about half a minute)"))
+    tell(_before("starting SUMO" if is_compiled() else COMPILING))
     for case in plan.cases:
         configs = [with_ego(config, egos[case.name][0]) if case.name in egos else config for config in case.configs.values()]
         for config in {_kind(config): config for config in configs}.values():
@@ -322,11 +321,6 @@ def _part(plan: Plan, egos: Egos, part: tuple[int, int]) -> list[Episode]:
 
 def _crew(scheduler: str | None, count: int) -> AbstractContextManager[Crew]:
     return workers.local(count) if scheduler is None else workers.cluster(scheduler)
-
-
-def _cores() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _told(error: BaseException) -> str:

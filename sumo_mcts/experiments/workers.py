@@ -3,6 +3,7 @@
 import ctypes
 import logging
 import multiprocessing
+import os
 import queue
 import signal
 import sys
@@ -42,6 +43,17 @@ class Crew(NamedTuple):
     executor: Executor
     most: Callable[[], int]  # how many episodes to hand out at a time
     deaths: type[Exception]  # what a future raises where its worker died
+
+
+def cores() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def here() -> Iterator[Crew]:
+    """This process alone: a task is done when it is handed out."""
+    yield Crew(_Alone(), lambda: 1, DeadWorkerError)
 
 
 @contextmanager
@@ -99,6 +111,16 @@ def _check_workers(client: Any, address: str) -> None:
         for name in DECIDING:
             if there[name] != here[name]:
                 raise ConfigError(f"--scheduler {address}: {name} is {there[name]} on worker {worker}, {here[name]} here")
+
+
+class _Alone(Executor):
+    def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
+        future: Future[_T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
 
 
 class LocalPool(Executor):

@@ -9,6 +9,8 @@ from typing import Any, TypeVar, cast
 
 import numba
 
+COMPILING = "compiling the search, once for this version (about half a minute)"  # to tell whoever waits for it
+
 _F = TypeVar("_F", bound=Callable[..., Any])
 _SETTINGS: Any = numba.config  # its options are not in its type hints
 _PACKAGE = Path(__file__).resolve().parent.parent
