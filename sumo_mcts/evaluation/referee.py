@@ -4,14 +4,16 @@ Judged from the frames that SUMO's states make up, once a simulation step, for a
 """
 
 from collections.abc import Iterable
-from math import ceil, cos, hypot, inf, isfinite, isnan, sin
+from math import hypot, inf, isfinite, isnan
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.evaluation.contact import Contact, ahead_of, boxes_of, boxes_overlap, first_contact, jumped, kept_apart, pose_of, touch_point
 from sumo_mcts.evaluation.metrics import comfortable_share, events, jerks, rms
-from sumo_mcts.scene import GREEN, IGNORING, RED, Agents, Bools, EgoState, Floats, Frame, Ints, RoadMap, Signals
+from sumo_mcts.evaluation.ways import REACH, Drive, can_meet, driven, goal_reaching_edges, spread, successors
+from sumo_mcts.scene import GREEN, RED, Agents, Bools, EgoState, Frame, Ints, RoadMap, Signals
 
 ARRIVED, COLLISION, TELEPORTED, OFF_ROUTE, TIMEOUT, ERROR = "arrived", "collision", "teleported", "off_route", "timeout", "error"
 
@@ -20,15 +22,12 @@ HARD_BRAKE = 4.5  # m/s2
 IMPOSED = (2.0, 3.0, 4.0)  # m/s2
 STOPPABLE_RED, STOPPABLE_YELLOW = 4.5, 3.0  # m/s2: whoever needed more to stop could not be asked to
 SPEEDING = 0.1  # m/s above the limit
-SUBSTEP = 0.4  # m of relative motion between two box tests
-JUMP = 1.5  # m sideways within one step: a change of lanes at once, not a way driven
 TOUCHING = 0.1  # m: a contact this close to the plane of a bumper is on it
 CHANGE_COUNTS_S = 3.0
 DRIFT = 0.02  # m sideways within one step: on the way into another lane
 BLOCKED_GAP, BLOCKED_SPEED = 5.0, 1.0  # m, m/s: a leader this close and this slow blocks whoever stands behind it
 PATH_S, MIN_PATH = 4.0, 10.0  # s, m of an agent's path on which an ego is in its way
 ENTERING_S = 2.0  # s of an ego's route that count as about to be entered
-REACH = 5.0  # m along the road by which two boxes may miss each other's stretch and still meet: rounded corners, lanes of unequal length
 _EPS = 1e-6
 
 
@@ -41,23 +40,6 @@ class Goal(NamedTuple):
     free_flow: float  # s; nan unknown
 
 
-class Contact(NamedTuple):
-    """The first overlap of two boxes. Poses are x, y, heading."""
-
-    ego: tuple[float, float, float]
-    other: tuple[float, float, float]
-    exact: bool  # found on the way; else the boxes overlap where the step began or ended, and nobody knows where they first touched
-
-
-class _Drive(NamedTuple):
-    """How the front came from one lane position to the next."""
-
-    lanes: tuple[int, ...]  # lanes entered at their start, in order
-    lines: tuple[float, ...]  # m driven up to the start of each
-    changes: int  # lane changes on the way
-    distance: float  # m
-
-
 class _Stretch(NamedTuple):
     """A part of a lane that the ego is on or comes over: positions on that lane, m."""
 
@@ -67,255 +49,14 @@ class _Stretch(NamedTuple):
     front: float  # where the ego's front is, as this lane counts; below 0: not on it yet
 
 
-def boxes_overlap(first: Floats, second: Floats) -> Bools:
-    """Whether oriented boxes overlap: first and second [..., 5] broadcast, each x, y, heading, half length, half width (m, rad); separating axes."""
-    dx, dy = second[..., 0] - first[..., 0], second[..., 1] - first[..., 1]
-    c1, s1, c2, s2 = np.cos(first[..., 2]), np.sin(first[..., 2]), np.cos(second[..., 2]), np.sin(second[..., 2])
-    along, across = np.abs(c1 * c2 + s1 * s2), np.abs(c1 * s2 - s1 * c2)
-    l1, w1, l2, w2 = first[..., 3], first[..., 4], second[..., 3], second[..., 4]
-    apart = np.abs(dx * c1 + dy * s1) >= l1 + l2 * along + w2 * across
-    apart |= np.abs(dy * c1 - dx * s1) >= w1 + l2 * across + w2 * along
-    apart |= np.abs(dx * c2 + dy * s2) >= l2 + l1 * along + w1 * across
-    apart |= np.abs(dy * c2 - dx * s2) >= w2 + l1 * across + w1 * along
-    return np.asarray(~apart, dtype=np.bool_)
-
-
-def between(before: Floats, after: Floats, t: Floats) -> Floats:
-    """Poses [..., 3] (x, y, heading) at t (0..1, broadcast) of a move from pose before to pose after.
-
-    Cubic with the headings as tangents: a chord would cut the corner by a metre where a step of 1 s is driven in a bend.
-    """
-    chord = after[..., :2] - before[..., :2]
-    length = np.sqrt(np.sum(chord * chord, axis=-1))
-    turn = _wrap(after[..., 2] - before[..., 2])
-    rest = t * (1.0 - t)
-    out = np.empty((*np.broadcast_shapes(before.shape[:-1], t.shape), 3))
-    for axis, way in ((0, np.cos), (1, np.sin)):
-        start, end = way(before[..., 2]) * length - chord[..., axis], way(after[..., 2]) * length - chord[..., axis]
-        out[..., axis] = before[..., axis] + t * chord[..., axis] + rest * ((1.0 - t) * start - t * end)
-    out[..., 2] = before[..., 2] + t * turn
-    return out
-
-
-def _stray(before: Floats, after: Floats) -> Floats:
-    """[...] bound, m, on how far the way of between() leaves the chord; poses [..., 3]."""
-    dx, dy = after[..., 0] - before[..., 0], after[..., 1] - before[..., 1]
-    length = np.sqrt(dx * dx + dy * dy)
-    skew = [length * length - length * (dx * np.cos(pose[..., 2]) + dy * np.sin(pose[..., 2])) for pose in (before, after)]
-    return np.asarray(4.0 / 27.0 * sum(np.sqrt(np.maximum(2.0 * each, 0.0)) for each in skew), dtype=np.float64)
-
-
-def jumped(before: Floats, after: Floats, reach: Floats) -> Bools:
-    """[N] whether a move between poses [N, 3] cannot have been driven: sideways by more than JUMP, or further than reach [N], m."""
-    dx, dy = after[..., 0] - before[..., 0], after[..., 1] - before[..., 1]
-    # along the mean heading, so that an arc does not look like a step aside
-    mean = before[..., 2] + 0.5 * _wrap(after[..., 2] - before[..., 2])
-    return np.asarray((np.abs(dy * np.cos(mean) - dx * np.sin(mean)) > JUMP) | (dx * dx + dy * dy > reach * reach), dtype=np.bool_)
-
-
 def needed_decel(v: float, distance: float) -> float:
     """Deceleration, m/s2, that stops from v, m/s, within distance, m."""
     return v * v / (2.0 * max(distance, 1e-3))
 
 
-def goal_reaching_edges(road: RoadMap, goal_edge: int, vclass: int) -> Bools:
-    """[edges] whether the goal edge can be reached from an edge along lanes that the vehicle class may use, lane changes free."""
-    allowed = np.ones(len(road.edge), np.bool_) if vclass == IGNORING else (road.classes >> np.uint64(vclass)) & np.uint64(1) == 1
-    origin = np.repeat(np.arange(len(road.edge)), np.diff(road.successor_offset))
-    usable = allowed[origin] & allowed[road.successor]
-    source, target = road.edge[origin[usable]], road.edge[road.successor[usable]]
-    order = np.argsort(target, kind="stable")
-    source = source[order]
-    first = np.searchsorted(target[order], np.arange(len(road.edge_ids) + 1))
-    reached = np.zeros(len(road.edge_ids), np.bool_)
-    reached[goal_edge] = True
-    todo = [goal_edge]
-    while todo:
-        edge = todo.pop()
-        for before in source[first[edge] : first[edge + 1]]:
-            if not reached[before]:
-                reached[before] = True
-                todo.append(int(before))
-    return reached
-
-
-def _wrap(angle: Floats) -> Floats:
-    """Angles folded into -pi..pi."""
-    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi, dtype=np.float64)
-
-
-def _successors(road: RoadMap, lane: int) -> list[int]:
-    return road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]].tolist()  # type: ignore[no-any-return]
-
-
-def _predecessors(road: RoadMap, lane: int) -> list[int]:
-    """Asked for so seldom that a search through all lanes is cheaper than an index."""
-    return (np.searchsorted(road.successor_offset, np.flatnonzero(road.successor == lane), side="right") - 1).tolist()  # type: ignore[no-any-return]
-
-
-def _spread(road: RoadMap, lane: int, s: float, back: float, ahead: float) -> dict[int, float]:
-    """Lanes within back and ahead, m, of a lane position: lane -> where it starts, m from that position, ahead positive."""
-    found = {lane: -s}
-    todo = [lane]
-    while todo:  # forward
-        here = todo.pop()
-        end = found[here] + float(road.length[here])
-        for lane_after in _successors(road, here) if end <= ahead else ():
-            if lane_after not in found:
-                found[lane_after] = end
-                todo.append(lane_after)
-    seen, todo = {lane}, [lane]
-    while todo:  # backward
-        here = todo.pop()
-        for lane_before in _predecessors(road, here) if found[here] >= -back else ():
-            if lane_before not in seen:
-                seen.add(lane_before)
-                found.setdefault(lane_before, found[here] - float(road.length[lane_before]))
-                todo.append(lane_before)
-    return found
-
-
-def can_meet(road: RoadMap, first: tuple[int, float, float], second: tuple[int, float, float]) -> bool:
-    """Whether two boxes that overlap in the plane are on the same level. Each: lane of the front (-1: none), its position, m, and the box's length, m."""
-    if first[0] < 0 or second[0] < 0:
-        return True
-    if second[0] in _conflicting(road, first[0]) or first[0] in _conflicting(road, second[0]):
-        return True
-    stretches: list[dict[int, tuple[float, float]]] = []
-    junctions: list[set[int]] = []
-    for lane, s, length in (first, second):
-        back, ahead = length + REACH, REACH
-        edges: dict[int, tuple[float, float]] = {}
-        inside: set[int] = set()
-        for there, start in _spread(road, lane, s, back, ahead).items():
-            low, high = edges.get(int(road.edge[there]), (inf, -inf))
-            edges[int(road.edge[there])] = (min(low, -back - start), max(high, ahead - start))
-            if road.junction[there] >= 0:
-                inside.add(int(road.junction[there]))
-        stretches.append(edges)
-        junctions.append(inside)
-    if junctions[0] & junctions[1]:
-        return True
-    # positions count too: a ramp may lead over the road that it comes from
-    return any(stretches[0][e][0] <= stretches[1][e][1] and stretches[1][e][0] <= stretches[0][e][1] for e in stretches[0].keys() & stretches[1].keys())
-
-
-def _conflicting(road: RoadMap, lane: int) -> NDArray[np.int32]:
-    return road.conflict_lane[road.conflict_offset[lane] : road.conflict_offset[lane + 1]]
-
-
-def driven(road: RoadMap, lane: int, s: float, onto: int, onto_s: float, reach: float) -> _Drive | None:
-    """How the front got from (lane, s) to (onto, onto_s) within reach, m, with the fewest lane changes; None: not along the lanes."""
-    if lane == onto:
-        return _Drive((), (), 0, onto_s - s) if abs(onto_s - s) <= reach else None
-    # breadth first in the number of lane changes; state: lane, m driven to its start, lanes entered and where
-    layer: list[tuple[int, float, tuple[int, ...], tuple[float, ...]]] = [(lane, -s, (), ())]
-    seen = {lane}
-    for changes in range(8):
-        k = 0
-        while k < len(layer):  # grows while it is read
-            here, start, lanes, lines = layer[k]
-            k += 1
-            if here == onto and start + onto_s <= reach:
-                return _Drive(lanes, lines, changes, start + onto_s)
-            end = start + float(road.length[here])
-            for after in _successors(road, here) if end <= reach else ():
-                if after not in seen:
-                    seen.add(after)
-                    layer.append((after, end, (*lanes, after), (*lines, end)))
-        beside = []
-        for here, start, lanes, lines in layer:
-            for other in (int(road.left[here]), int(road.right[here])):
-                if other >= 0 and other not in seen:
-                    seen.add(other)
-                    beside.append((other, start, lanes, lines))
-        layer = beside
-    return None
-
-
 def shows(signals: Signals, road: RoadMap, lane: int) -> int:
     """What the signal before an internal lane shows now."""
     return int(signals.state[signals.offset[road.signal[lane]] + road.link[lane], 0])
-
-
-def kept_apart(before: Floats, after: Floats, half: Floats, other_before: Floats, other_after: Floats, other_half: Floats) -> Bools:
-    """[K] True where an axis of the ego parts its box from another all through a step: a cheap test that never denies a contact.
-
-    before, after [3], half [2]: the ego's poses and half sizes; the others' [K, 3] and [K, 2].
-    """
-    start, end = other_before[:, :2] - before[:2], other_after[:, :2] - after[:2]
-    own_turn, turn = abs(float(_wrap(after[2] - before[2]))), np.abs(_wrap(other_after[:, 2] - other_before[:, 2]))
-    # what a turn adds to a box's half width at most, and by how much the ways bend
-    slack = 0.5 * (hypot(*half) * own_turn + np.hypot(other_half[:, 0], other_half[:, 1]) * turn) + _stray(before, after) + _stray(other_before, other_after)
-    apart = np.zeros(len(start), np.bool_)
-    for axis in (float(after[2]), float(after[2]) + np.pi / 2):
-        c, s = cos(axis), sin(axis)
-        own = max(half[0] * abs(cos(h - axis)) + half[1] * abs(sin(h - axis)) for h in (before[2], after[2]))
-        angles = np.stack([other_before[:, 2], other_after[:, 2]]) - axis
-        theirs = (other_half[:, 0] * np.abs(np.cos(angles)) + other_half[:, 1] * np.abs(np.sin(angles))).max(axis=0)
-        first, last = start[:, 0] * c + start[:, 1] * s, end[:, 0] * c + end[:, 1] * s
-        apart |= (first * last > 0) & (np.minimum(np.abs(first), np.abs(last)) > own + theirs + slack)
-    return apart
-
-
-def first_contact(before: Floats, after: Floats, other_before: Floats, other_after: Floats, half: Floats, other_half: Floats) -> Contact | None:
-    """The first overlap of two boxes while both move from pose before to pose after, [3] each; half [2]: half length and half width, m."""
-    chord = (after - before - other_after + other_before)[:2]
-    turned = abs(float(_wrap(after[2] - before[2]))) * hypot(*half) + abs(float(_wrap(other_after[2] - other_before[2]))) * hypot(*other_half)
-    t = np.linspace(0.0, 1.0, ceil((hypot(*chord) + turned) / SUBSTEP) + 1 + 1)
-    hit = boxes_overlap(_boxes(between(before, after, t), half), _boxes(between(other_before, other_after, t), other_half))
-    if not hit.any():
-        return None
-    k = int(np.argmax(hit))
-    low, high = float(t[max(k - 1, 0)]), float(t[k])
-    for _ in range(10 if k else 0):
-        middle = np.array(0.5 * (low + high))
-        if boxes_overlap(_boxes(between(before, after, middle), half), _boxes(between(other_before, other_after, middle), other_half)):
-            high = float(middle)
-        else:
-            low = float(middle)
-    end = np.array(high)
-    return Contact(_pose(between(before, after, end)), _pose(between(other_before, other_after, end)), k > 0)
-
-
-def _boxes(poses: Floats, half: Floats) -> Floats:
-    """Poses [..., 3] and half sizes [2] -> boxes [..., 5]."""
-    return np.concatenate([poses, np.broadcast_to(half, (*poses.shape[:-1], 2))], axis=-1)
-
-
-def _pose(values: Floats) -> tuple[float, float, float]:
-    return float(values[0]), float(values[1]), float(values[2])
-
-
-def touch_point(contact: Contact, half: Floats, other_half: Floats) -> tuple[float, float]:
-    """Middle of the overlap (x, y), m; the middle of the centres where there is no overlap."""
-    ring = _corners(contact.ego, half)
-    x, y, heading = contact.other
-    for k, reach in enumerate((other_half[0], other_half[1], other_half[0], other_half[1])):  # clip by each side of the other box
-        nx, ny = cos(heading + k * np.pi / 2), sin(heading + k * np.pi / 2)
-        inside = [reach - (px - x) * nx - (py - y) * ny for px, py in ring]
-        clipped = []
-        for i, (p, d) in enumerate(zip(ring, inside, strict=True)):
-            q, e = ring[i - 1], inside[i - 1]
-            if (d >= 0) != (e >= 0):
-                clipped.append((q[0] + (p[0] - q[0]) * e / (e - d), q[1] + (p[1] - q[1]) * e / (e - d)))
-            if d >= 0:
-                clipped.append(p)
-        ring = clipped
-    if not ring:
-        return 0.5 * (contact.ego[0] + x), 0.5 * (contact.ego[1] + y)
-    return sum(p[0] for p in ring) / len(ring), sum(p[1] for p in ring) / len(ring)
-
-
-def _corners(pose: tuple[float, float, float], half: Floats) -> list[tuple[float, float]]:
-    x, y, heading = pose
-    c, s = cos(heading), sin(heading)
-    return [(x + a * half[0] * c - b * half[1] * s, y + a * half[0] * s + b * half[1] * c) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-
-
-def _forward(pose: tuple[float, float, float], point: tuple[float, float]) -> float:
-    """How far a point lies ahead of the middle of a box, m."""
-    return (point[0] - pose[0]) * cos(pose[2]) + (point[1] - pose[1]) * sin(pose[2])
 
 
 class Referee:
@@ -453,7 +194,7 @@ class Referee:
         if was.lane >= 0 and ego.lane >= 0:
             drive = driven(road, was.lane, was.s, ego.lane, ego.s, 1.5 * max(was.v, ego.v) * self._step + REACH)
         if drive is None:  # off the lanes, or put somewhere else
-            drive = _Drive((), (), 0, ego.v * self._step)
+            drive = Drive((), (), 0, ego.v * self._step)
             self._trail = [ego.lane] if ego.lane >= 0 else []
         elif drive.lanes or drive.changes:
             self._trail = [*self._trail, *drive.lanes] if drive.lanes else self._trail
@@ -574,7 +315,7 @@ class Referee:
 
     def _next_on_route(self, lane: int, route: tuple[int, ...]) -> int:
         road = self._road
-        after = _successors(road, lane)
+        after = successors(road, lane)
         if road.internal[lane]:
             return after[0] if after else -1
         edge = int(road.edge[lane])
@@ -650,8 +391,8 @@ class Referee:
             i = int(near[k])
             size = sizes[k]
             if leap[k]:
-                touching = bool(boxes_overlap(_boxes(now, half), _boxes(other[k], size)))
-                contact = Contact(_pose(now), _pose(other[k]), False) if touching else None
+                touching = bool(boxes_overlap(boxes_of(now, half), boxes_of(other[k], size)))
+                contact = Contact(pose_of(now), pose_of(other[k]), False) if touching else None
             else:
                 contact = first_contact(then, now, earlier[k], other[k], half, size)
             if contact is not None and self._level(before, frame, i):
@@ -681,7 +422,7 @@ class Referee:
         if contact is None:  # SUMO saw what the boxes do not show
             contact = Contact((ego.x, ego.y, ego.heading), (float(agents.x[i]), float(agents.y[i]), float(agents.heading[i])), False)
         point = touch_point(contact, half, size)
-        forward, its_forward = _forward(contact.ego, point), _forward(contact.other, point)
+        forward, its_forward = ahead_of(contact.ego, point), ahead_of(contact.other, point)
         if not contact.exact:
             # how deep they are in each other hides where they touched: clear only where the other came from behind
             return not (forward <= -half[0] / 2 and its_forward >= size[0] / 2)
@@ -710,7 +451,7 @@ class Referee:
         if agents.lane[i] < 0:
             return False
         margin = float(agents.v[i]) * self._step + 2.0
-        theirs = _spread(road, int(agents.lane[i]), float(agents.s[i]), float(agents.length[i]) + margin, margin)
+        theirs = spread(road, int(agents.lane[i]), float(agents.s[i]), float(agents.length[i]) + margin, margin)
         runs_red = self._red_runners.get(agents.ids[i], -2)
         for lane, begin, end in here:
             for c in range(int(road.conflict_offset[lane]), int(road.conflict_offset[lane + 1])):
@@ -724,7 +465,7 @@ class Referee:
         ego, agents, road = frame.ego, frame.agents, self._road
         if ego.v >= STANDING or ego.lane < 0 or not any(road.internal[part.lane] for part in self._body(ego)):
             return False
-        ahead = _spread(road, ego.lane, ego.s, 0.0, BLOCKED_GAP + float(agents.length.max(initial=0.0)))
+        ahead = spread(road, ego.lane, ego.s, 0.0, BLOCKED_GAP + float(agents.length.max(initial=0.0)))
         for k in np.flatnonzero((agents.v < BLOCKED_SPEED) & ~agents.person):
             front = ahead.get(int(agents.lane[k]), -inf) + float(agents.s[k])
             if k != i and front > 0 and front - agents.length[k] <= BLOCKED_GAP:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.driver import Physics, mcts_params
-from sumo_mcts.evaluation.referee import can_meet
+from sumo_mcts.evaluation.ways import can_meet
 from sumo_mcts.model.cost import RUN_UP, TAKEN, _late, meet, place_is_free, step_passability, terminal
 from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.local import Local, State, _fill_upstream, _levels, apart, chain_gap, upstream_of

@@ -1,0 +1,150 @@
+"""Whether two boxes meet while both move: tests in the plane, of poses at the beginning and at the end of a step."""
+
+from math import ceil, cos, hypot, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_mcts.scene import Bools, Floats
+
+SUBSTEP = 0.4  # m of relative motion between two box tests
+JUMP = 1.5  # m sideways within one step: a change of lanes at once, not a way driven
+
+
+class Contact(NamedTuple):
+    """The first overlap of two boxes. Poses are x, y, heading."""
+
+    ego: tuple[float, float, float]
+    other: tuple[float, float, float]
+    exact: bool  # found on the way; else the boxes overlap where the step began or ended, and nobody knows where they first touched
+
+
+def boxes_overlap(first: Floats, second: Floats) -> Bools:
+    """Whether oriented boxes overlap: first and second [..., 5] broadcast, each x, y, heading, half length, half width (m, rad); separating axes."""
+    dx, dy = second[..., 0] - first[..., 0], second[..., 1] - first[..., 1]
+    c1, s1, c2, s2 = np.cos(first[..., 2]), np.sin(first[..., 2]), np.cos(second[..., 2]), np.sin(second[..., 2])
+    along, across = np.abs(c1 * c2 + s1 * s2), np.abs(c1 * s2 - s1 * c2)
+    l1, w1, l2, w2 = first[..., 3], first[..., 4], second[..., 3], second[..., 4]
+    apart = np.abs(dx * c1 + dy * s1) >= l1 + l2 * along + w2 * across
+    apart |= np.abs(dy * c1 - dx * s1) >= w1 + l2 * across + w2 * along
+    apart |= np.abs(dx * c2 + dy * s2) >= l2 + l1 * along + w1 * across
+    apart |= np.abs(dy * c2 - dx * s2) >= w2 + l1 * across + w1 * along
+    return np.asarray(~apart, dtype=np.bool_)
+
+
+def between(before: Floats, after: Floats, t: Floats) -> Floats:
+    """Poses [..., 3] (x, y, heading) at t (0..1, broadcast) of a move from pose before to pose after.
+
+    Cubic with the headings as tangents: a chord would cut the corner by a metre where a step of 1 s is driven in a bend.
+    """
+    chord = after[..., :2] - before[..., :2]
+    length = np.sqrt(np.sum(chord * chord, axis=-1))
+    turn = _wrap(after[..., 2] - before[..., 2])
+    rest = t * (1.0 - t)
+    out = np.empty((*np.broadcast_shapes(before.shape[:-1], t.shape), 3))
+    for axis, way in ((0, np.cos), (1, np.sin)):
+        start, end = way(before[..., 2]) * length - chord[..., axis], way(after[..., 2]) * length - chord[..., axis]
+        out[..., axis] = before[..., axis] + t * chord[..., axis] + rest * ((1.0 - t) * start - t * end)
+    out[..., 2] = before[..., 2] + t * turn
+    return out
+
+
+def _stray(before: Floats, after: Floats) -> Floats:
+    """[...] bound, m, on how far the way of between() leaves the chord; poses [..., 3]."""
+    dx, dy = after[..., 0] - before[..., 0], after[..., 1] - before[..., 1]
+    length = np.sqrt(dx * dx + dy * dy)
+    skew = [length * length - length * (dx * np.cos(pose[..., 2]) + dy * np.sin(pose[..., 2])) for pose in (before, after)]
+    return np.asarray(4.0 / 27.0 * sum(np.sqrt(np.maximum(2.0 * each, 0.0)) for each in skew), dtype=np.float64)
+
+
+def jumped(before: Floats, after: Floats, reach: Floats) -> Bools:
+    """[N] whether a move between poses [N, 3] cannot have been driven: sideways by more than JUMP, or further than reach [N], m."""
+    dx, dy = after[..., 0] - before[..., 0], after[..., 1] - before[..., 1]
+    # along the mean heading, so that an arc does not look like a step aside
+    mean = before[..., 2] + 0.5 * _wrap(after[..., 2] - before[..., 2])
+    return np.asarray((np.abs(dy * np.cos(mean) - dx * np.sin(mean)) > JUMP) | (dx * dx + dy * dy > reach * reach), dtype=np.bool_)
+
+
+def kept_apart(before: Floats, after: Floats, half: Floats, other_before: Floats, other_after: Floats, other_half: Floats) -> Bools:
+    """[K] True where an axis of the ego parts its box from another all through a step: a cheap test that never denies a contact.
+
+    before, after [3], half [2]: the ego's poses and half sizes; the others' [K, 3] and [K, 2].
+    """
+    start, end = other_before[:, :2] - before[:2], other_after[:, :2] - after[:2]
+    own_turn, turn = abs(float(_wrap(after[2] - before[2]))), np.abs(_wrap(other_after[:, 2] - other_before[:, 2]))
+    # what a turn adds to a box's half width at most, and by how much the ways bend
+    slack = 0.5 * (hypot(*half) * own_turn + np.hypot(other_half[:, 0], other_half[:, 1]) * turn) + _stray(before, after) + _stray(other_before, other_after)
+    apart = np.zeros(len(start), np.bool_)
+    for axis in (float(after[2]), float(after[2]) + np.pi / 2):
+        c, s = cos(axis), sin(axis)
+        own = max(half[0] * abs(cos(h - axis)) + half[1] * abs(sin(h - axis)) for h in (before[2], after[2]))
+        angles = np.stack([other_before[:, 2], other_after[:, 2]]) - axis
+        theirs = (other_half[:, 0] * np.abs(np.cos(angles)) + other_half[:, 1] * np.abs(np.sin(angles))).max(axis=0)
+        first, last = start[:, 0] * c + start[:, 1] * s, end[:, 0] * c + end[:, 1] * s
+        apart |= (first * last > 0) & (np.minimum(np.abs(first), np.abs(last)) > own + theirs + slack)
+    return apart
+
+
+def first_contact(before: Floats, after: Floats, other_before: Floats, other_after: Floats, half: Floats, other_half: Floats) -> Contact | None:
+    """The first overlap of two boxes while both move from pose before to pose after, [3] each; half [2]: half length and half width, m."""
+    chord = (after - before - other_after + other_before)[:2]
+    turned = abs(float(_wrap(after[2] - before[2]))) * hypot(*half) + abs(float(_wrap(other_after[2] - other_before[2]))) * hypot(*other_half)
+    t = np.linspace(0.0, 1.0, ceil((hypot(*chord) + turned) / SUBSTEP) + 1 + 1)
+    hit = boxes_overlap(boxes_of(between(before, after, t), half), boxes_of(between(other_before, other_after, t), other_half))
+    if not hit.any():
+        return None
+    k = int(np.argmax(hit))
+    low, high = float(t[max(k - 1, 0)]), float(t[k])
+    for _ in range(10 if k else 0):
+        middle = np.array(0.5 * (low + high))
+        if boxes_overlap(boxes_of(between(before, after, middle), half), boxes_of(between(other_before, other_after, middle), other_half)):
+            high = float(middle)
+        else:
+            low = float(middle)
+    end = np.array(high)
+    return Contact(pose_of(between(before, after, end)), pose_of(between(other_before, other_after, end)), k > 0)
+
+
+def boxes_of(poses: Floats, half: Floats) -> Floats:
+    """Poses [..., 3] and half sizes [2] -> boxes [..., 5]."""
+    return np.concatenate([poses, np.broadcast_to(half, (*poses.shape[:-1], 2))], axis=-1)
+
+
+def pose_of(values: Floats) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def touch_point(contact: Contact, half: Floats, other_half: Floats) -> tuple[float, float]:
+    """Middle of the overlap (x, y), m; the middle of the centres where there is no overlap."""
+    ring = _corners(contact.ego, half)
+    x, y, heading = contact.other
+    for k, reach in enumerate((other_half[0], other_half[1], other_half[0], other_half[1])):  # clip by each side of the other box
+        nx, ny = cos(heading + k * np.pi / 2), sin(heading + k * np.pi / 2)
+        inside = [reach - (px - x) * nx - (py - y) * ny for px, py in ring]
+        clipped = []
+        for i, (p, d) in enumerate(zip(ring, inside, strict=True)):
+            q, e = ring[i - 1], inside[i - 1]
+            if (d >= 0) != (e >= 0):
+                clipped.append((q[0] + (p[0] - q[0]) * e / (e - d), q[1] + (p[1] - q[1]) * e / (e - d)))
+            if d >= 0:
+                clipped.append(p)
+        ring = clipped
+    if not ring:
+        return 0.5 * (contact.ego[0] + x), 0.5 * (contact.ego[1] + y)
+    return sum(p[0] for p in ring) / len(ring), sum(p[1] for p in ring) / len(ring)
+
+
+def _corners(pose: tuple[float, float, float], half: Floats) -> list[tuple[float, float]]:
+    x, y, heading = pose
+    c, s = cos(heading), sin(heading)
+    return [(x + a * half[0] * c - b * half[1] * s, y + a * half[0] * s + b * half[1] * c) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+
+
+def ahead_of(pose: tuple[float, float, float], point: tuple[float, float]) -> float:
+    """How far a point lies ahead of the middle of a box, m."""
+    return (point[0] - pose[0]) * cos(pose[2]) + (point[1] - pose[1]) * sin(pose[2])
+
+
+def _wrap(angle: Floats) -> Floats:
+    """Angles folded into -pi..pi."""
+    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi, dtype=np.float64)
