@@ -13,10 +13,12 @@ from sumo_mcts.model.cost import CostParams, Term, compiled_term
 from sumo_mcts.model.ego import HALF, EgoParams
 from sumo_mcts.model.intentions import foresee
 from sumo_mcts.model.local import State, ego_state
+from sumo_mcts.model.others import TrafficParams
+from sumo_mcts.model.paths import LANES
 from sumo_mcts.model.predictor import Heard, Oracles, Predictor, Question, checked
 from sumo_mcts.model.route import RouteMap, is_rest_of, route_map
 from sumo_mcts.model.script import script_poses
-from sumo_mcts.model.traffic import LANES, Told, TrafficParams, predict
+from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.planners.base import Planner, Remembering, Situation, Task
 from sumo_mcts.planners.baselines import ConstantPlanner, IdmParams, IdmPlanner, RandomPlanner, SumoPlanner
 from sumo_mcts.planners.effort import Effort, Timekeeper

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.config import SensorConfig
-from sumo_mcts.model.traffic import Told, TrafficParams, predict
+from sumo_mcts.model.others import TrafficParams
+from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.scene import Agents, Bools, EgoState, Floats, RoadMap, Scene
 
 STANDING = 0.1  # m/s: whoever is slower is seen to stand

@@ -11,8 +11,9 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import Physics, cost_params, ego_params
 from sumo_mcts.model.ego import EgoParams
 from sumo_mcts.model.local import Local, State, build_local, ego_state
+from sumo_mcts.model.others import TrafficParams
 from sumo_mcts.model.route import RouteMap, route_map
-from sumo_mcts.model.traffic import Told, TrafficParams, predict
+from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.scene import EgoState, Forecast, RoadMap, Scene, Signals
 

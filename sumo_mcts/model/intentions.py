@@ -14,7 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.model.ego import STANDS
-from sumo_mcts.model.traffic import Paths, Told, TrafficParams, changing, conflicts_of, likely_paths, predict
+from sumo_mcts.model.others import TrafficParams
+from sumo_mcts.model.paths import MERGES, Paths, changing, conflicts_of, likely_paths
+from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.scene import (
     BRAKES,
     FORCES,
@@ -207,7 +209,7 @@ def _forcing(road: RoadMap, agents: Agents, paths: Paths, ego_s: float, yields: 
         return
     foe, kind, place = conflicts_of(road, paths)
     for i in np.flatnonzero(yields):
-        meets = (foe[i + 1] == 0) & (kind[i + 1] != 2) & (place[i + 1, :, 0] > agents.s[i]) & (place[i + 1, :, 2] < ego_s + EGO_VIEW)
+        meets = (foe[i + 1] == 0) & (kind[i + 1] != MERGES) & (place[i + 1, :, 0] > agents.s[i]) & (place[i + 1, :, 2] < ego_s + EGO_VIEW)
         if meets.any():
             room = float(place[i + 1, meets, 0].min() - agents.s[i])
             yield Alternative(forcing_odds(float(agents.v[i]), float(agents.trend[i]), room), Intent(int(i), FORCES))

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from sumo_mcts.model.traffic import Scripted, TrafficParams
+from sumo_mcts.model.others import TrafficParams
+from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.scene import Answers, Floats, Follow, Forecast, Ints, Release, RoadMap, Scene
 
 

@@ -22,7 +22,8 @@ from sumo_mcts.model.intentions import (
     starting_odds,
     way_worth,
 )
-from sumo_mcts.model.traffic import HARD, Told, predict
+from sumo_mcts.model.others import HARD
+from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.scene import BRAKES, FORCES, LEFT, RIGHT, STARTS, STRAIGHT, TURNS, VEHICLE_CLASSES, EgoState, Forecast, Intent, RoadMap, Scene
 
 

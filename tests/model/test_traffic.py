@@ -17,7 +17,8 @@ from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.episode import run_episode
 from sumo_mcts.model.local import signal_states
-from sumo_mcts.model.traffic import CRUISING, HARD, MOST_HABIT, Told, TrafficParams, _stop_place, predict
+from sumo_mcts.model.others import HARD, MOST_HABIT, TrafficParams, _Course, _stop_place
+from sumo_mcts.model.traffic import CRUISING, Told, predict
 from sumo_mcts.scene import ALLWAY, BRAKES, GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, Intent, RoadMap, Scene, Signals
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap, read_roadmap
@@ -262,9 +263,11 @@ def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
 )
 def test_the_place_to_wait_is_in_the_junction_of_the_stretch(begin: float, waits: float) -> None:
     """A path through two junctions, each with a place to wait inside: 20 to 40 m and 120 to 140 m along it."""
-    internal = np.array([False, True, True, False, True, True, False])
+    internal = np.array([[False, True, True, False, True, True, False]])
     path, offset = np.arange(7, dtype=np.int32)[None], np.array([[0.0, 20.0, 30.0, 40.0, 120.0, 130.0, 140.0, 200.0]])
-    assert _stop_place(offset, 0, 0, 5.0, begin, path, internal) == waits - 5.0
+    red, sign, nobody = np.zeros((1, 7, 1), np.bool_), np.zeros((1, 7), np.bool_), np.full((1, 1), -1, np.int32)
+    course = _Course(path, offset, np.array([7], np.int32), np.zeros((1, 7)), internal, red, sign, nobody, nobody, np.zeros((1, 1, 4)))
+    assert _stop_place(course, 0, 0, begin) == waits
 
 
 def test_who_turns_left_waits_inside_the_junction_where_it_waits_in_sumo(tmp_path: Path) -> None:

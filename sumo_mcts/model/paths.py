@@ -1,0 +1,164 @@
+"""Which lanes the others will drive: the turn that their signals announce, else straight on, else the first way; and where these paths meet."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_mcts.model.kernel import kernel, making_arrays
+from sumo_mcts.scene import ALLWAY, LEFT, RIGHT, STRAIGHT, Agents, Bools, EgoState, Floats, Ints, RoadMap
+
+LANES = 14  # lanes of a path at most
+PATH = 200.0  # m of a path at most
+TOLD = 10.0  # worth of a way on which an oracle has seen an agent: more than any guess
+ASIDE = 0.1  # m off the centre line from which a blinking vehicle is taken to be changing lanes: a step of 0.1 s or two after it has begun
+FOES = 24  # conflicts looked at for each agent
+
+YIELDS, MERGES, MUTUAL, IN_TURN = 1, 2, 3, 4  # it has to let the other pass; with equal right; each the other, so the nearer goes; at an all-way stop
+
+
+class Paths(NamedTuple):
+    """The lanes that N vehicles are expected to drive."""
+
+    lane: Ints  # [N, LANES] -1 beyond the end
+    offset: Floats  # [N, LANES+1] where each lane begins, m from the start of the first
+    count: Ints  # type: ignore[assignment]  # [N] (tuple.count is not missed)
+
+
+class Conflicts(NamedTuple):
+    """For each of N vehicles the others whose paths meet its own where it must yield, or where lanes merge."""
+
+    foe: Ints  # [N, FOES] -1 beyond the end
+    kind: Ints  # [N, FOES] YIELDS .. IN_TURN
+    place: Floats  # [N, FOES, 4] begin and end of the shared stretch on its own path and on the foe's, m
+
+
+def changing(road: RoadMap, agents: Agents) -> Agents:
+    """The agents, those that move towards a neighbouring lane with the blinker on as if they were there already, at its edge."""
+    side = np.where(agents.lane >= 0, agents.blinker, 0)
+    beside = np.where(side > 0, road.left[agents.lane], np.where(side < 0, road.right[agents.lane], -1))
+    moves = (beside >= 0) & (agents.d * side > ASIDE)
+    apart = 0.5 * (road.width[agents.lane] + road.width[beside])
+    return agents._replace(lane=np.where(moves, beside, agents.lane).astype(np.int32), d=np.where(moves, agents.d - side * apart, agents.d))
+
+
+def likely_paths(road: RoadMap, agents: Agents, ego: EgoState, ego_lanes: Ints, ways: Mapping[int, Ints]) -> Paths:
+    """The ego's lanes (row 0) and the likely ones of the agents; `ways`: the coming lanes of those of whom they are known."""
+    n = len(agents.ids) + 1
+    lane = np.full((n, LANES), -1, np.int32)
+    offset = np.zeros((n, LANES + 1))
+    count = np.zeros(n, np.int32)
+    k = min(len(ego_lanes), LANES)
+    lane[0, :k] = ego_lanes[:k]
+    offset[0, 1 : k + 1] = np.cumsum(road.length[ego_lanes[:k]])
+    offset[0, k + 1 :] = offset[0, k]
+    count[0] = k
+    true = np.full((n, LANES), -1, np.int32)
+    for i, way in ways.items():
+        true[i + 1, : len(way)] = way[:LANES]
+    _likely(
+        lane, offset, count, true, agents.lane, agents.s, agents.blinker, road.successor_offset, road.successor, road.direction, road.length,
+        road.internal, road.edge,
+    )  # fmt: skip
+    return Paths(lane, offset, count)
+
+
+@kernel
+def _likely(
+    path: Ints, offset: Floats, count: Ints, true: Ints, lane: Ints, s: Floats, blinker: Ints, first: Ints, successor: Ints, direction: Ints,
+    length: Floats, internal: Bools, edge: Ints,
+) -> None:  # fmt: skip
+    """The lanes each agent will most likely drive. The blinker speaks for the next turn only; `true` (-1: not told) knows better."""
+    for i in range(len(lane)):
+        row, here, side = i + 1, lane[i], blinker[i]
+        if here < 0:
+            continue
+        total, n = 0.0, 0
+        while here >= 0 and n < LANES and total - s[i] < PATH:
+            path[row, n] = here
+            total += length[here]
+            n += 1
+            offset[row, n] = total
+            best, rank, ways = -1, -1.0, first[here + 1] - first[here]
+            for k in range(first[here], first[here + 1]):
+                worth = _turn_worth(direction[successor[k]], side) + TOLD * _agreement(true[row], edge, successor[k])
+                if worth > rank:
+                    best, rank = successor[k], worth
+            if best >= 0 and internal[best] and not internal[here] and direction[best] != STRAIGHT:
+                side = 0
+            here = best if ways > 0 else -1
+        count[row] = n
+        for k in range(n + 1, LANES + 1):
+            offset[row, k] = total
+
+
+@kernel
+def _agreement(true: Ints, edge: Ints, lane: int) -> float:
+    """How far a lane is what was told: 2 the lane itself, 1 another one of its edge (whoever changes lanes), else 0."""
+    agreement = 0.0
+    for told in true:
+        if told == lane:
+            return 2.0
+        if told >= 0 and edge[told] == edge[lane]:
+            agreement = 1.0
+    return agreement
+
+
+@kernel
+def _turn_worth(turn: int, side: int) -> float:
+    if side > 0:
+        return 3.0 if turn == LEFT else 2.0 if turn == STRAIGHT else 1.0 if turn == RIGHT else 0.5
+    if side < 0:
+        return 3.0 if turn == RIGHT else 2.0 if turn == STRAIGHT else 1.0 if turn == LEFT else 0.5
+    return 3.0 if turn == STRAIGHT else 2.0 if turn == RIGHT else 1.0 if turn == LEFT else 0.5
+
+
+def conflicts_of(road: RoadMap, paths: Paths) -> Conflicts:
+    """Where the paths of the vehicles meet."""
+    n = len(paths.lane)
+    foe = np.full((n, FOES), -1, np.int32)
+    kind = np.zeros((n, FOES), np.int32)
+    place = np.zeros((n, FOES, 4))
+    _find_conflicts(
+        foe, kind, place, paths.lane, paths.offset, paths.count, np.full(len(road.lane_ids), -1, np.int32), road.conflict_offset, road.conflict_lane,
+        road.conflict_begin, road.conflict_end, road.conflict_other_begin, road.conflict_other_end, road.conflict_merge, road.conflict_yields,
+        road.rule == ALLWAY,
+    )  # fmt: skip
+    return Conflicts(foe, kind, place)
+
+
+@making_arrays
+def _find_conflicts(
+    foe: Ints, kind: Ints, place: Floats, path: Ints, offset: Floats, count: Ints, mark: Ints, first: Ints, other: Ints, begin: Floats, end: Floats,
+    other_begin: Floats, other_end: Floats, merge: Bools, yields: Bools, allway: Bools,
+) -> None:  # fmt: skip
+    n = len(path)
+    used = np.zeros(n, np.int32)
+    for j in range(n):
+        for k in range(count[j]):
+            mark[path[j, k]] = k
+        for i in range(n):
+            if i == j:
+                continue
+            for m in range(count[i]):
+                lane = path[i, m]
+                for e in range(first[lane], first[lane + 1]):
+                    k = mark[other[e]]
+                    if k < 0 or used[i] >= foe.shape[1]:
+                        continue
+                    back = False
+                    for r in range(first[other[e]], first[other[e] + 1]):
+                        if other[r] == lane:
+                            back = back or yields[r]
+                    if not yields[e] and not merge[e]:
+                        continue
+                    u = used[i]
+                    foe[i, u] = j
+                    kind[i, u] = (IN_TURN if allway[lane] else MUTUAL if back else YIELDS) if yields[e] else MERGES if not back else 0
+                    if kind[i, u] == 0:
+                        continue
+                    place[i, u, 0], place[i, u, 1] = offset[i, m] + begin[e], offset[i, m] + end[e]
+                    place[i, u, 2], place[i, u, 3] = offset[j, k] + other_begin[e], offset[j, k] + other_end[e]
+                    used[i] += 1
+        for k in range(count[j]):
+            mark[path[j, k]] = -1
