@@ -33,6 +33,17 @@ class Conflicts(NamedTuple):
     place: Floats  # [N, FOES, 4] begin and end of the shared stretch on its own path and on the foe's, m
 
 
+class _Ahead(NamedTuple):
+    """How lanes go on, as in RoadMap; the successors of a lane begin at `first` [lanes + 1]."""
+
+    first: Ints
+    successor: Ints
+    direction: Ints  # [lanes], and so on
+    length: Floats
+    internal: Bools
+    edge: Ints
+
+
 def changing(road: RoadMap, agents: Agents) -> Agents:
     """The agents, those that move towards a neighbouring lane with the blinker on as if they were there already, at its edge."""
     side = np.where(agents.lane >= 0, agents.blinker, 0)
@@ -56,18 +67,14 @@ def likely_paths(road: RoadMap, agents: Agents, ego: EgoState, ego_lanes: Ints, 
     true = np.full((n, LANES), -1, np.int32)
     for i, way in ways.items():
         true[i + 1, : len(way)] = way[:LANES]
-    _likely(
-        lane, offset, count, true, agents.lane, agents.s, agents.blinker, road.successor_offset, road.successor, road.direction, road.length,
-        road.internal, road.edge,
-    )  # fmt: skip
-    return Paths(lane, offset, count)
+    paths = Paths(lane, offset, count)
+    ahead = _Ahead(road.successor_offset, road.successor, road.direction, road.length, road.internal, road.edge)
+    _likely(paths, true, agents.lane, agents.s, agents.blinker, ahead)
+    return paths
 
 
 @kernel
-def _likely(
-    path: Ints, offset: Floats, count: Ints, true: Ints, lane: Ints, s: Floats, blinker: Ints, first: Ints, successor: Ints, direction: Ints,
-    length: Floats, internal: Bools, edge: Ints,
-) -> None:  # fmt: skip
+def _likely(paths: Paths, true: Ints, lane: Ints, s: Floats, blinker: Ints, ahead: _Ahead) -> None:
     """The lanes each agent will most likely drive. The blinker speaks for the next turn only; `true` (-1: not told) knows better."""
     for i in range(len(lane)):
         row, here, side = i + 1, lane[i], blinker[i]
@@ -75,21 +82,22 @@ def _likely(
             continue
         total, n = 0.0, 0
         while here >= 0 and n < LANES and total - s[i] < PATH:
-            path[row, n] = here
-            total += length[here]
+            paths.lane[row, n] = here
+            total += ahead.length[here]
             n += 1
-            offset[row, n] = total
-            best, rank, ways = -1, -1.0, first[here + 1] - first[here]
-            for k in range(first[here], first[here + 1]):
-                worth = _turn_worth(direction[successor[k]], side) + TOLD * _agreement(true[row], edge, successor[k])
+            paths.offset[row, n] = total
+            best, rank = -1, -1.0
+            for k in range(ahead.first[here], ahead.first[here + 1]):
+                after = ahead.successor[k]
+                worth = _turn_worth(ahead.direction[after], side) + TOLD * _agreement(true[row], ahead.edge, after)
                 if worth > rank:
-                    best, rank = successor[k], worth
-            if best >= 0 and internal[best] and not internal[here] and direction[best] != STRAIGHT:
+                    best, rank = after, worth
+            if best >= 0 and ahead.internal[best] and not ahead.internal[here] and ahead.direction[best] != STRAIGHT:
                 side = 0
-            here = best if ways > 0 else -1
-        count[row] = n
+            here = best
+        paths.count[row] = n
         for k in range(n + 1, LANES + 1):
-            offset[row, k] = total
+            paths.offset[row, k] = total
 
 
 @kernel
@@ -113,52 +121,62 @@ def _turn_worth(turn: int, side: int) -> float:
     return 3.0 if turn == STRAIGHT else 2.0 if turn == RIGHT else 1.0 if turn == LEFT else 0.5
 
 
+class _Areas(NamedTuple):
+    """Where lanes cross or merge; `first` [lanes + 1]: which of them are a lane's, the rest as in RoadMap."""
+
+    first: Ints
+    other: Ints
+    begin: Floats
+    end: Floats
+    other_begin: Floats
+    other_end: Floats
+    merge: Bools
+    yields: Bools
+    allway: Bools  # [lanes]
+
+
 def conflicts_of(road: RoadMap, paths: Paths) -> Conflicts:
     """Where the paths of the vehicles meet."""
     n = len(paths.lane)
-    foe = np.full((n, FOES), -1, np.int32)
-    kind = np.zeros((n, FOES), np.int32)
-    place = np.zeros((n, FOES, 4))
-    _find_conflicts(
-        foe, kind, place, paths.lane, paths.offset, paths.count, np.full(len(road.lane_ids), -1, np.int32), road.conflict_offset, road.conflict_lane,
-        road.conflict_begin, road.conflict_end, road.conflict_other_begin, road.conflict_other_end, road.conflict_merge, road.conflict_yields,
-        road.rule == ALLWAY,
+    found = Conflicts(np.full((n, FOES), -1, np.int32), np.zeros((n, FOES), np.int32), np.zeros((n, FOES, 4)))
+    areas = _Areas(
+        road.conflict_offset, road.conflict_lane, road.conflict_begin, road.conflict_end, road.conflict_other_begin, road.conflict_other_end,
+        road.conflict_merge, road.conflict_yields, road.rule == ALLWAY,
     )  # fmt: skip
-    return Conflicts(foe, kind, place)
+    _find_conflicts(found, paths, areas, np.full(len(road.lane_ids), -1, np.int32))
+    return found
 
 
 @making_arrays
-def _find_conflicts(
-    foe: Ints, kind: Ints, place: Floats, path: Ints, offset: Floats, count: Ints, mark: Ints, first: Ints, other: Ints, begin: Floats, end: Floats,
-    other_begin: Floats, other_end: Floats, merge: Bools, yields: Bools, allway: Bools,
-) -> None:  # fmt: skip
-    n = len(path)
+def _find_conflicts(found: Conflicts, paths: Paths, areas: _Areas, mark: Ints) -> None:
+    """`mark` [lanes of the road] is room to work in, all -1."""
+    n = len(paths.lane)
     used = np.zeros(n, np.int32)
     for j in range(n):
-        for k in range(count[j]):
-            mark[path[j, k]] = k
+        for k in range(paths.count[j]):
+            mark[paths.lane[j, k]] = k
         for i in range(n):
-            if i == j:
-                continue
-            for m in range(count[i]):
-                lane = path[i, m]
-                for e in range(first[lane], first[lane + 1]):
-                    k = mark[other[e]]
-                    if k < 0 or used[i] >= foe.shape[1]:
+            for m in range(paths.count[i] if i != j else 0):
+                lane = paths.lane[i, m]
+                for e in range(areas.first[lane], areas.first[lane + 1]):
+                    k, u = mark[areas.other[e]], used[i]
+                    kind = _kind(areas, lane, e) if k >= 0 and u < found.foe.shape[1] else 0
+                    if kind == 0:
                         continue
-                    back = False
-                    for r in range(first[other[e]], first[other[e] + 1]):
-                        if other[r] == lane:
-                            back = back or yields[r]
-                    if not yields[e] and not merge[e]:
-                        continue
-                    u = used[i]
-                    foe[i, u] = j
-                    kind[i, u] = (IN_TURN if allway[lane] else MUTUAL if back else YIELDS) if yields[e] else MERGES if not back else 0
-                    if kind[i, u] == 0:
-                        continue
-                    place[i, u, 0], place[i, u, 1] = offset[i, m] + begin[e], offset[i, m] + end[e]
-                    place[i, u, 2], place[i, u, 3] = offset[j, k] + other_begin[e], offset[j, k] + other_end[e]
+                    found.foe[i, u], found.kind[i, u] = j, kind
+                    found.place[i, u, 0], found.place[i, u, 1] = paths.offset[i, m] + areas.begin[e], paths.offset[i, m] + areas.end[e]
+                    found.place[i, u, 2], found.place[i, u, 3] = paths.offset[j, k] + areas.other_begin[e], paths.offset[j, k] + areas.other_end[e]
                     used[i] += 1
-        for k in range(count[j]):
-            mark[path[j, k]] = -1
+        for k in range(paths.count[j]):
+            mark[paths.lane[j, k]] = -1
+
+
+@kernel
+def _kind(areas: _Areas, lane: int, e: int) -> int:
+    """What whoever is on `lane` has to heed in its conflict area e: YIELDS .. IN_TURN, or 0: nothing."""
+    back = False  # the other has to yield too
+    for r in range(areas.first[areas.other[e]], areas.first[areas.other[e] + 1]):
+        back = back or (areas.other[r] == lane and areas.yields[r])
+    if areas.yields[e]:
+        return IN_TURN if areas.allway[lane] else MUTUAL if back else YIELDS
+    return MERGES if areas.merge[e] and not back else 0
