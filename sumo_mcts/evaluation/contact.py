@@ -102,7 +102,7 @@ def first_contact(before: Floats, after: Floats, other_before: Floats, other_aft
         else:
             low = float(middle)
     end = np.array(high)
-    return Contact(pose_of(between(before, after, end)), pose_of(between(other_before, other_after, end)), k > 0)
+    return Contact(as_pose(between(before, after, end)), as_pose(between(other_before, other_after, end)), k > 0)
 
 
 def boxes_of(poses: Floats, half: Floats) -> Floats:
@@ -110,7 +110,7 @@ def boxes_of(poses: Floats, half: Floats) -> Floats:
     return np.concatenate([poses, np.broadcast_to(half, (*poses.shape[:-1], 2))], axis=-1)
 
 
-def pose_of(values: Floats) -> tuple[float, float, float]:
+def as_pose(values: Floats) -> tuple[float, float, float]:
     return float(values[0]), float(values[1]), float(values[2])
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from sumo_mcts.evaluation.referee import Goal
 from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, can_change, pose_of, within_step
-from sumo_mcts.model.geometry import boxes_touch
+from sumo_mcts.model.geometry import Box, boxes_touch
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, build_local, ego_state
 from sumo_mcts.model.route import Indices, RouteMap, route_map
@@ -179,6 +179,6 @@ def _touched(local: Local, p: EgoParams, state: State, row: int, share: float) -
             continue
         oc, on = before[COS] + share * (after[COS] - before[COS]), before[SIN] + share * (after[SIN] - before[SIN])
         norm = math.sqrt(oc * oc + on * on)
-        if boxes_touch(x, y, c, n, own_length, own_width, ox, oy, oc / norm, on / norm, length, width):
+        if boxes_touch(Box(x, y, c, n, own_length, own_width), Box(ox, oy, oc / norm, on / norm, length, width)):
             return True
     return False

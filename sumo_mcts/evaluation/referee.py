@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.evaluation.contact import Contact, ahead_of, boxes_of, boxes_overlap, first_contact, jumped, kept_apart, pose_of, touch_point
+from sumo_mcts.evaluation.contact import Contact, ahead_of, as_pose, boxes_of, boxes_overlap, first_contact, jumped, kept_apart, touch_point
 from sumo_mcts.evaluation.metrics import comfortable_share, events, jerks, rms
 from sumo_mcts.evaluation.ways import REACH, Drive, can_meet, driven, goal_reaching_edges, spread, successors
 from sumo_mcts.scene import GREEN, RED, Agents, Bools, EgoState, Frame, Ints, RoadMap, Signals
@@ -392,7 +392,7 @@ class Referee:
             size = sizes[k]
             if leap[k]:
                 touching = bool(boxes_overlap(boxes_of(now, half), boxes_of(other[k], size)))
-                contact = Contact(pose_of(now), pose_of(other[k]), False) if touching else None
+                contact = Contact(as_pose(now), as_pose(other[k]), False) if touching else None
             else:
                 contact = first_contact(then, now, earlier[k], other[k], half, size)
             if contact is not None and self._level(before, frame, i):

@@ -6,7 +6,7 @@ from functools import cache
 from typing import NamedTuple
 
 from sumo_mcts.model.ego import EgoParams, pose_of
-from sumo_mcts.model.geometry import boxes_touch
+from sumo_mcts.model.geometry import Box, boxes_touch
 from sumo_mcts.model.kernel import kernel, scalar_function
 from sumo_mcts.model.krauss import CAREFUL_S, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.model.local import (
@@ -113,9 +113,10 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
     """Contacts, headway and claims at forecast time `index`; `others` as in model/react.py."""
     x, y, cs, sn = pose_of(local, p, state)
     now = min(index, local.agent.shape[0] - 1)
-    half_width = p.half_width + (local.aside if state.progress > 0.0 else 0.0)
+    box = Box(x, y, cs, sn, p.half_length, p.half_width)
+    wide = Box(x, y, cs, sn, p.half_length, p.half_width + (local.aside if state.progress > 0.0 else 0.0))
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
-    own = p.half_length + half_width + 0.5 * state.v * local.dt + 0.01
+    own = wide.half_length + wide.half_width + 0.5 * state.v * local.dt + 0.01
     for i in range(local.agent.shape[1]):
         node, moved = int(local.agent[now, i, NODE]), local.trait[i, SLOT] >= 0.0
         if node == GONE or abs(local.agent[now, i, X] - x) > SIGHT or abs(local.agent[now, i, Y] - y) > SIGHT:
@@ -156,10 +157,10 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
                 rate += c.claim
         if not near:
             continue
-        if _touch(local, p, state, half_width, x, y, cs, sn, i, at, bx, by, bc, bs, v):
+        if _touch(local, state, wide, Box(bx, by, bc, bs, length, local.trait[i, HALF_WIDTH]), v, at, i):
             return Meeting(True, rate, once, gap, leader_v, followers)
         if not moved:
-            rate += _late(local, p, c, state, x, y, cs, sn, now, i) + _claim(local, p, c, state, x, y, cs, sn, now, i)
+            rate += _late(local, c, state, box, now, i) + _claim(local, c, state, box, now, i)
     if local.node[state.node, INTERNAL] > 0.0:
         rate += _in_the_way(local, p, c, state, now)
     return Meeting(False, rate + _headway(c, gap, state.v), once, gap, leader_v, followers)
@@ -183,20 +184,20 @@ def _headway(c: CostParams, gap: float, v: float) -> float:
 
 
 @kernel
-def _touch(
-    local: Local, p: EgoParams, state: State, half_width: float, x: float, y: float, cs: float, sn: float, i: int, at: int,
-    bx: float, by: float, bc: float, bs: float, v: float,
-) -> bool:  # fmt: skip
-    """Whether the ego touches agent i, whose box is at bx, by and who is where it was to be at forecast time `at`."""
-    length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
-    close = p.half_length + length + half_width + width + 0.5 * (state.v + v) * local.dt
-    if abs(bx - x) >= close or abs(by - y) >= close:
+def _touch(local: Local, state: State, box: Box, other: Box, v: float, at: int, i: int) -> bool:
+    """Whether the ego's box touches that of agent i, who drives at v and is where it was to be at forecast time `at`."""
+    close = box.half_length + other.half_length + box.half_width + other.half_width + 0.5 * (state.v + v) * local.dt
+    if abs(other.x - box.x) >= close or abs(other.y - box.y) >= close:
         return False
-    # Longer by what they drive until half-way to the next check: nobody slips through between two.
-    swept, sweep = p.half_length + 0.5 * state.v * local.dt, length + 0.5 * v * local.dt
-    if not boxes_touch(x, y, cs, sn, swept, half_width, bx, by, bc, bs, sweep, width):
+    if not boxes_touch(_swept(box, state.v * local.dt), _swept(other, v * local.dt)):
         return False
-    return not apart(local, state.node, state.s, 2.0 * p.half_length, at, i)
+    return not apart(local, state.node, state.s, 2.0 * box.half_length, at, i)
+
+
+@kernel
+def _swept(box: Box, way: float) -> Box:
+    """A box longer by what is driven until half-way to the next check, at both ends: nobody slips through between two."""
+    return Box(box.x, box.y, box.cos, box.sin, box.half_length + 0.5 * way, box.half_width)
 
 
 @kernel
@@ -311,7 +312,7 @@ def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: in
 
 
 @kernel
-def _claim(local: Local, p: EgoParams, c: CostParams, state: State, x: float, y: float, cs: float, sn: float, now: int, i: int) -> float:
+def _claim(local: Local, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
     """Cost per second of standing where the agent will be within claim_s; the sooner, the dearer."""
     if local.trait[i, POLITE] != 0.0:
         return 0.0
@@ -319,31 +320,31 @@ def _claim(local: Local, p: EgoParams, c: CostParams, state: State, x: float, y:
         at = now + int(k * c.claim_s / CLAIM_SAMPLES / local.dt + 0.5)
         if at >= local.agent.shape[0] or local.agent[at, i, NODE] == GONE:
             return 0.0
-        if _touches(local, p, x, y, cs, sn, at, i):
-            return 0.0 if apart(local, state.node, state.s, 2.0 * p.half_length, at, i) else c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
+        if _touches(local, box, at, i):
+            return 0.0 if apart(local, state.node, state.s, 2.0 * box.half_length, at, i) else c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
     return 0.0
 
 
 @kernel
-def _late(local: Local, p: EgoParams, c: CostParams, state: State, x: float, y: float, cs: float, sn: float, now: int, i: int) -> float:
+def _late(local: Local, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
     """Cost per second of being where the agent still is if it comes a little later than its forecast."""
     at = now - int(LATE / local.dt + 0.5)
     if at < 0 or local.agent[at, i, NODE] == GONE:
         return 0.0
-    if not _touches(local, p, x, y, cs, sn, at, i) or apart(local, state.node, state.s, 2.0 * p.half_length, at, i):
+    if not _touches(local, box, at, i) or apart(local, state.node, state.s, 2.0 * box.half_length, at, i):
         return 0.0
     return c.claim * 0.5
 
 
 @kernel
-def _touches(local: Local, p: EgoParams, x: float, y: float, cs: float, sn: float, at: int, i: int) -> bool:
+def _touches(local: Local, box: Box, at: int, i: int) -> bool:
     """Whether the ego's box, where it is now, meets that of agent i at forecast time `at`."""
     length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
-    reach = p.half_length + length + p.half_width + width
-    bx, by = local.agent[at, i, X], local.agent[at, i, Y]
-    if abs(bx - x) >= reach or abs(by - y) >= reach:
+    reach = box.half_length + length + box.half_width + width
+    x, y = local.agent[at, i, X], local.agent[at, i, Y]
+    if abs(x - box.x) >= reach or abs(y - box.y) >= reach:
         return False
-    return boxes_touch(x, y, cs, sn, p.half_length, p.half_width, bx, by, local.agent[at, i, COS], local.agent[at, i, SIN], length, width)
+    return boxes_touch(box, Box(x, y, local.agent[at, i, COS], local.agent[at, i, SIN], length, width))
 
 
 @kernel

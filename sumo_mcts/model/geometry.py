@@ -1,9 +1,21 @@
 """Polylines and oriented boxes."""
 
 import math
+from typing import NamedTuple
 
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.scene import Floats
+
+
+class Box(NamedTuple):
+    """An oriented box: its centre (m), cosine and sine of its heading, and half its length and width (m)."""
+
+    x: float
+    y: float
+    cos: float
+    sin: float
+    half_length: float
+    half_width: float
 
 
 @kernel
@@ -25,21 +37,37 @@ def point_at(points: Floats, arc: Floats, first: int, last: int, distance: float
 
 
 @kernel
-def boxes_touch(
-    ax: float, ay: float, ac: float, asn: float, al: float, aw: float,
-    bx: float, by: float, bc: float, bsn: float, bl: float, bw: float,
-) -> bool:  # fmt: skip
-    """Whether two oriented boxes overlap: centre, cosine and sine of the heading, half length, half width (separating axes)."""
-    dx, dy = bx - ax, by - ay
-    cosine = abs(ac * bc + asn * bsn)
-    sine = abs(ac * bsn - asn * bc)
-    if abs(dx * ac + dy * asn) > al + bl * cosine + bw * sine:
+def boxes_touch(a: Box, b: Box) -> bool:
+    """Whether two boxes overlap (separating axes)."""
+    dx, dy = b.x - a.x, b.y - a.y
+    cosine = abs(a.cos * b.cos + a.sin * b.sin)
+    sine = abs(a.cos * b.sin - a.sin * b.cos)
+    if abs(dx * a.cos + dy * a.sin) > a.half_length + b.half_length * cosine + b.half_width * sine:
         return False
-    if abs(dy * ac - dx * asn) > aw + bl * sine + bw * cosine:
+    if abs(dy * a.cos - dx * a.sin) > a.half_width + b.half_length * sine + b.half_width * cosine:
         return False
-    if abs(dx * bc + dy * bsn) > bl + al * cosine + aw * sine:
+    if abs(dx * b.cos + dy * b.sin) > b.half_length + a.half_length * cosine + a.half_width * sine:
         return False
-    return abs(dy * bc - dx * bsn) <= bw + al * sine + aw * cosine
+    return abs(dy * b.cos - dx * b.sin) <= b.half_width + a.half_length * sine + a.half_width * cosine
+
+
+@kernel
+def box_distance(a: Box, b: Box) -> float:
+    """Distance between two boxes, m; 0 where they overlap: the nearest corner of either to the other."""
+    return 0.0 if boxes_touch(a, b) else min(_corner_distance(a, b), _corner_distance(b, a))
+
+
+@kernel
+def _corner_distance(a: Box, b: Box) -> float:
+    """From box a to the nearest corner of box b."""
+    nearest = math.inf
+    for corner in range(4):
+        u, v = (b.half_length if corner < 2 else -b.half_length), (b.half_width if corner % 2 == 0 else -b.half_width)
+        x, y = b.x + u * b.cos - v * b.sin - a.x, b.y + u * b.sin + v * b.cos - a.y
+        dx = max(abs(x * a.cos + y * a.sin) - a.half_length, 0.0)
+        dy = max(abs(y * a.cos - x * a.sin) - a.half_width, 0.0)
+        nearest = min(nearest, math.sqrt(dx * dx + dy * dy))
+    return nearest
 
 
 @kernel
@@ -50,33 +78,6 @@ def chord(front_x: float, front_y: float, rear_x: float, rear_y: float, cos_defa
     if norm < 1e-6:
         return front_x, front_y, cos_default, sin_default
     return 0.5 * (front_x + rear_x), 0.5 * (front_y + rear_y), dx / norm, dy / norm
-
-
-@kernel
-def box_distance(
-    ax: float, ay: float, ac: float, asn: float, al: float, aw: float,
-    bx: float, by: float, bc: float, bsn: float, bl: float, bw: float,
-) -> float:  # fmt: skip
-    """Distance between two oriented boxes, m; 0 where they overlap: the nearest corner of either to the other."""
-    if boxes_touch(ax, ay, ac, asn, al, aw, bx, by, bc, bsn, bl, bw):
-        return 0.0
-    return min(_corner_distance(ax, ay, ac, asn, al, aw, bx, by, bc, bsn, bl, bw), _corner_distance(bx, by, bc, bsn, bl, bw, ax, ay, ac, asn, al, aw))
-
-
-@kernel
-def _corner_distance(
-    ax: float, ay: float, ac: float, asn: float, al: float, aw: float,
-    bx: float, by: float, bc: float, bsn: float, bl: float, bw: float,
-) -> float:  # fmt: skip
-    """From box a to the nearest corner of box b."""
-    nearest = math.inf
-    for corner in range(4):
-        u, v = (bl if corner < 2 else -bl), (bw if corner % 2 == 0 else -bw)
-        x, y = bx + u * bc - v * bsn - ax, by + u * bsn + v * bc - ay
-        dx = max(abs(x * ac + y * asn) - al, 0.0)
-        dy = max(abs(y * ac - x * asn) - aw, 0.0)
-        nearest = min(nearest, math.sqrt(dx * dx + dy * dy))
-    return nearest
 
 
 @kernel

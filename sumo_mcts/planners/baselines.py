@@ -7,7 +7,7 @@ import numpy as np
 
 from sumo_mcts.model.cost import place_is_free
 from sumo_mcts.model.ego import EgoParams, advance, begin_change, can_change, follow_accel, pose_of
-from sumo_mcts.model.geometry import boxes_touch
+from sumo_mcts.model.geometry import Box, boxes_touch
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import COS, DRIVEN, ENTERS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, NODE_OF, SIN, WHO, Local, S, State, V, X, Y, apart
 from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, Indices, lane_pose
@@ -218,7 +218,8 @@ def leader_on_the_way(local: Local, p: EgoParams, state: State, reach: float) ->
                 ):
                     continue
                 bc, bs = local.agent[0, i, COS], local.agent[0, i, SIN]
-                if driven < gap and boxes_touch(x, y, c, n, p.half_length, p.half_width, x + dx, y + dy, bc, bs, length, width):
+                other = Box(x + dx, y + dy, bc, bs, length, width)
+                if driven < gap and boxes_touch(Box(x, y, c, n, p.half_length, p.half_width), other):
                     gap, leader_v = driven, max(0.0, local.agent[0, i, V] * (c * bc + n * bs))
             driven, s = driven + LOOK, s + LOOK
             while node >= 0 and s > local.node[node, LENGTH]:

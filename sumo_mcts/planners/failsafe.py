@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, obey, pose_of, within_step
-from sumo_mcts.model.geometry import boxes_touch
+from sumo_mcts.model.geometry import Box, boxes_touch
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, apart, chain_gap
 from sumo_mcts.model.route import INTERNAL, LEFT_NODE, LENGTH, NEXT, RIGHT_NODE, Indices
@@ -246,19 +246,19 @@ def _to_clear(local: Local, p: EgoParams, state: State) -> float:
 def _in_the_way(local: Local, p: EgoParams, q: Assumed, top: Floats, start: State, state: State, moment: float, interval: float) -> int:
     """The first agent that could be where the ego is at `moment` (s from now), half an interval before or after; NOBODY."""
     x, y, cs, sn = pose_of(local, p, state)
-    length = p.half_length + 0.5 * state.v * interval
     width = p.half_width + (local.aside if state.progress > 0.0 else 0.0)
+    box = Box(x, y, cs, sn, p.half_length + 0.5 * state.v * interval, width)
     early, late = max(moment - 0.5 * interval, 0.0), moment + 0.5 * interval
     for i in range(local.agent.shape[1]):
         v = local.agent[0, i, V]
         most = _driven_most(v, q.accel, top[i], late)
-        reach = most + length + width + local.trait[i, HALF_LENGTH] + local.trait[i, HALF_WIDTH]
+        reach = most + box.half_length + box.half_width + local.trait[i, HALF_LENGTH] + local.trait[i, HALF_WIDTH]
         if local.agent[0, i, NODE] == GONE or abs(local.agent[0, i, X] - x) > reach or abs(local.agent[0, i, Y] - y) > reach:
             continue
         if _is_behind(local, start, i):
             continue  # it keeps its distance
         reacting = min(most, _driven_reacting(v, q, top[i], late)) if local.trait[i, REACTS] > 0.0 else most
-        if _meets(local, state, i, _driven_least(v, q.decel, early), most, reacting, x, y, cs, sn, length, width):
+        if _meets(local, state, i, _driven_least(v, q.decel, early), most, reacting, box):
             return i
     return NOBODY
 
@@ -295,9 +295,7 @@ def _driven_reacting(v: float, q: Assumed, top: float, time: float) -> float:
 
 
 @kernel
-def _meets(
-    local: Local, state: State, i: int, least: float, most: float, reacting: float, x: float, y: float, cs: float, sn: float, length: float, width: float
-) -> bool:
+def _meets(local: Local, state: State, i: int, least: float, most: float, reacting: float, box: Box) -> bool:
     """Whether a box meets what agent i covers of its way from `least` to `most` (m from now); only to `reacting` where it would drive up to the box
     from behind, or set off towards it."""
     last = local.agent.shape[0] - 1
@@ -309,26 +307,24 @@ def _meets(
             return False
         if local.agent[then, i, DRIVEN] < least or (t > 0 and local.agent[then, i, DRIVEN] - local.agent[t, i, DRIVEN] < 1e-6):
             continue
-        if _covers(local, state, i, t, then, least, most, x, y, cs, sn, length, width):
-            ahead = (x - local.agent[t, i, X]) * local.agent[t, i, COS] + (y - local.agent[t, i, Y]) * local.agent[t, i, SIN]
-            along = ahead > 0.0 and cs * local.agent[t, i, COS] + sn * local.agent[t, i, SIN] > ALONG
+        if _covers(local, state, i, t, then, least, most, box):
+            ahead = (box.x - local.agent[t, i, X]) * local.agent[t, i, COS] + (box.y - local.agent[t, i, Y]) * local.agent[t, i, SIN]
+            along = ahead > 0.0 and box.cos * local.agent[t, i, COS] + box.sin * local.agent[t, i, SIN] > ALONG
             if not along and local.agent[0, i, V] > STANDING:
                 return True
-            return local.agent[t, i, DRIVEN] <= reacting and _covers(local, state, i, t, then, least, reacting, x, y, cs, sn, length, width)
+            return local.agent[t, i, DRIVEN] <= reacting and _covers(local, state, i, t, then, least, reacting, box)
     return False
 
 
 @kernel
-def _covers(
-    local: Local, state: State, i: int, t: int, then: int, least: float, most: float, x: float, y: float, cs: float, sn: float, length: float, width: float
-) -> bool:
+def _covers(local: Local, state: State, i: int, t: int, then: int, least: float, most: float, box: Box) -> bool:
     """Whether a box meets agent i anywhere between forecast times t and `then`, as far as that lies between `least` and `most` on its way."""
     here, way = local.agent[t, i, DRIVEN], local.agent[then, i, DRIVEN] - local.agent[t, i, DRIVEN]
     first, final = (max((least - here) / way, 0.0), min((most - here) / way, 1.0)) if way > 1e-6 else (0.0, 0.0)
     dx, dy = local.agent[then, i, X] - local.agent[t, i, X], local.agent[then, i, Y] - local.agent[t, i, Y]
     middle, half = 0.5 * (first + final), local.trait[i, HALF_LENGTH] + 0.5 * (final - first) * math.sqrt(dx * dx + dy * dy)
-    bx, by = local.agent[t, i, X] + middle * dx, local.agent[t, i, Y] + middle * dy
-    close = length + width + half + local.trait[i, HALF_WIDTH]
-    if abs(bx - x) > close or abs(by - y) > close or apart(local, state.node, state.s, 2.0 * length, t, i):
+    x, y, width = local.agent[t, i, X] + middle * dx, local.agent[t, i, Y] + middle * dy, local.trait[i, HALF_WIDTH]
+    close = box.half_length + box.half_width + half + width
+    if abs(x - box.x) > close or abs(y - box.y) > close or apart(local, state.node, state.s, 2.0 * box.half_length, t, i):
         return False
-    return boxes_touch(x, y, cs, sn, length, width, bx, by, local.agent[t, i, COS], local.agent[t, i, SIN], half, local.trait[i, HALF_WIDTH])
+    return boxes_touch(box, Box(x, y, local.agent[t, i, COS], local.agent[t, i, SIN], half, width))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 
 from sumo_mcts.model.ego import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of, towards_other
-from sumo_mcts.model.geometry import box_distance
+from sumo_mcts.model.geometry import Box, box_distance
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, index_at, keep_state, kept_state
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
@@ -323,7 +323,7 @@ def _nearest(local: Local, p: EgoParams, state: State, time: float) -> float:
         bx, by, bc, bs = local.agent[now, i, X], local.agent[now, i, Y], local.agent[now, i, COS], local.agent[now, i, SIN]
         if abs(bx - x) < 40.0 and abs(by - y) < 40.0:
             length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
-            nearest = min(nearest, box_distance(x, y, c, s, p.half_length, p.half_width, bx, by, bc, bs, length, width))
+            nearest = min(nearest, box_distance(Box(x, y, c, s, p.half_length, p.half_width), Box(bx, by, bc, bs, length, width)))
     return nearest
 
 

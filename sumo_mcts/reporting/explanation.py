@@ -8,7 +8,7 @@ import numpy as np
 
 from sumo_mcts.config import ORACLE_MARK, PLANNERS, PREDICTORS
 from sumo_mcts.driver import FORECASTING, no_forecast
-from sumo_mcts.model.geometry import box_distance
+from sumo_mcts.model.geometry import Box, box_distance
 from sumo_mcts.model.local import ego_state
 from sumo_mcts.model.route import is_rest_of, route_map, stop_ahead
 from sumo_mcts.planners.failsafe import coming
@@ -142,8 +142,8 @@ def closest(cycle: CycleRecord) -> Floats:
 
 def _gap(pose: Floats, half: tuple[float, float], other: Floats, other_half: tuple[float, float]) -> float:
     """m between two boxes, each given by its pose [4] and half its length and width."""
-    (x, y, c, s), (ox, oy, oc, os) = pose, other
-    return float(box_distance(x, y, c, s, half[0], half[1], ox, oy, oc, os, other_half[0], other_half[1]))
+    (x, y, c, s), (ox, oy, oc, os) = pose.tolist(), other.tolist()
+    return float(box_distance(Box(x, y, c, s, *half), Box(ox, oy, oc, os, *other_half)))
 
 
 def _agent(cycle: CycleRecord, nearest: Floats, i: int, road: RoadMap | None) -> dict[str, Any]:

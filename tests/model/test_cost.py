@@ -16,6 +16,7 @@ from sumo_mcts.driver import Physics, mcts_params
 from sumo_mcts.evaluation.ways import can_meet
 from sumo_mcts.model.cost import RUN_UP, TAKEN, _late, meet, place_is_free, step_passability, terminal
 from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change, pose_of
+from sumo_mcts.model.geometry import Box
 from sumo_mcts.model.local import Local, State, _fill_upstream, _levels, apart, chain_gap, upstream_of
 from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.base import Task
@@ -393,19 +394,26 @@ def test_who_stands_beside_half_out_of_the_lane_leads_nobody() -> None:
     assert meet(local, task.ego, task.cost, state, NOBODY, 0, 0).gap == math.inf
 
 
+def box_at(task: Task, x: float, y: float) -> Box:
+    """The ego's, heading east."""
+    return Box(x, y, 1.0, 0.0, task.ego.half_length, task.ego.half_width)
+
+
 @pytest.mark.parametrize(("behind", "dear"), [(0.5, True), (3.5, True), (4.5, False), (9.0, False)])
 def test_right_behind_somebody_is_dear_since_it_may_be_late(behind: float, dear: bool) -> None:
     """At 10 m/s it was 4 m further back 0.4 s before."""
     task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", "a_2", 125.0, 10.0))
     x, y = local.agent[8, 0, :2]
-    rate = _late(local, task.ego, task.cost, state, x - 5.0 - behind, y, 1.0, 0.0, 8, 0)
+    rate = _late(local, task.cost, state, box_at(task, x - 5.0 - behind, y), 8, 0)
     assert rate == (0.5 * task.cost.claim if dear else 0.0)
 
 
 def test_nobody_is_late_who_stands() -> None:
     task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", "a_2", 125.0, 0.0))
-    x, y = local.agent[0, 0, :2]
-    assert _late(local, task.ego, task.cost, state, x - 5.1, y, 1.0, 0.0, 0, 0) == 0.0
+    local.agent[:] = local.agent[0]
+    x, y = local.agent[8, 0, :2]
+    assert _late(local, task.cost, state, box_at(task, x - 5.1, y), 8, 0) == 0.0
+    assert _late(local, task.cost, state, box_at(task, x - 4.9, y), 8, 0) > 0.0
 
 
 # --- between the ends of a long step ---

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from sumo_mcts.model.geometry import box_distance, boxes_touch, chord, point_at
+from sumo_mcts.model.geometry import Box, box_distance, boxes_touch, chord, point_at
 
 near = st.floats(-12.0, 12.0)
 angle = st.one_of(st.floats(-math.pi, math.pi), st.sampled_from([0.0, math.pi / 2, math.pi, -math.pi / 2]))
@@ -21,12 +21,12 @@ polylines = st.lists(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), min_
 def test_boxes_touch_as_shapely_says(a: naive.Box, b: naive.Box) -> None:
     touching = naive.distance(a, b) == 0.0
     assume(touching == a.polygon(1e-6).intersects(b.polygon(1e-6)) == a.polygon(-1e-6).intersects(b.polygon(-1e-6)))  # not a matter of rounding
-    assert boxes_touch(*a.flat(), *b.flat()) == touching == boxes_touch(*b.flat(), *a.flat())
+    assert boxes_touch(Box(*a.flat()), Box(*b.flat())) == touching == boxes_touch(Box(*b.flat()), Box(*a.flat()))
 
 
 @given(boxes, boxes)
 def test_box_distance_is_shapelys(a: naive.Box, b: naive.Box) -> None:
-    assert box_distance(*a.flat(), *b.flat()) == pytest.approx(naive.distance(a, b), abs=1e-6)
+    assert box_distance(Box(*a.flat()), Box(*b.flat())) == pytest.approx(naive.distance(a, b), abs=1e-6)
 
 
 @given(polylines, st.floats(-0.5, 1.5))
