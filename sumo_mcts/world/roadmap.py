@@ -140,22 +140,57 @@ def _convert(net: Any) -> RoadMap:
     lanes = [lane for edge in edges for lane in edge.getLanes()]
     ids = [f"{edge.getID()}_{i}" for edge in edges for i in range(len(edge.getLanes()))]
     number = {name: i for i, name in enumerate(ids)}
-    junction_number = {node.getID(): i for i, node in enumerate(net.getNodes())}
-    edge = np.repeat(np.arange(len(edges), dtype=np.int32), [len(edge.getLanes()) for edge in edges])
-    internal = np.array([lane.getEdge().isSpecial() for lane in lanes], dtype=np.bool_)
-    begins = np.array([junction_number[lane.getEdge().getFromNode().getID()] for lane in lanes], dtype=np.int32)
-    ends = np.array([junction_number[lane.getEdge().getToNode().getID()] for lane in lanes], dtype=np.int32)
-    length = np.array([lane.getLength() for lane in lanes], dtype=np.float64)
-    width = np.array([lane.getWidth() for lane in lanes], dtype=np.float64)
-
-    signal_ids, links = _read_links(net, number, junction_number)
+    junctions = {node.getID(): i for i, node in enumerate(net.getNodes())}
     following = [_following(lane, number) for lane in lanes]
     offset, points, point_s = _flatten(_shapes(lanes, following))
+    fields = _lane_fields(edges, lanes, junctions, offset, points)
+    signal_ids, links = _read_links(net, number, junctions)
+    paths = [_path(lane, link, fields["width"][lane], fields["length"][lane], points[offset[lane] : offset[lane + 1]]) for link in links for lane in link.chain]
+    return RoadMap(
+        lane_ids=tuple(ids),
+        edge_ids=tuple(edge.getID() for edge in edges),
+        junction_ids=tuple(junctions),
+        signal_ids=signal_ids,
+        point_offset=offset,
+        points=points,
+        point_s=point_s,
+        shape_length=point_s[offset[1:] - 1],
+        successor_offset=_offsets([len(lanes_after) for lanes_after in following]),
+        successor=np.array([lane for lanes_after in following for lane in lanes_after], dtype=np.int32),
+        **{**fields, **_link_fields(fields["classes"], links), **_conflict_fields(paths, len(lanes))},
+    )
+
+
+def _lane_fields(edges: Sequence[Any], lanes: Sequence[Any], junctions: dict[str, int], offset: Ints, points: Floats) -> dict[str, Any]:
+    """What a RoadMap says of each lane alone."""
+    edge = np.repeat(np.arange(len(edges), dtype=np.int32), [len(each.getLanes()) for each in edges])
+    internal = np.array([lane.getEdge().isSpecial() for lane in lanes], dtype=np.bool_)
+    begins = np.array([junctions[lane.getEdge().getFromNode().getID()] for lane in lanes], dtype=np.int32)
+    ends = np.array([junctions[lane.getEdge().getToNode().getID()] for lane in lanes], dtype=np.int32)
+    length = np.array([lane.getLength() for lane in lanes], dtype=np.float64)
     lefthand = _is_lefthand(edge, internal, offset, points)
-    exit_lane = np.arange(len(lanes), dtype=np.int32)
-    direction, rule = np.full((2, len(lanes)), [[STRAIGHT], [PRIORITY]], dtype=np.int32)
-    signal, signal_link = np.full((2, len(lanes)), -1, dtype=np.int32)
-    classes = np.array([_mask(frozenset(lane.getPermissions())) for lane in lanes], dtype=np.uint64)
+    return {
+        "lefthand": lefthand,
+        "edge": edge,
+        "index": np.array([i for each in edges for i in range(len(each.getLanes()))[:: -1 if lefthand else 1]], dtype=np.int32),
+        "internal": internal,
+        "length": length,
+        "width": np.array([lane.getWidth() for lane in lanes], dtype=np.float64),
+        "speed": np.array([lane.getSpeed() for lane in lanes], dtype=np.float64),
+        "classes": np.array([_mask(frozenset(lane.getPermissions())) for lane in lanes], dtype=np.uint64),
+        "left": _neighbours(edge, -1 if lefthand else 1),
+        "right": _neighbours(edge, 1 if lefthand else -1),
+        "junction": np.where(internal, begins, -1).astype(np.int32),
+        **knots(internal, length, begins, ends),
+    }
+
+
+def _link_fields(classes: NDArray[np.uint64], links: Sequence[_Link]) -> dict[str, Any]:
+    """What it says of the lanes inside junctions, by the ways across that they belong to; `classes` [L]: who may drive where, as the lanes say."""
+    count, classes = len(classes), classes.copy()
+    exit_lane = np.arange(count, dtype=np.int32)
+    direction, rule = np.full((2, count), [[STRAIGHT], [PRIORITY]], dtype=np.int32)
+    signal, signal_link = np.full((2, count), -1, dtype=np.int32)
     for link in links:
         chain, first = list(link.chain), list(link.chain[:1])
         exit_lane[chain] = link.exit
@@ -164,47 +199,23 @@ def _convert(net: Any) -> RoadMap:
         rule[first] = link.rule
         signal[first] = link.signal
         signal_link[first] = link.signal_link
+    return {"exit": exit_lane, "direction": direction, "classes": classes, "rule": rule, "signal": signal, "link": signal_link}
 
-    paths = [_path(lane, link, width[lane], length[lane], points[offset[lane] : offset[lane + 1]]) for link in links for lane in link.chain]
+
+def _conflict_fields(paths: Sequence[_Path], lanes: int) -> dict[str, Any]:
+    """Where the paths through a junction meet."""
     conflicts = sorted(_conflicts(paths))
     field = _Conflict(*zip(*conflicts, strict=True)) if conflicts else _Conflict(*([],) * len(_Conflict._fields))  # type: ignore[arg-type]
-    return RoadMap(
-        lane_ids=tuple(ids),
-        edge_ids=tuple(edge.getID() for edge in edges),
-        junction_ids=tuple(junction_number),
-        signal_ids=signal_ids,
-        lefthand=lefthand,
-        edge=edge,
-        index=np.array([i for edge in edges for i in range(len(edge.getLanes()))[:: -1 if lefthand else 1]], dtype=np.int32),
-        internal=internal,
-        length=length,
-        shape_length=point_s[offset[1:] - 1],
-        width=width,
-        speed=np.array([lane.getSpeed() for lane in lanes], dtype=np.float64),
-        classes=classes,
-        left=_neighbours(edge, -1 if lefthand else 1),
-        right=_neighbours(edge, 1 if lefthand else -1),
-        point_offset=offset,
-        points=points,
-        point_s=point_s,
-        successor_offset=_offsets([len(lanes_after) for lanes_after in following]),
-        successor=np.array([lane for lanes_after in following for lane in lanes_after], dtype=np.int32),
-        exit=exit_lane,
-        direction=direction,
-        junction=np.where(internal, begins, -1).astype(np.int32),
-        **knots(internal, length, begins, ends),
-        rule=rule,
-        signal=signal,
-        link=signal_link,
-        conflict_offset=_offsets(np.bincount(np.array(field.lane, dtype=np.int64), minlength=len(lanes)).tolist()),
-        conflict_lane=np.array(field.other, dtype=np.int32),
-        conflict_begin=np.array(field.begin, dtype=np.float64),
-        conflict_end=np.array(field.end, dtype=np.float64),
-        conflict_other_begin=np.array(field.other_begin, dtype=np.float64),
-        conflict_other_end=np.array(field.other_end, dtype=np.float64),
-        conflict_merge=np.array(field.merge, dtype=np.bool_),
-        conflict_yields=np.array(field.yields, dtype=np.bool_),
-    )
+    return {
+        "conflict_offset": _offsets(np.bincount(np.array(field.lane, dtype=np.int64), minlength=lanes).tolist()),
+        "conflict_lane": np.array(field.other, dtype=np.int32),
+        "conflict_begin": np.array(field.begin, dtype=np.float64),
+        "conflict_end": np.array(field.end, dtype=np.float64),
+        "conflict_other_begin": np.array(field.other_begin, dtype=np.float64),
+        "conflict_other_end": np.array(field.other_end, dtype=np.float64),
+        "conflict_merge": np.array(field.merge, dtype=np.bool_),
+        "conflict_yields": np.array(field.yields, dtype=np.bool_),
+    }
 
 
 # --- lanes ---
