@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.model.kernel import kernel, making_arrays
+from sumo_mcts.model.paths import Areas, areas_of
 from sumo_mcts.model.route import LENGTH, Indices, RouteMap, lane_pose, stop_ahead
 from sumo_mcts.scene import GREEN, YELLOW, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
@@ -279,38 +280,47 @@ def _duties(
     nodes = np.arange(first, last)
     near = route.internal[nodes] & (route.station[nodes] < here + JUNCTION_VIEW) & (route.station[nodes] > here - JUNCTION_VIEW)
     rows = np.zeros((256, 5))
-    used = _find_duties(
-        rows, nodes[near], route.lane, lane, s, driven, forecast.valid[hypothesis], lets_pass, road.conflict_offset, road.conflict_lane,
-        road.conflict_end, road.conflict_other_begin, road.conflict_yields, road.conflict_merge,
-    )  # fmt: skip
+    coming = _Coming(lane, s, driven, forecast.valid[hypothesis], lets_pass)
+    used = _find_duties(rows, nodes[near], route.lane, areas_of(road), coming)
     return rows[:used]
 
 
-@making_arrays
-def _find_duties(
-    rows: Floats, nodes: Indices, node_lane: Indices, lane: Ints, s: Floats, driven: Floats, valid: Bools, yields: Bools, first: Ints, other: Ints,
-    end: Floats, other_begin: Floats, duty: Bools, merge: Bools,
-) -> int:  # fmt: skip
+class _Coming(NamedTuple):
+    """N agents at T forecast times."""
+
+    lane: Ints  # [T, N]
+    s: Floats  # [T, N]
+    driven: Floats  # [T, N] m from now on
+    valid: Bools  # [T, N]
+    lets_pass: Bools  # [N] the ego
+
+
+@kernel
+def _find_duties(rows: Floats, nodes: Indices, node_lane: Indices, areas: Areas, coming: _Coming) -> int:
+    """How many of the `rows` were written."""
     used = 0
     for node in nodes:
         here = node_lane[node]
-        for e in range(first[here], first[here + 1]):
-            if not duty[e]:
-                continue
-            for i in range(lane.shape[1]):
-                if yields[i]:
-                    continue
-                for t in range(lane.shape[0]):
-                    if not valid[t, i]:
-                        break
-                    if lane[t, i] == other[e] and s[t, i] >= other_begin[e]:
-                        if t > 0 and used < len(rows):
-                            rows[used, 0], rows[used, 1], rows[used, 2] = node, end[e], i
-                            rows[used, 3] = driven[t, i] - max(s[t, i] - other_begin[e], 0.0)
-                            rows[used, 4] = merge[e]
-                            used += 1
-                        break
+        for e in range(areas.first[here], areas.first[here + 1]):
+            for i in range(len(coming.lets_pass) if areas.yields[e] else 0):
+                t = 0 if coming.lets_pass[i] else _enters(coming, i, areas.other[e], areas.other_begin[e])
+                if t > 0 and used < len(rows):
+                    rows[used, 0], rows[used, 1], rows[used, 2] = node, areas.end[e], i
+                    rows[used, 3] = coming.driven[t, i] - max(coming.s[t, i] - areas.other_begin[e], 0.0)
+                    rows[used, 4] = areas.merge[e]
+                    used += 1
     return used
+
+
+@kernel
+def _enters(coming: _Coming, i: int, lane: int, begin: float) -> int:
+    """The first forecast time at which agent i is on a lane from `begin` on; 0: now, or never."""
+    for t in range(coming.lane.shape[0]):
+        if not coming.valid[t, i]:
+            return 0
+        if coming.lane[t, i] == lane and coming.s[t, i] >= begin:
+            return t
+    return 0
 
 
 @making_arrays

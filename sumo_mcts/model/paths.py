@@ -121,7 +121,7 @@ def _turn_worth(turn: int, side: int) -> float:
     return 3.0 if turn == STRAIGHT else 2.0 if turn == RIGHT else 1.0 if turn == LEFT else 0.5
 
 
-class _Areas(NamedTuple):
+class Areas(NamedTuple):
     """Where lanes cross or merge; `first` [lanes + 1]: which of them are a lane's, the rest as in RoadMap."""
 
     first: Ints
@@ -135,20 +135,24 @@ class _Areas(NamedTuple):
     allway: Bools  # [lanes]
 
 
+def areas_of(road: RoadMap) -> Areas:
+    """Those of a network."""
+    return Areas(
+        road.conflict_offset, road.conflict_lane, road.conflict_begin, road.conflict_end, road.conflict_other_begin, road.conflict_other_end,
+        road.conflict_merge, road.conflict_yields, road.rule == ALLWAY,
+    )  # fmt: skip
+
+
 def conflicts_of(road: RoadMap, paths: Paths) -> Conflicts:
     """Where the paths of the vehicles meet."""
     n = len(paths.lane)
     found = Conflicts(np.full((n, FOES), -1, np.int32), np.zeros((n, FOES), np.int32), np.zeros((n, FOES, 4)))
-    areas = _Areas(
-        road.conflict_offset, road.conflict_lane, road.conflict_begin, road.conflict_end, road.conflict_other_begin, road.conflict_other_end,
-        road.conflict_merge, road.conflict_yields, road.rule == ALLWAY,
-    )  # fmt: skip
-    _find_conflicts(found, paths, areas, np.full(len(road.lane_ids), -1, np.int32))
+    _find_conflicts(found, paths, areas_of(road), np.full(len(road.lane_ids), -1, np.int32))
     return found
 
 
 @making_arrays
-def _find_conflicts(found: Conflicts, paths: Paths, areas: _Areas, mark: Ints) -> None:
+def _find_conflicts(found: Conflicts, paths: Paths, areas: Areas, mark: Ints) -> None:
     """`mark` [lanes of the road] is room to work in, all -1."""
     n = len(paths.lane)
     used = np.zeros(n, np.int32)
@@ -172,7 +176,7 @@ def _find_conflicts(found: Conflicts, paths: Paths, areas: _Areas, mark: Ints) -
 
 
 @kernel
-def _kind(areas: _Areas, lane: int, e: int) -> int:
+def _kind(areas: Areas, lane: int, e: int) -> int:
     """What whoever is on `lane` has to heed in its conflict area e: YIELDS .. IN_TURN, or 0: nothing."""
     back = False  # the other has to yield too
     for r in range(areas.first[areas.other[e]], areas.first[areas.other[e] + 1]):
