@@ -3,8 +3,10 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from sumo_mcts.model.kernel import kernel
-from sumo_mcts.scene import Floats
+from sumo_mcts.scene import Floats, Ints, RoadMap
 
 
 class Box(NamedTuple):
@@ -34,6 +36,26 @@ def point_at(points: Floats, arc: Floats, first: int, last: int, distance: float
         points[low, 0] + share * (points[low + 1, 0] - points[low, 0]),
         points[low, 1] + share * (points[low + 1, 1] - points[low, 1]),
     )
+
+
+class Lines(NamedTuple):
+    """The centre lines of all lanes, as in RoadMap."""
+
+    points: Floats
+    arc: Floats
+    first: Ints
+    scale: Floats  # m of the line for each metre of the lane
+
+
+def lines_of(road: RoadMap) -> Lines:
+    """Those of a network."""
+    return Lines(road.points, road.point_s, road.point_offset, road.shape_length / np.maximum(road.length, 1e-9))
+
+
+@kernel
+def point_on(lines: Lines, lane: int, s: float) -> tuple[float, float]:
+    """The centre line's point at a position on a lane, m; straight on beyond its ends."""
+    return point_at(lines.points, lines.arc, lines.first[lane], lines.first[lane + 1], s * lines.scale[lane])
 
 
 @kernel

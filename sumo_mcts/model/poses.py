@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.geometry import chord, point_at, swung
+from sumo_mcts.model.geometry import Lines, chord, lines_of, point_on, swung
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import SIDEWAYS
 from sumo_mcts.model.paths import PATH, Paths
@@ -33,27 +33,17 @@ class _Bodies(NamedTuple):
     aside: Floats
 
 
-class _Lines(NamedTuple):
-    """The centre lines of all lanes."""
-
-    points: Floats
-    arc: Floats
-    first: Ints
-    scale: Floats  # m of the line for each metre of the lane
-
-
 def poses(road: RoadMap, agents: Agents, paths: Paths, x: Floats, step: float) -> Poses:
     """The agents at times `step` s apart, from their positions along the paths, x [T, N+1] (row 0 of which is the ego)."""
     times, n = len(x), len(agents.ids)
     out = Poses(np.zeros((times, n, 4)), np.full((times, n), -1, np.int32), np.zeros((times, n)), np.ones((times, n), np.bool_))
     bodies = _Bodies(agents.x, agents.y, agents.heading, agents.length, agents.d)
-    lines = _Lines(road.points, road.point_s, road.point_offset, road.shape_length / np.maximum(road.length, 1e-9))
-    _place(out, paths, bodies, lines, x, step)
+    _place(out, paths, bodies, lines_of(road), x, step)
     return out
 
 
 @kernel
-def _place(out: Poses, paths: Paths, bodies: _Bodies, lines: _Lines, x: Floats, step: float) -> None:
+def _place(out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: Floats, step: float) -> None:
     for i in range(x.shape[1] - 1):
         if paths.count[i + 1] == 0:
             _place_off_road(out.pose, bodies, x, i)
@@ -71,7 +61,7 @@ def _place_off_road(pose: Floats, bodies: _Bodies, x: Floats, i: int) -> None:
 
 
 @kernel
-def _place_on_path(out: Poses, paths: Paths, bodies: _Bodies, lines: _Lines, x: Floats, i: int, step: float) -> None:
+def _place_on_path(out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: Floats, i: int, step: float) -> None:
     """Front and rear on the path; what it is off the centre line, and aslant, now becomes less on the way."""
     row, length = i + 1, bodies.length[i]
     cs, sn = math.cos(bodies.heading[i]), math.sin(bodies.heading[i])
@@ -121,7 +111,6 @@ def _ends(paths: Paths, row: int, start: float) -> bool:
 
 
 @kernel
-def _point(paths: Paths, lines: _Lines, row: int, k: int, x: float) -> tuple[float, float]:
+def _point(paths: Paths, lines: Lines, row: int, k: int, x: float) -> tuple[float, float]:
     """The centre line's point at a position on the k-th lane of a path."""
-    lane = paths.lane[row, k]
-    return point_at(lines.points, lines.arc, lines.first[lane], lines.first[lane + 1], (x - paths.offset[row, k]) * lines.scale[lane])
+    return point_on(lines, paths.lane[row, k], x - paths.offset[row, k])

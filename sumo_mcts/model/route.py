@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.model.geometry import chord, point_at
+from sumo_mcts.model.geometry import Lines, chord, lines_of, point_on
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.scene import ALLWAY, IGNORING, STOP, Bools, Floats, Ints, RoadMap
+from sumo_mcts.scene import ALLWAY, IGNORING, STOP, Bools, Floats, RoadMap
 
 Indices = NDArray[np.int64]
 SPACING = 1.0  # m between the rows of the pose and speed tables
@@ -231,24 +231,21 @@ def _stations(road: RoadMap, edges: tuple[int, ...], lane: Indices, leg: Indices
 
 def _poses(road: RoadMap, lane: Indices, previous: Indices, row: Indices, length: Floats, vehicle: float) -> Floats:
     pose = np.zeros((row[-1], 4))
-    scale = np.where(road.length > 0, road.shape_length / np.maximum(road.length, 1e-9), 1.0)
-    _fill_poses(pose, lane, previous, row, length, vehicle, road.points, road.point_s, road.point_offset, scale)
+    _fill_poses(pose, lane, previous, row, length, vehicle, lines_of(road))
     return pose
 
 
 @kernel
-def _fill_poses(
-    pose: Floats, lane: Indices, previous: Indices, row: Indices, length: Floats, vehicle: float, points: Floats, arc: Floats, offset: Ints, scale: Floats
-) -> None:
+def _fill_poses(pose: Floats, lane: Indices, previous: Indices, row: Indices, length: Floats, vehicle: float, lines: Lines) -> None:
     for i in range(len(lane)):
         for k in range(row[i], row[i + 1]):
             s = (k - row[i]) * SPACING
-            fx, fy = point_at(points, arc, offset[lane[i]], offset[lane[i] + 1], s * scale[lane[i]])
+            fx, fy = point_on(lines, lane[i], s)
             node, rear = i, s - vehicle
             while rear < 0.0 and previous[node] >= 0:
                 node = previous[node]
                 rear += length[node]
-            rx, ry = point_at(points, arc, offset[lane[node]], offset[lane[node] + 1], rear * scale[lane[node]])
+            rx, ry = point_on(lines, lane[node], rear)
             _, _, c, n = chord(fx, fy, rx, ry, 1.0, 0.0)
             # the middle of the chord would lie elsewhere where a shape is longer or shorter than its lane
             pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = fx - 0.5 * vehicle * c, fy - 0.5 * vehicle * n, c, n
