@@ -175,7 +175,9 @@ def _agents(road: RoadMap, places: Sequence[tuple[int, float]], rng: np.random.G
     x, y, heading = np.array([_pose(road, lane, s) for lane, s in places]).T
     lane, s = np.array([lane for lane, _ in places], np.int32), np.array([s for _, s in places])
     v, zero, none = rng.uniform(0.0, 12.0, n), np.zeros(n), np.zeros(n, np.int32)
-    return Agents(tuple(f"agent{i}" for i in range(n)), x, y, heading, v, zero, zero, zero + 5.0, zero + 1.8, lane, s, zero, none, zero, np.zeros(n, np.bool_))
+    return Agents(
+        tuple(f"agent{i}" for i in range(n)), x, y, heading, v, zero, zero, zero + 5.0, zero + 1.8, lane, s, zero, none, zero, np.zeros(n, np.bool_), none
+    )
 
 
 def _pose(road: RoadMap, lane: int, s: float) -> tuple[float, float, float]:

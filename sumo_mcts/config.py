@@ -283,7 +283,7 @@ class EgoModelConfig(_Section):
     max_decel_mps2: Positive = Field(8.0, description="strongest braking at all; never beyond the vehicle type's emergencyDecel")
     max_accel_mps2: Positive = Field(2.6, description="strongest acceleration; never beyond the vehicle type's accel")
     approach_decel_mps2: Positive = Field(2.0, description="braking towards lower limits, stop lines and the end of a lane")
-    stop_gap_m: NonNegative = Field(1.0, description="distance to the stop line at standstill")
+    stop_gap_m: float = Field(1.0, ge=0.0, le=2.0, description="distance to the stop line at standstill")
 
 
 class PlannerConfig(_Section):

@@ -497,9 +497,9 @@ def _still_life(road: RoadMap, step: float) -> Scene:
     lane = int(np.flatnonzero(~road.internal)[0])
     x, y = (float(value) for value in road.points[road.point_offset[lane]])
     ego = EgoState("", x, y, 0.0, 0.0, 0.0, lane, 0.0, 0.0, 5.0, 1.8, 2.6, 4.5, 9.0, 50.0, 1.0, IGNORING, (int(road.edge[lane]),), 0.0, -1, -1)
-    zero, none = np.zeros(1), np.zeros(1, np.int32)
+    zero, none, end = np.zeros(1), np.zeros(1, np.int32), float(road.length[lane])
     agents = Agents(
-        ("agent",), zero + x, zero + y, zero, zero, zero, zero, zero + 5.0, zero + 1.8, none + lane, zero + float(road.length[lane]), zero, none, zero, none > 0
+        ("agent",), zero + x, zero + y, zero, zero, zero, zero, zero + 5.0, zero + 1.8, none + lane, zero + end, zero, none, zero, none > 0, none
     )  # fmt: skip
     links = [int(road.link[road.signal == signal].max(initial=-1)) + 1 for signal in range(len(road.signal_ids))]
     offset = np.concatenate([[0], np.cumsum(links)]).astype(np.int32)

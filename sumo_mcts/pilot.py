@@ -11,7 +11,7 @@ from sumo_mcts.sensing import Senses
 from sumo_mcts.world.command import Bounds, Commander
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap
-from sumo_mcts.world.simulation import option, step_length
+from sumo_mcts.world.simulation import is_ballistic, option, step_length
 
 SUBLANE_CHANGE_S = 3.0  # a lane's width at about 1 m/s, as SUMO's sublane model goes sideways
 _EPS = 1e-9
@@ -28,7 +28,7 @@ class World(NamedTuple):
 
 def running_world(period_s: float) -> World:
     """What to know about the running simulation to decide every `period_s`. Raises ConfigError where its network cannot be read."""
-    physics = Physics(step_length(), option("step-method.ballistic") == "true", _change_duration())
+    physics = Physics(step_length(), is_ballistic(), _change_duration())
     road = known_roadmap(option("net-file"))
     return World(road, physics, Observer(road), max(1, round(period_s / physics.step)) * physics.step)
 

@@ -92,6 +92,7 @@ class Agents(NamedTuple):
     blinker: Ints  # [N] -1 right, 0 none, +1 left
     standing_s: Floats  # [N] for how long it has stood, as far as it was seen
     person: Bools  # [N]
+    vclass: Ints  # [N] index into VEHICLE_CLASSES, or IGNORING: a car, a lorry, a tram or a bicycle looks like one
 
 
 class EgoState(NamedTuple):

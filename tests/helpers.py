@@ -250,6 +250,7 @@ def agents_at(road: RoadMap, *those: Agent) -> Agents:
         blinker=np.zeros(len(those), np.int32),
         standing_s=np.zeros(len(those)),
         person=np.array([not a.on for a in those], dtype=np.bool_),
+        vclass=np.zeros(len(those), np.int32),
     )
 
 

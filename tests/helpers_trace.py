@@ -174,6 +174,7 @@ def _agents(actors: list[tuple[Path, float, float, float, str]], time: float) ->
         blinker=np.zeros(count, dtype=np.int32),
         standing_s=np.zeros(count),
         person=np.zeros(count, dtype=np.bool_),
+        vclass=np.zeros(count, dtype=np.int32),
     )
 
 

@@ -11,6 +11,7 @@ from sumo_mcts.model.kernel import kernel, scalar_function
 from sumo_mcts.model.krauss import CAREFUL_S, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.model.local import (
     BESIDE,
+    BIT,
     CLAIM_SAMPLES,
     COS,
     DRIVEN,
@@ -41,6 +42,7 @@ from sumo_mcts.model.local import (
     Y,
     apart,
     chain_gap,
+    follows,
     upstream_of,
 )
 from sumo_mcts.model.react import seen
@@ -105,7 +107,7 @@ class Meeting(NamedTuple):
     once: float  # safety cost of having moved in front of somebody
     gap: float  # m to the leader, inf: none
     leader_v: float  # m/s
-    followers: int  # bit i: agent i follows the ego and reacts to it
+    followers: int  # bit mask (trait BIT) of the agents that follow the ego and react to it
 
 
 @kernel
@@ -131,7 +133,7 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
             bx, by, bc, bs, v, s, at = seen(local, others, i, now)
             node = int(local.agent[at, i, NODE])
         length = local.trait[i, HALF_LENGTH]
-        behind, to_ego = i < 63 and (followers >> i) & 1, math.inf
+        behind, to_ego = follows(local, followers, i), math.inf
         if comes_to >= 0:
             to_ego = chain_gap(local, comes_to, s, _target(state), state.s)
         elif node >= 0:
@@ -146,10 +148,10 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
                 return Meeting(True, rate, once, gap, leader_v, followers)
             if state.progress > 0.0 and _leaves(local, i, now) >= 0:
                 to_ego = min(to_ego, chain_gap(local, _leaves(local, i, now), s, _target(state), state.s))
-        if not behind and i < 63 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
+        if not behind and local.trait[i, BIT] >= 0.0 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
             price = _cut_in(c, to_ego - 2.0 * p.half_length, v, state.v)
             if price >= 0.0:
-                followers |= 1 << i
+                followers |= 1 << int(local.trait[i, BIT])
                 once += price
                 if not moved:
                     continue

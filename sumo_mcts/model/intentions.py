@@ -15,7 +15,7 @@ import numpy as np
 
 from sumo_mcts.model.ego import STANDS
 from sumo_mcts.model.others import TrafficParams
-from sumo_mcts.model.paths import MERGES, Paths, changing, conflicts_of, likely_paths
+from sumo_mcts.model.paths import MERGES, Paths, changing, conflicts_of, likely_paths, of_class
 from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.scene import (
     BRAKES,
@@ -25,7 +25,6 @@ from sumo_mcts.scene import (
     STARTS,
     STRAIGHT,
     TURNS,
-    VEHICLE_CLASSES,
     Agents,
     Bools,
     EgoState,
@@ -62,8 +61,6 @@ STAYING = 0.5  # odds that one ahead that waits, and is expected to move off, go
 SLOW = 2.0  # m/s below which nobody is in danger of braking hard
 LEADERS = 2  # how many ahead of the ego may brake
 FOLLOWING = 4.0  # s within which somebody ahead is followed (and 10 m)
-
-PASSENGER = np.uint64(1 << VEHICLE_CLASSES.index("passenger"))
 
 
 class Alternative(NamedTuple):
@@ -109,7 +106,7 @@ def likeliest(forecast: Forecast) -> Forecast:
 def alternatives(road: RoadMap, scene: Scene, ego_lanes: Ints, usual: Forecast, expected: Floats, params: TrafficParams) -> list[Alternative]:
     """What agents may do that matters to the ego, the likeliest first; `expected` [N]: their accelerations now if they did what is usual, m/s2."""
     agents = changing(road, scene.agents)
-    paths = likely_paths(road, agents, scene.ego, ego_lanes, {})
+    paths = likely_paths(road, agents, scene.ego, ego_lanes, {}, usual.dt * usual.v.shape[1])
     found = [
         *_other_ways(road, agents, paths, scene.ego.s, usual, expected, params),
         *_forcing(road, agents, paths, scene.ego.s, usual.yields[0]),
@@ -126,7 +123,7 @@ def _other_ways(
     road: RoadMap, agents: Agents, paths: Paths, ego_s: float, usual: Forecast, expected: Floats, params: TrafficParams
 ) -> Iterator[Alternative]:  # fmt: skip
     """Whoever is about to come to where its lane branches, with each other way that meets the ego's."""
-    theirs = _meeting(road, paths, ego_s)
+    theirs, kind = _meeting(road, paths, ego_s), of_class(agents.vclass)
     driven = usual.v[0].sum(axis=0) * usual.dt
     ego_lane = {int(lane): k for k, lane in enumerate(paths.lane[0, : paths.count[0]])}
     for i in np.flatnonzero((agents.lane >= 0) & (driven > 1.0)):
@@ -139,7 +136,7 @@ def _other_ways(
         likely, lane = int(paths.lane[i + 1, k + 1]), int(paths.lane[i + 1, k])
         against = way_worth(road, agents, int(i), likely, room, expected[i], params.decel)
         for way in _successors(road, lane):
-            if way != likely and road.classes[way] & PASSENGER and any(theirs[inside] for inside in _through(road, way)):
+            if way != likely and road.classes[way] & road.classes[road.exit[way]] & kind[i] and any(theirs[inside] for inside in _through(road, way)):
                 worth = way_worth(road, agents, int(i), way, room, expected[i], params.decel)
                 yield Alternative(worth / against, Intent(int(i), TURNS, (*(int(x) for x in paths.lane[i + 1, : k + 1]), *_through(road, way))))
 
@@ -235,7 +232,7 @@ def _starting(agents: Agents, ego: EgoState, usual: Forecast, stays_after: float
 
 def starting_odds(standing_s: float) -> float:
     """Odds that an agent starts at once: what has lasted for a while goes on for as long again about as often as not."""
-    return STARTING_S / standing_s
+    return STARTING_S / max(standing_s, STARTING_S)
 
 
 # --- braking for no reason ---

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.paths import Areas, areas_of
+from sumo_mcts.model.paths import Ahead, Areas, ahead_of, areas_of, leads_to
 from sumo_mcts.model.route import LENGTH, Indices, RouteMap, lane_pose, stop_ahead
 from sumo_mcts.scene import GREEN, YELLOW, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
@@ -26,6 +26,7 @@ ASIDE = 0.2  # m kept clear aside by a lane change yet to begin, half of it by o
 SIDEWAYS = 1.2  # m/s with which a vehicle moves to the centre line: a lane in 3 s
 TURNED = 0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
 FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
+MOST_FOLLOWERS = 63  # bits of a mask
 CHAIN = 250.0  # m beyond its end over which one lane is followed into the next
 
 
@@ -40,7 +41,7 @@ class Local(NamedTuple):
     ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
-    trait: Floats  # [N, 7] HALF_LENGTH .. UNTIL below
+    trait: Floats  # [N, 8] HALF_LENGTH .. BIT below
     reach: Floats  # [T, N, 4] least and greatest x, least and greatest y of what counts of an agent's box: just before, then, and in what it claims
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
@@ -48,7 +49,7 @@ class Local(NamedTuple):
     pace: float  # mean speed of the others around the ego in the lanes that the route goes on in, m/s; where there is nobody, their limit
     free: bool  # no light that stays red and no dead end ahead of the ego, as far as it could come
     stop_at: float  # m along the route (STATION) where the next stop line is if it is that of a stop sign at which the ego has still to stand; else inf
-    followers: int  # bit i: agent i is behind the ego in its lane and reacts: its contact is imposed braking
+    followers: int  # bit mask (trait BIT) of the agents that are behind the ego in its lane and react: their contact is imposed braking
     aside: float  # m to the side that a lane change keeps clear, since it may come out a little otherwise than planned
     dt: float  # s between forecast times
 
@@ -58,8 +59,8 @@ class Local(NamedTuple):
 X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
 # Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass;
 # its row among those that the search moves (model/react.py), -1: the table has it; the node of the lane beside into which its box reaches
-# while it changes lanes (-1: none), and the last forecast time at which it does.
-HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL = range(7)
+# while it changes lanes (-1: none), and the last forecast time at which it does; and its bit among the followers, -1: it is too far away to be one.
+HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT = range(8)
 # Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, what the agent drives until it enters the stretch (m), and 1 where
 # both lead into the same lane.
 NODE_OF, STRETCH_END, WHO, ENTERS, MERGES = range(5)
@@ -140,16 +141,18 @@ def build_local(
     driven[1:] = np.cumsum(np.where(lane[1:] == lane[:-1], s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * forecast.dt), axis=0)
     level, place = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
     closed = _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel)
-    followers = _followers(node[0], s[0], forecast.reacts, ahead, state, first)
+    bits = _bits(forecast, node, scene.ego)
+    followers = _followers(node[0], s[0], forecast.reacts, bits, ahead, state, first)
+    follows = (bits >= 0) & ((followers >> np.maximum(bits, 0)) & 1 > 0)
     return Local(
         route.table, route.rows, closed, level, place, ahead,
         _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
         np.column_stack([
             forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields[hypothesis], _slots(forecast, node, scene, reactive),
-            *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt),
+            *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt), bits,
         ]),
         _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width, forecast.dt, claim_s),
-        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, followers), first, float(route.limit[state.node]),
+        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, follows), first, float(route.limit[state.node]),
         _pace(route, view, here, node[0], position[0], v[0]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
         _stop_at(route, state, cleared, here), followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
@@ -213,14 +216,25 @@ def apart(local: Local, node: int, s: float, length: float, at: int, i: int) -> 
     return (level >> 6) & theirs == 0 or s >= NEARBY + length
 
 
-def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> Floats:
+def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> Indices:
     """[N] 0, 1, ... for the nearest of those that react and come to a lane of the ego's route, -1 for the others."""
-    slots = np.full(len(forecast.reacts), -1.0)
-    meets = np.flatnonzero(forecast.reacts & (node >= 0).any(axis=0))
-    apart = np.hypot(scene.agents.x[meets] - scene.ego.x, scene.agents.y[meets] - scene.ego.y)
-    nearest = meets[np.argsort(apart, kind="stable")[:reactive]]
-    slots[nearest] = np.arange(len(nearest))
-    return slots
+    return _nearest(forecast, np.flatnonzero(forecast.reacts & (node >= 0).any(axis=0)), scene.ego, reactive)
+
+
+def _bits(forecast: Forecast, node: Indices, ego: EgoState) -> Indices:
+    """Trait BIT: everybody's own number where there are few, else 0, 1, ... for the nearest of those that could follow the ego, -1 for the others."""
+    if len(forecast.reacts) <= MOST_FOLLOWERS:
+        return np.arange(len(forecast.reacts))
+    return _nearest(forecast, np.flatnonzero(forecast.reacts & ((node >= 0) | (node <= UPSTREAM)).any(axis=0)), ego, MOST_FOLLOWERS)
+
+
+def _nearest(forecast: Forecast, those: Indices, ego: EgoState, most: int) -> Indices:
+    """[N] 0, 1, ... for the nearest `most` of `those`, -1 for the others."""
+    where = forecast.pose[0, 0, those]
+    nearest = those[np.argsort(np.hypot(where[:, 0] - ego.x, where[:, 1] - ego.y), kind="stable")[:most]]
+    numbers = np.full(len(forecast.reacts), -1)
+    numbers[nearest] = np.arange(len(nearest))
+    return numbers
 
 
 def _reaching_in(road: RoadMap, agents: Agents, lane: Ints, half_width: Floats, lane_node: Indices, dt: float) -> tuple[Indices, Ints]:
@@ -270,18 +284,18 @@ def _stop_at(route: RouteMap, state: State, cleared: frozenset[int], here: float
 
 def _duties(
     road: RoadMap, route: RouteMap, first: int, last: int, here: float, forecast: Forecast, hypothesis: int, lane: Ints, s: Floats, driven: Floats,
-    followers: int,
+    follows: Bools,
 ) -> Floats:  # fmt: skip
     """[K, 5] the coming meetings with agents that have the right of way, inside the junctions of the next JUNCTION_VIEW metres.
 
-    Whoever follows the ego has none: it cannot come before the ego has gone on.
+    Whoever `follows` [N] the ego has none: it cannot come before the ego has gone on.
     """
-    lets_pass = forecast.yields[hypothesis] | np.array([i < 63 and bool(followers >> i & 1) for i in range(len(forecast.reacts))], np.bool_)
+    lets_pass = forecast.yields[hypothesis] | follows
     nodes = np.arange(first, last)
     near = route.internal[nodes] & (route.station[nodes] < here + JUNCTION_VIEW) & (route.station[nodes] > here - JUNCTION_VIEW)
     rows = np.zeros((256, 5))
     coming = _Coming(lane, s, driven, forecast.valid[hypothesis], lets_pass)
-    used = _find_duties(rows, nodes[near], route.lane, areas_of(road), coming)
+    used = _find_duties(rows, nodes[near], route.lane, areas_of(road), ahead_of(road), coming)
     return rows[:used]
 
 
@@ -296,31 +310,36 @@ class _Coming(NamedTuple):
 
 
 @kernel
-def _find_duties(rows: Floats, nodes: Indices, node_lane: Indices, areas: Areas, coming: _Coming) -> int:
+def _find_duties(rows: Floats, nodes: Indices, node_lane: Indices, areas: Areas, ahead: Ahead, coming: _Coming) -> int:
     """How many of the `rows` were written."""
     used = 0
     for node in nodes:
         here = node_lane[node]
         for e in range(areas.first[here], areas.first[here + 1]):
             for i in range(len(coming.lets_pass) if areas.yields[e] else 0):
-                t = 0 if coming.lets_pass[i] else _enters(coming, i, areas.other[e], areas.other_begin[e])
-                if t > 0 and used < len(rows):
-                    rows[used, 0], rows[used, 1], rows[used, 2] = node, areas.end[e], i
-                    rows[used, 3] = coming.driven[t, i] - max(coming.s[t, i] - areas.other_begin[e], 0.0)
-                    rows[used, 4] = areas.merge[e]
+                enters = math.inf if coming.lets_pass[i] else _enters(coming, ahead, i, areas.other[e], areas.other_begin[e])
+                if enters < math.inf and used < len(rows):
+                    rows[used, 0], rows[used, 1], rows[used, 2], rows[used, 3], rows[used, 4] = node, areas.end[e], i, enters, areas.merge[e]
                     used += 1
     return used
 
 
 @kernel
-def _enters(coming: _Coming, i: int, lane: int, begin: float) -> int:
-    """The first forecast time at which agent i is on a lane from `begin` on; 0: now, or never."""
+def _enters(coming: _Coming, ahead: Ahead, i: int, lane: int, begin: float) -> float:
+    """m that agent i drives until it is at `begin` on a lane; inf: never, or it is behind that already."""
     for t in range(coming.lane.shape[0]):
-        if not coming.valid[t, i]:
-            return 0
-        if coming.lane[t, i] == lane and coming.s[t, i] >= begin:
-            return t
-    return 0
+        here, s, before = coming.lane[t, i], coming.s[t, i], coming.lane[max(t - 1, 0), i]
+        if not coming.valid[t, i] or (t == 0 and here == lane and s >= begin):
+            return math.inf
+        if here == lane and s >= begin:
+            return float(coming.driven[t, i] - (s - begin))
+        if here != before and before >= 0 and here >= 0:  # it may have come over a short lane within this step
+            driven, was = coming.driven[t - 1, i], coming.s[t - 1, i]
+            if before == lane:
+                return float(driven + begin - was)
+            if here != lane and leads_to(ahead, before, lane) and leads_to(ahead, lane, here):
+                return float(driven + ahead.length[before] - was + begin)
+    return math.inf
 
 
 @making_arrays
@@ -337,16 +356,23 @@ def _ahead(nxt: Indices, length: Floats, first: int, w: int) -> Floats:
 
 
 @kernel
-def _followers(node: Indices, s: Floats, reacts: Bools, ahead: Floats, state: State, first: int) -> int:
-    """Bit i: agent i reacts, and its lane leads to where the ego is, with the ego in front of it."""
+def _followers(node: Indices, s: Floats, reacts: Bools, bits: Indices, ahead: Floats, state: State, first: int) -> int:
+    """Bit mask of the agents that react and whose lane leads to where the ego is, with the ego in front of them."""
     result = 0
-    for i in range(min(len(node), 63)):
+    for i in range(len(node)):
         for target in (state.node, state.other):
-            if node[i] >= 0 and target >= 0 and reacts[i]:
+            if node[i] >= 0 and target >= 0 and reacts[i] and bits[i] >= 0:
                 gap = ahead[node[i] - first, target - first] + state.s - s[i]
                 if 0.0 < gap < np.inf:
-                    result |= 1 << i
+                    result |= 1 << bits[i]
     return result
+
+
+@kernel
+def follows(local: Local, followers: int, i: int) -> bool:
+    """Whether agent i is one of the `followers`, a bit mask."""
+    bit = int(local.trait[i, BIT])
+    return bit >= 0 and (followers >> bit) & 1 > 0
 
 
 def _urgency(route: RouteMap, view: slice, here: float) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.krauss import safe_speed
 from sumo_mcts.model.local import signal_states
-from sumo_mcts.model.paths import IN_TURN, MERGES, MUTUAL, Paths, conflicts_of
+from sumo_mcts.model.paths import IN_TURN, MERGE, MERGES, MUTUAL, Paths, conflicts_of
 from sumo_mcts.model.route import Indices
 from sumo_mcts.scene import ALLWAY, BRAKES, FORCES, GREEN, STARTS, STOP, Bools, Floats, Ints, RoadMap, Signals
 
@@ -17,7 +17,7 @@ AT_LINE = 4.0  # m before a stop sign within which standing counts
 BEFORE = 1.0  # m before a line where somebody stops, as late as possible,
 CLOSER = 0.5  # m nearer than that where it waits for others: SUMO's drivers do so 0.1 m before the line
 STOPS = 5.0  # m/s2 beyond which nobody stops for red or for who has the right of way: a little more than they brake with
-AT_SIGN = 9.0  # m/s2 likewise at a stop sign, at which everybody stops
+AT_SIGN = 9.0  # m/s2 likewise at a stop sign, and at the end of a lane, where everybody stops
 MOVES = 1.0  # m/s above which the acceleration of late tells how somebody drives on
 MOST_HABIT = 4.0  # m/s2 that it tells at most
 HARD = 4.5  # m/s2 with which an agent is taken to brake where it is taken to brake for no reason
@@ -62,6 +62,7 @@ class _Course(NamedTuple):
     internal: Bools  # [N, L] inside a junction
     red: Bools  # [N, L, T] the way into it shows red or yellow
     sign: Bools  # [N, L] who enters it has to stand first
+    end: Floats  # [N] where the last lane ends and one has to have changed to another; inf: the road goes on, or ends
     foe: Ints  # [N, F] and so on, as in Conflicts
     kind: Ints
     place: Floats
@@ -87,7 +88,8 @@ def drive(
 
 def _course(road: RoadMap, signals: Signals, paths: Paths, grid: Floats) -> _Course:
     red, sign = _red_lights(road, signals, paths, grid), _signs(road, paths)
-    return _Course(paths.lane, paths.offset, paths.count, road.speed[paths.lane], road.internal[paths.lane], red, sign, *conflicts_of(road, paths))
+    end = np.where(paths.ends == MERGE, paths.offset[np.arange(len(paths.count)), paths.count], np.inf)
+    return _Course(paths.lane, paths.offset, paths.count, road.speed[paths.lane], road.internal[paths.lane], red, sign, end, *conflicts_of(road, paths))
 
 
 def _red_lights(road: RoadMap, signals: Signals, paths: Paths, grid: Floats) -> Bools:
@@ -147,6 +149,8 @@ def _step_all(xs: Floats, vs: Floats, polite: Bools, c: _Course, d: Drivers, nom
             a = min(a, _red_accel(params, c, i, at[i], t, x[i], v[i]))
             if math.isinf(rank[i]):
                 a = min(a, _halt(params, v[i], _to_sign(c, i, at[i], x[i]), AT_SIGN))
+            if not math.isinf(c.end[i]):
+                a = min(a, _halt(params, v[i], c.end[i] - x[i], AT_SIGN))
             a = min(a, _yield_accel(params, c, d, polite, at, rank, x, v, i, t))
             if d.does[i] == BRAKES:
                 a = min(a, -HARD)
@@ -185,7 +189,7 @@ def _follow(q: TrafficParams, v: float, gap: float, leader_v: float, free: float
 @kernel
 def _leader(c: _Course, length: Floats, mark: Ints, at: Ints, x: Floats, v: Floats, i: int) -> tuple[float, float]:
     """Gap (m) and speed of the nearest vehicle ahead on the path; a vehicle's tail counts on the lane it came from."""
-    for k in range(at[i], c.lanes[i]):
+    for k in range(c.lanes[i] - 1, at[i] - 1, -1):  # a path may come to a lane twice, in a roundabout: the first time counts
         mark[c.path[i, k]] = k
     gap, leader_v = math.inf, 0.0
     for j in range(len(x)):

@@ -8,7 +8,7 @@ import numpy as np
 from sumo_mcts.model.geometry import Lines, chord, lines_of, point_on, swung
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import SIDEWAYS
-from sumo_mcts.model.paths import PATH, Paths
+from sumo_mcts.model.paths import OPEN, Paths
 from sumo_mcts.scene import Agents, Bools, Floats, Ints, RoadMap
 
 UNTURNED = 0.05  # rad between box and lane up to which it is a matter of how curves are drawn
@@ -70,7 +70,7 @@ def _place_on_path(out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: F
     for t in range(len(x)):
         front, back = x[t, row], x[t, row] - length
         k = _lane_at(paths, row, k, front)
-        if front > paths.offset[row, paths.count[row]] + 0.1 and paths.count[row] < paths.lane.shape[1] and _ends(paths, row, start):
+        if front > paths.offset[row, paths.count[row]] + 0.1 and paths.ends[row] != OPEN:
             out.valid[t, i] = False
         out.lane[t, i], out.s[t, i] = paths.lane[row, k], front - paths.offset[row, k]
         fx, fy = _point(paths, lines, row, k, front)
@@ -102,12 +102,6 @@ def _lane_at(paths: Paths, row: int, k: int, x: float) -> int:
     while k < paths.count[row] - 1 and x > paths.offset[row, k + 1]:
         k += 1
     return k
-
-
-@kernel
-def _ends(paths: Paths, row: int, start: float) -> bool:
-    """Whether the road ends with the path, which else is cut off."""
-    return bool(paths.offset[row, paths.count[row]] - start < PATH)
 
 
 @kernel

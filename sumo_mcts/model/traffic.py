@@ -50,7 +50,7 @@ def predict(
     times = int(math.ceil(seconds / params.step)) + 1
     agents, ego = changing(road, scene.agents), scene.ego
     ways = {**told.ways, intent.agent: np.array(intent.way, np.int32)} if intent.does == TURNS else told.ways
-    paths = likely_paths(road, agents, ego, ego_lanes, ways)
+    paths = likely_paths(road, agents, ego, ego_lanes, ways, seconds)
     of_ego = params._replace(accel=min(params.accel, ego.max_accel))
     x, v, polite = drive(road, scene.signals, paths, _drivers(agents, ego, ego_stood_s, intent, params), nominal, params, of_ego, times)
     found, v, yields, reacts = poses(road, agents, paths, x, params.step), v[:, 1:].copy(), polite[1:], ~agents.person

@@ -114,9 +114,10 @@ class FailSafe:
         return Plan(times, motion[:used, 1].copy(), lanes, motion[:used, 0].copy(), pose[:used].copy()), Obstacle(agent, when)
 
     def _top_speeds(self, situation: Situation) -> Floats:
-        """[N] what each agent may reach, m/s: somewhat more than the limit, at least what it drives already."""
-        agents, limit = situation.scene.agents, self._task.road.speed
-        return np.maximum(np.where(agents.lane >= 0, self._assumed.over_limit * limit[agents.lane], 0.0), agents.v)
+        """[N] what each agent may reach, m/s: somewhat more than the limits of its way, at least what it drives already."""
+        agents, lane = situation.scene.agents, situation.forecast.lane
+        limit = np.where(lane >= 0, self._task.road.speed[lane], 0.0).max(axis=(0, 1), initial=0.0)
+        return np.maximum(self._assumed.over_limit * limit, agents.v)
 
 
 def nonsense(task: Task, state: State, decision: object) -> str:

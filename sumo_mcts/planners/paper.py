@@ -10,7 +10,7 @@ from numpy.random import Generator
 from sumo_mcts.model.ego import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of, towards_other
 from sumo_mcts.model.geometry import Box, box_distance
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, index_at, keep_state, kept_state
+from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, follows, index_at, keep_state, kept_state
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
 from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
 from sumo_mcts.planners.effort import SLICE, budget
@@ -318,7 +318,7 @@ def _nearest(local: Local, p: EgoParams, state: State, time: float) -> float:
     now = min(index_at(local, time), local.agent.shape[0] - 1)
     nearest = math.inf
     for i in range(local.agent.shape[1]):
-        if local.agent[now, i, NODE] == GONE or (i < 63 and (local.followers >> i) & 1) or apart(local, state.node, state.s, 2.0 * p.half_length, now, i):
+        if local.agent[now, i, NODE] == GONE or follows(local, local.followers, i) or apart(local, state.node, state.s, 2.0 * p.half_length, now, i):
             continue
         bx, by, bc, bs = local.agent[now, i, X], local.agent[now, i, Y], local.agent[now, i, COS], local.agent[now, i, SIN]
         if abs(bx - x) < 40.0 and abs(by - y) < 40.0:

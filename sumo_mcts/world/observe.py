@@ -167,7 +167,7 @@ class Observer:
         signals = get.getSignals(vehicle)
         return (
             vehicle, x, y, heading, v, a, self._smoothed(vehicle, a, time), kind.length, kind.width, lane, s, self._left * get.getLateralLanePosition(vehicle),
-            (-1 if signals & 1 else 1 if signals & 2 else 0), self._stood(vehicle, v, time), False,
+            (-1 if signals & 1 else 1 if signals & 2 else 0), self._stood(vehicle, v, time), False, kind.vclass,
         )  # fmt: skip
 
     def _box(self, vehicle: str, px: float, py: float) -> tuple[float, float, float, int, float]:
@@ -200,7 +200,7 @@ class Observer:
         get = self._libsumo.person
         v = get.getSpeed(person)
         length, width = max(get.getLength(person), 0.3), max(get.getWidth(person), 0.5)
-        return (person, px, py, _heading(get.getAngle(person)), v, 0.0, 0.0, length, width, -1, 0.0, 0.0, 0, self._stood(person, v, time), True)
+        return (person, px, py, _heading(get.getAngle(person)), v, 0.0, 0.0, length, width, -1, 0.0, 0.0, 0, self._stood(person, v, time), True, PEDESTRIAN)
 
     def _stood(self, name: str, v: float, time: float) -> float:
         """For how long it has stood, s."""
@@ -257,6 +257,7 @@ class Observer:
         return _number(get(ego, "device.ssm.minTTC")), _number(get(ego, "device.ssm.maxDRAC")), _number(get(ego, "device.ssm.minPET"))
 
 
+PEDESTRIAN = VEHICLE_CLASSES.index("pedestrian")
 _NO_LANES: Ints = np.zeros(0, np.int32)
 
 
@@ -275,11 +276,12 @@ def _heading(angle: float) -> float:
 
 
 def _columns(rows: list[tuple[Any, ...]]) -> Agents:
-    names, *columns = zip(*rows, strict=True) if rows else ((),) * 15
-    x, y, heading, v, a, trend, length, width, lane, s, d, blinker, standing, person = columns
+    names, *columns = zip(*rows, strict=True) if rows else ((),) * 16
+    x, y, heading, v, a, trend, length, width, lane, s, d, blinker, standing, person, vclass = columns
     return Agents(
         tuple(names), _floats(x), _floats(y), _floats(heading), _floats(v), _floats(a), _floats(trend), _floats(length), _floats(width),
         np.array(lane, np.int32), _floats(s), _floats(d), np.array(blinker, np.int32), _floats(standing), np.array(person, np.bool_),
+        np.array(vclass, np.int32),
     )  # fmt: skip
 
 
@@ -296,7 +298,7 @@ class _SignalReader:
         known = set(self._get.getIDList())
         links = [int(road.link[road.signal == q].max(initial=-1)) + 1 for q in range(len(road.signal_ids))]
         self._offset = np.concatenate([[0], np.cumsum(links)]).astype(np.int32)
-        self._place = [_place(road, q) for q in range(len(road.signal_ids))]
+        self._places = [road.points[road.point_offset[np.flatnonzero(road.signal == q)]] for q in range(len(road.signal_ids))]  # where links begin
         self._known = [name in known for name in road.signal_ids]
         self._programs: dict[tuple[int, str], list[_Phase]] = {}
 
@@ -305,8 +307,7 @@ class _SignalReader:
         state = np.full((int(self._offset[-1]), phases), GREEN, np.int32)
         until = np.full((len(self._ids), phases), np.inf)
         for q, name in enumerate(self._ids):
-            px, py = self._place[q]
-            if self._known[q] and (px - x) ** 2 + (py - y) ** 2 < SIGNAL_RANGE**2:
+            if self._known[q] and ((self._places[q] - (x, y)) ** 2).sum(axis=1).min(initial=math.inf) < SIGNAL_RANGE**2:
                 self._fill(q, name, time, state[self._offset[q] : self._offset[q + 1]], until[q])
         return Signals(self._offset, state, until)
 
@@ -359,12 +360,3 @@ def _show(letters: str, column: Ints) -> None:
 @lru_cache(maxsize=4096)
 def _shown(letters: str) -> Ints:
     return np.array([_SHOWS.get(letter, GREEN) for letter in letters], np.int32)
-
-
-def _place(road: RoadMap, signal: int) -> tuple[float, float]:
-    """Where a signal stands: the mean start of its links, m."""
-    lanes = np.flatnonzero(road.signal == signal)
-    if not len(lanes):
-        return math.inf, math.inf
-    points = road.points[road.point_offset[lanes]]
-    return float(points[:, 0].mean()), float(points[:, 1].mean())

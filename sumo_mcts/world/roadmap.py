@@ -46,6 +46,10 @@ _ON_FOOT = ("walkingarea", "crossing")
 _BROKEN = (OSError, EOFError, zlib.error, SAXException, ValueError, LookupError, AttributeError, TypeError)
 
 
+class _NoInternalLanesError(Exception):
+    """There are signals or stop signs, but no lanes inside junctions, which they belong to."""
+
+
 class _Link(NamedTuple):
     """One way across a junction: ordinary lane `origin` to ordinary lane `exit` along the internal lanes of `chain`."""
 
@@ -96,6 +100,11 @@ def read_roadmap(net_file: str) -> RoadMap:
         raise ConfigError(f"{net_file}: no such network file")
     try:
         road = _convert(sumolib.net.readNet(net_file, withInternal=True))
+    except _NoInternalLanesError:
+        raise ConfigError(
+            f"{net_file}: signals or stop signs, but no lanes inside junctions, without which nobody heeds them; "
+            "build the network again without --no-internal-links (netconvert -s FILE -o NEW)"
+        ) from None
     except _BROKEN as error:
         # sumolib fails in many ways on a file that is not what it expects
         reason = f"{error} is missing" if isinstance(error, LookupError) else " ".join(str(error).split()) or type(error).__name__
@@ -145,6 +154,8 @@ def _convert(net: Any) -> RoadMap:
     offset, points, point_s = _flatten(_shapes(lanes, following))
     fields = _lane_fields(edges, lanes, junctions, offset, points)
     signal_ids, links = _read_links(net, number, junctions)
+    if any(not link.chain and (link.signal >= 0 or link.rule in (STOP, ALLWAY)) for link in links):
+        raise _NoInternalLanesError
     paths = [_path(lane, link, fields["width"][lane], fields["length"][lane], points[offset[lane] : offset[lane + 1]]) for link in links for lane in link.chain]
     return RoadMap(
         lane_ids=tuple(ids),

@@ -145,6 +145,13 @@ def step_length() -> float:
     return float(import_libsumo().simulation.getDeltaT())
 
 
+def is_ballistic() -> bool:
+    """Whether positions follow the mean speed of a step: asked for, or what SUMO changes to without telling where a type of vehicle acts less often than
+    every step."""
+    types, step = import_libsumo().vehicletype, step_length()
+    return option("step-method.ballistic") == "true" or any(types.getActionStepLength(name) > step + 1e-9 for name in types.getIDList())
+
+
 def option_names(arguments: Sequence[str]) -> set[str]:
     """The full names of the options on a command line."""
     words = (word for word in arguments if word.startswith("-") and not _is_number(word))

@@ -266,7 +266,7 @@ def test_the_place_to_wait_is_in_the_junction_of_the_stretch(begin: float, waits
     internal = np.array([[False, True, True, False, True, True, False]])
     path, offset = np.arange(7, dtype=np.int32)[None], np.array([[0.0, 20.0, 30.0, 40.0, 120.0, 130.0, 140.0, 200.0]])
     red, sign, nobody = np.zeros((1, 7, 1), np.bool_), np.zeros((1, 7), np.bool_), np.full((1, 1), -1, np.int32)
-    course = _Course(path, offset, np.array([7], np.int32), np.zeros((1, 7)), internal, red, sign, nobody, nobody, np.zeros((1, 1, 4)))
+    course = _Course(path, offset, np.array([7], np.int32), np.zeros((1, 7)), internal, red, sign, np.array([np.inf]), nobody, nobody, np.zeros((1, 1, 4)))
     assert _stop_place(course, 0, 0, begin) == waits
 
 
