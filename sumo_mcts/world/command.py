@@ -34,6 +34,7 @@ class Commander:
         self._profile: Floats = np.zeros(0)
         self._at = 0
         self._own_modes: tuple[int, int] | None = None  # speed and lane change mode to give back; None: SUMO drives
+        self._own_action_step = 0.0  # s
         self.change = Change()
 
     def accept(self, command: Follow | Release) -> None:
@@ -45,6 +46,7 @@ class Commander:
             self._own_modes = int(self._get.getSpeedMode(self._vehicle)), int(self._get.getLaneChangeMode(self._vehicle))
             self._get.setSpeedMode(self._vehicle, 0)
             self._get.setLaneChangeMode(self._vehicle, 0)
+            self._act_every(self._bounds.step)
         self._profile, self._at = command.speeds, 0
         if command.lane_change != 0:
             self._begin_change(command.lane_change)
@@ -70,8 +72,15 @@ class Commander:
             self._get.setSpeed(self._vehicle, -1.0)
             self._get.setSpeedMode(self._vehicle, self._own_modes[0])
             self._get.setLaneChangeMode(self._vehicle, self._own_modes[1])
+            self._act_every(self._own_action_step)
         self._own_modes = None
         self.change = Change()
+
+    def _act_every(self, seconds: float) -> None:
+        """How often SUMO lets the vehicle act; what it does in between, it makes up."""
+        self._own_action_step = float(self._get.getActionStepLength(self._vehicle))
+        if self._own_action_step > seconds + _SLACK or seconds > self._bounds.step + _SLACK:
+            self._get.setActionStepLength(self._vehicle, seconds)
 
     def _wanted(self, v: float, a: float) -> float:
         """What the profile says. Past its end braking goes on, else the speed is kept; no profile at all means stop."""

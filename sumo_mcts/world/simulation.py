@@ -147,7 +147,7 @@ def step_length() -> float:
 
 def is_ballistic() -> bool:
     """Whether positions follow the mean speed of a step: asked for, or what SUMO changes to without telling where a type of vehicle acts less often than
-    every step."""
+    every step (and nobody asked for the opposite, which cannot be seen)."""
     types, step = import_libsumo().vehicletype, step_length()
     return option("step-method.ballistic") == "true" or any(types.getActionStepLength(name) > step + 1e-9 for name in types.getIDList())
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import Agent, Lane, build, crossing, edges, ego_at
+from helpers import Agent, Conflict, Lane, build, crossing, edges, ego_at
 from helpers_model import lanes_east, local_of, scenario, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,7 +17,7 @@ from sumo_mcts.evaluation.ways import can_meet
 from sumo_mcts.model.cost import RUN_UP, TAKEN, _late, meet, place_is_free, step_passability, terminal
 from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.geometry import Box
-from sumo_mcts.model.local import Local, State, _fill_upstream, _levels, apart, chain_gap, upstream_of
+from sumo_mcts.model.local import ENTERS, WHO, Local, State, _fill_upstream, _levels, apart, chain_gap, follows, upstream_of
 from sumo_mcts.model.route import route_map
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.mcts import follow_line, in_steps
@@ -414,6 +414,47 @@ def test_nobody_is_late_who_stands() -> None:
     x, y = local.agent[8, 0, :2]
     assert _late(local, task.cost, state, box_at(task, x - 5.1, y), 8, 0) == 0.0
     assert _late(local, task.cost, state, box_at(task, x - 4.9, y), 8, 0) > 0.0
+
+
+# --- whom the ego has to leave a stretch to ---
+
+
+@settings(deadline=None)
+@given(st.floats(25.0, 60.0), st.floats(10.0, 15.0))
+def test_a_stretch_on_a_short_lane_is_not_driven_over_unseen(s: float, v: float) -> None:
+    """The foe's way inside the junction has a lane of 0.4 m, in the middle of which the shared stretch begins."""
+    road = build(
+        [
+            Lane("w", 0, ((-100.0, 0.0), (-10.0, 0.0)), (":w_0",)),
+            Lane(":w", 0, ((-10.0, 0.0), (10.0, 0.0)), ("e_0",), junction="m"),
+            Lane("e", 0, ((10.0, 0.0), (200.0, 0.0))),
+            Lane("s", 0, ((0.0, -100.0), (0.0, -10.0)), (":s_0",)),
+            Lane(":s", 0, ((0.0, -10.0), (0.0, -2.4)), (":t_0",), junction="m"),
+            Lane(":t", 0, ((0.0, -2.4), (0.0, -2.0)), (":u_0",), junction="m"),
+            Lane(":u", 0, ((0.0, -2.0), (0.0, 10.0)), ("n_0",), junction="m"),
+            Lane("n", 0, ((0.0, 10.0), (0.0, 200.0))),
+        ],
+        [Conflict(":w_0", 8.0, 12.0, ":t_0", 0.2, 0.4, yields=":w_0")],
+    )
+    ego = ego_at(road, "w_0", 60.0, 5.0, route=edges(road, "w", "e"))
+    task = task_of(road, ego)
+    local, _ = local_of(task, scene_of(ego, road, Agent("x", "s_0", s, v)))
+    assert local.duty[:, WHO].tolist() == [0.0]
+    assert local.duty[0, ENTERS] == pytest.approx(90.0 - s + 7.6 + 0.2, abs=1e-6)
+
+
+# --- who follows ---
+
+
+@pytest.mark.parametrize("bystanders", [0, 70])
+def test_who_follows_does_so_among_however_many(bystanders: int) -> None:
+    """Whose contact is imposed braking is written down in 63 bits."""
+    away = [Agent(f"p{k:02d}", "", x=40.0 + k, y=60.0) for k in range(bystanders)]
+    task, local, state = view(lanes_east(3, 900.0), "a_1", 100.0, 15.0, *away, Agent("z", "a_1", 85.0, 15.0))
+    assert follows(local, local.followers, bystanders)
+    braking = state._replace(s=103.0, v=2.0)
+    assert not meet(local, task.ego, task.cost, braking, NOBODY, local.followers, 5).contact
+    assert meet(local, task.ego, task.cost, state, NOBODY, 0, 0).followers == local.followers  # whoever comes to follow later gets the same bit
 
 
 # --- between the ends of a long step ---

@@ -272,8 +272,8 @@ def test_who_has_stood_for_a_while_may_start() -> None:
 
 
 def test_the_longer_it_has_stood_the_less() -> None:
-    odds = [starting_odds(s) for s in (2.0, 4.0, 8.0, 20.0, 300.0)]
-    assert odds == sorted(odds, reverse=True) and odds[0] > 0.5 and odds[3] < 0.1 and odds[-1] <= LEAST
+    odds = [starting_odds(s) for s in (0.0, 2.0, 4.0, 8.0, 20.0, 300.0)]
+    assert odds == sorted(odds, reverse=True) and odds[1] > 0.5 and odds[4] < 0.1 and odds[-1] <= LEAST
 
 
 def test_only_those_start_whom_nothing_but_patience_holds() -> None:

@@ -259,7 +259,8 @@ def ways_of(those: Case) -> list[Way]:
         there = forecast.valid[0, :, i]
         v = forecast.v[0, :, i]
         driven = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * forecast.dt)])[there]
-        top = max(bounds.over_limit * float(road.speed[agents.lane[i]]), float(agents.v[i]))
+        limit = max(float(road.speed[lane]) for lane in forecast.lane[0, :, i] if lane >= 0)
+        top = max(bounds.over_limit * limit, float(agents.v[i]))
         behind = agents.lane[i] == ego.lane and agents.s[i] < ego.s
         result.append(Way(driven, forecast.pose[0, there, i], float(agents.v[i]), top, bool(behind)))
     return result

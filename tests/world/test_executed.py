@@ -131,6 +131,16 @@ def test_whatever_it_does_alone(name: str, step: float, change_s: float, ballist
             assert one.aside < 0.01 and one.turned < 0.5, one
 
 
+def test_where_drivers_act_seldom(monkeypatch: pytest.MonkeyPatch) -> None:
+    """SUMO then integrates ballistically, whatever its option says, and fails in lane changes of a vehicle that itself acts seldom."""
+    monkeypatch.setattr(driver, "make_planner", lambda _: Erratic())
+    config = alone(CROSSING, 0.1)
+    seldom = config.sumo.model_copy(update={"options": {"lanechange.duration": 3.0, "default.action-step-length": 1.0}})
+    result = run_episode(config.model_copy(update={"sumo": seldom}), seed=1)
+    assert result.rows[0]["error"] is None and changes_begun(result) > 3
+    check(differences(result))
+
+
 @pytest.mark.parametrize("name", [STRAIGHT, CROSSING, "highway-exit"])
 def test_the_search_among_others(name: str) -> None:
     result = run_episode(load(scenario_path(name), ("planner.iterations=200",)), seed=3)

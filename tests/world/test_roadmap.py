@@ -251,6 +251,13 @@ def test_network_without_internal_lanes(tmp_path: Path) -> None:
     assert set(successors(road, number["WC_0"])) == {number["CS_0"], number["CE_0"]} and successors(road, number["CE_0"]) == []
 
 
+@pytest.mark.parametrize("node_type", ["traffic_light", "priority_stop", "allway_stop"])
+def test_without_internal_lanes_nobody_would_heed_lights_and_signs(tmp_path: Path, node_type: str) -> None:
+    net_file = crossing(tmp_path, "--no-internal-links", "true", node_type=node_type)
+    with pytest.raises(ConfigError, match=r"x\.net\.xml: signals or stop signs, but no lanes inside junctions.*without --no-internal-links"):
+        read_roadmap(net_file)
+
+
 def test_permissions_of_a_connection_hold_on_its_internal_lanes(tmp_path: Path) -> None:
     nodes = '<node id="A" x="0" y="0"/><node id="B" x="100" y="0"/><node id="C" x="200" y="0"/>'
     edges = '<edge id="AB" from="A" to="B" numLanes="2"/><edge id="BC" from="B" to="C" numLanes="2" disallow="truck pedestrian"/>'
