@@ -298,17 +298,19 @@ class _SignalReader:
         known = set(self._get.getIDList())
         links = [int(road.link[road.signal == q].max(initial=-1)) + 1 for q in range(len(road.signal_ids))]
         self._offset = np.concatenate([[0], np.cumsum(links)]).astype(np.int32)
-        self._places = [road.points[road.point_offset[np.flatnonzero(road.signal == q)]] for q in range(len(road.signal_ids))]  # where links begin
-        self._known = [name in known for name in road.signal_ids]
+        where = [road.points[road.point_offset[np.flatnonzero(road.signal == q)]] for q in range(len(road.signal_ids))]  # the beginnings of its links
+        self._low = np.array([places.min(axis=0, initial=math.inf) for places in where]).reshape(-1, 2)
+        self._high = np.array([places.max(axis=0, initial=-math.inf) for places in where]).reshape(-1, 2)
+        self._known = np.array([name in known for name in road.signal_ids], np.bool_)
         self._programs: dict[tuple[int, str], list[_Phase]] = {}
 
     def read(self, x: float, y: float, time: float, phases: int) -> Signals:
-        """Signals within SIGNAL_RANGE of a place; those further away read as green."""
+        """Signals with a link within SIGNAL_RANGE of a place (or between two, where they are far apart); those further away read as green."""
         state = np.full((int(self._offset[-1]), phases), GREEN, np.int32)
         until = np.full((len(self._ids), phases), np.inf)
-        for q, name in enumerate(self._ids):
-            if self._known[q] and ((self._places[q] - (x, y)) ** 2).sum(axis=1).min(initial=math.inf) < SIGNAL_RANGE**2:
-                self._fill(q, name, time, state[self._offset[q] : self._offset[q + 1]], until[q])
+        away = np.maximum(np.maximum(self._low - (x, y), (x, y) - self._high), 0.0)
+        for q in np.flatnonzero(self._known & ((away * away).sum(axis=1) < SIGNAL_RANGE**2)).tolist():
+            self._fill(q, self._ids[q], time, state[self._offset[q] : self._offset[q + 1]], until[q])
         return Signals(self._offset, state, until)
 
     def _fill(self, q: int, name: str, time: float, state: Ints, until: Floats) -> None:

@@ -3,14 +3,16 @@
 import itertools
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import libsumo
 import numpy as np
 import pytest
+from helpers import Lane, build
 from helpers_networks import netconvert, simulation
 
 from sumo_mcts.scene import GREEN, RED, YELLOW
-from sumo_mcts.world.observe import CHANGED, PHASES, TREND_S, Change, Observer
+from sumo_mcts.world.observe import CHANGED, PHASES, TREND_S, Change, Observer, _SignalReader
 from sumo_mcts.world.roadmap import read_roadmap
 
 NODES = '<node id="w" x="0" y="0"/><node id="m" x="200" y="0"/><node id="e" x="400" y="0"/>'
@@ -133,3 +135,20 @@ def test_an_acceleration_is_smoothed_until_the_driver_changes_its_mind(tmp_path:
     assert of[7.7][0] > 1.0 and of[7.7][1] > 0.5  # a memory of half a second would still be at -1.5
     noise = [(a, trend) for time, a, trend in seen if 3.0 < time < 6.0]
     assert np.std(noise, axis=0)[1] < 0.7 * np.std(noise, axis=0)[0]
+
+
+# --- signals that stand far apart ---
+
+
+def test_a_signal_is_read_near_each_of_its_links() -> None:
+    """One controller for two junctions, 1.4 km apart."""
+    ends = [0.0, 700.0, 1400.0, 2100.0]
+    lanes = [Lane(f"a{k}", 0, ((x, 0.0), (x + 680.0, 0.0)), (f":j{k}_0",)) for k, x in enumerate(ends[:3])]
+    lanes += [
+        Lane(f":j{k}", 0, ((x + 680.0, 0.0), (x + 700.0, 0.0)), (f"a{k + 1}_0",) if k < 2 else (), junction=f"j{k}", signal="s", link=k)
+        for k, x in enumerate(ends[:3])
+    ]
+    traffic_light = SimpleNamespace(getIDList=lambda: ["s"], getRedYellowGreenState=lambda _: "rrr")
+    reader = _SignalReader(SimpleNamespace(trafficlight=traffic_light), build(lanes))
+    read = [reader.read(x, 0.0, 0.0, 1).state[:, 0].tolist() for x in (690.0, 2090.0, -400.0, 4000.0)]
+    assert read == [[RED] * 3, [RED] * 3, [GREEN] * 3, [GREEN] * 3]
