@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_mcts.config import ConfigError
-from sumo_mcts.world.simulation import Simulation, import_libsumo, option
+from sumo_mcts.world.simulation import GZIP, Simulation, import_libsumo, option
 
 ROAD_CLASSES = frozenset(
     {"passenger", "private", "authority", "army", "vip", "hov", "taxi", "bus", "coach", "delivery", "truck", "trailer", "motorcycle", "moped", "evehicle",
@@ -81,7 +81,7 @@ def require_named(egos: Iterable[str], others: Iterable[str]) -> None:
 def _ids_in(path: Path, changed: int) -> frozenset[str] | None:
     """Every id in a file of SUMO's, whatever it names; None where another file is included. `changed`: when the file was, for the cache."""
     raw = path.read_bytes()
-    text = gzip.decompress(raw) if raw[:2] == b"\x1f\x8b" else raw
+    text = gzip.decompress(raw) if raw[:2] == GZIP else raw
     if b"<include" in text:
         return None
     return frozenset((double or single).decode(errors="replace") for double, single in _ID.findall(text))

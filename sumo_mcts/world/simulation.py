@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import gzip
 import math
 import os
 import re
@@ -19,6 +20,9 @@ _PACKAGES = {"libGL.so": "libgl1", "libX11.so": "libx11-6", "libXext.so": "libxe
 _QUIET = {"verbose": "false", "no-step-log": "true", "duration-log.disable": "true", "no-warnings": "true"}
 _WINDOW = {"start": "true", "quit-on-end": "true", "delay": "60", "window-size": "1200,800"}
 
+GZIP = b"\x1f\x8b"  # how a packed file begins
+TYPES_WITHIN = 1 << 24  # bytes of a file in which types of vehicles are looked for
+_ACTION_STEP = re.compile(rb"""actionStepLength\s*=\s*["']([0-9.]+)["']""")
 _END_OF_ERROR = re.compile(r"\n(?=\S)|\nQuitting")  # what belongs to an error is indented
 
 _WITHOUT_DISPLAY = "leave --gui out, or start a virtual one: xvfb-run -a sumo-mcts run ... --gui"
@@ -147,9 +151,23 @@ def step_length() -> float:
 
 def is_ballistic() -> bool:
     """Whether positions follow the mean speed of a step: asked for, or what SUMO changes to without telling where a type of vehicle acts less often than
-    every step (and nobody asked for the opposite, which cannot be seen)."""
-    types, step = import_libsumo().vehicletype, step_length()
-    return option("step-method.ballistic") == "true" or any(types.getActionStepLength(name) > step + 1e-9 for name in types.getIDList())
+    every step (and nobody asked for the opposite, which cannot be seen).
+
+    The files tell, since asking SUMO for a type draws from its random numbers where that is a distribution, and so changes the traffic.
+    """
+    files = [name for key in ("route-files", "additional-files") for name in option(key).split(",") if name]
+    longest = max([float(option("default.action-step-length")), *(_longest_action_step(Path(name)) for name in files)])
+    return option("step-method.ballistic") == "true" or longest > step_length() + 1e-9
+
+
+def _longest_action_step(path: Path) -> float:
+    """The longest actionStepLength in a file of routes or types, s; of large files the beginning counts, where types stand."""
+    if not path.is_file():
+        return 0.0
+    with path.open("rb") as file:
+        plain = file.read(2) != GZIP
+    with path.open("rb") if plain else gzip.open(path) as content:
+        return max((float(found) for found in _ACTION_STEP.findall(content.read(TYPES_WITHIN))), default=0.0)
 
 
 def option_names(arguments: Sequence[str]) -> set[str]:

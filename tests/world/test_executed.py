@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import NamedTuple
 from unittest import mock
 
+import libsumo
 import numpy as np
 import pytest
 import sumo
+from helpers_networks import simulation
 
 from sumo_mcts import driver
 from sumo_mcts.assets import scenario_path
@@ -21,6 +23,7 @@ from sumo_mcts.model.local import build_local
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.scene import Decision, Follow, Plan
 from sumo_mcts.world.roadmap import read_roadmap
+from sumo_mcts.world.simulation import is_ballistic
 
 STRAIGHT, CROSSING = "straight-line", "unprotected-left-turn"
 GAME = Path(sumo.SUMO_HOME) / "tools" / "game"
@@ -207,3 +210,20 @@ def test_a_way_out_is_one_in_sumo(name: str, seed: int) -> None:
         assert math.dist((ego.x, ego.y), (x, y)) < 0.12, k  # whoever stands goes sideways a little slower in SUMO
         assert abs(math.remainder(ego.heading - math.atan2(n, c), 2.0 * math.pi)) < 0.04, k
     assert loop.finish()[0]["outcome"] in (None, "arrived")
+
+
+@pytest.mark.parametrize(("types", "expected"), [('<vType id="t"/>', False), ('<vType id="t" actionStepLength="1.0"/>', True)])
+def test_how_sumo_integrates_is_told_without_touching_the_traffic(tmp_path: Path, types: str, expected: bool) -> None:
+    """Asking SUMO for a type draws from its random numbers where that is a distribution."""
+    vehicles = "".join(f'<vehicle id="v{k}" type="any" depart="{k}"><route edges="from_west to_east"/></vehicle>' for k in range(20))
+    distribution = '<vTypeDistribution id="any"><vType id="a" maxSpeed="8" speedDev="0.2"/><vType id="b" speedDev="0.3"/></vTypeDistribution>'
+    (tmp_path / "x.rou.xml").write_text(f"<routes>{types}{distribution}{vehicles}</routes>")
+    seen = []
+    for ask in (False, True):
+        with simulation(str(NETWORKS / "crossing" / "crossing.net.xml"), [tmp_path / "x.rou.xml"]):
+            if ask:
+                assert is_ballistic() == expected
+            for _ in range(250):
+                libsumo.simulationStep()
+            seen.append([libsumo.vehicle.getPosition(name) for name in sorted(libsumo.vehicle.getIDList())])
+    assert len(seen[0]) > 5 and seen[0] == seen[1]
