@@ -13,6 +13,7 @@ LANES = 20  # lanes of a path at most
 PATH = 200.0  # m of a path, or what can be driven within the forecast
 FASTER = 1.2  # than its speed, and the limit, now
 TOLD = 10.0  # worth of a way on which an oracle has seen an agent: more than any guess
+CREEPS = 5.0  # m/s below which whoever is on a lane that ends has found no gap: it stops at the end
 CLOSED = 5.0  # worth lost by a way that its kind of vehicle may not take
 ASIDE = 0.1  # m off the centre line from which a blinking vehicle is taken to be changing lanes: a step of 0.1 s or two after it has begun
 FOES = 64  # conflicts looked at for each agent: the most that were seen, with a car every 20 m of lane, are 59
@@ -88,12 +89,12 @@ def likely_paths(road: RoadMap, agents: Agents, ego: EgoState, ego_lanes: Ints, 
         true[i + 1, : len(way)] = way[:LANES]
     paths = Paths(lane, offset, count, np.zeros(n, np.int32))
     reach = agents.s + np.maximum(PATH, FASTER * np.maximum(agents.v, road.speed[agents.lane]) * seconds)
-    _likely(paths, true, agents.lane, reach, agents.blinker, of_class(agents.vclass), ahead_of(road))
+    _likely(paths, true, agents.lane, agents.v, reach, agents.blinker, of_class(agents.vclass), ahead_of(road))
     return paths
 
 
 @kernel
-def _likely(paths: Paths, true: Ints, lane: Ints, reach: Floats, blinker: Ints, kind: NDArray[np.uint64], ahead: Ahead) -> None:
+def _likely(paths: Paths, true: Ints, lane: Ints, v: Floats, reach: Floats, blinker: Ints, kind: NDArray[np.uint64], ahead: Ahead) -> None:
     """The lanes each agent will most likely drive. The blinker speaks for the next turn only; `true` (-1: not told) knows better."""
     for i in range(len(lane)):
         row, here, side = i + 1, lane[i], blinker[i]
@@ -106,7 +107,11 @@ def _likely(paths: Paths, true: Ints, lane: Ints, reach: Floats, blinker: Ints, 
             n += 1
             paths.offset[row, n] = total
             best, rank = -1, -np.inf
-            for k in range(ahead.first[here], ahead.first[here + 1]):
+            on = _leading_on(ahead, here, kind[i])
+            if on >= 0 and on != here and v[i] < CREEPS:
+                paths.ends[row] = MERGE
+                break
+            for k in range(ahead.first[on], ahead.first[on + 1] if on >= 0 else 0):
                 after = ahead.successor[k]
                 worth = _turn_worth(ahead.direction[after], side) + TOLD * _agreement(true[row], ahead.edge, after)
                 if ahead.classes[after] & ahead.classes[ahead.exit[after]] & kind[i] == np.uint64(0):
@@ -116,7 +121,7 @@ def _likely(paths: Paths, true: Ints, lane: Ints, reach: Floats, blinker: Ints, 
             if best >= 0 and ahead.internal[best] and not ahead.internal[here] and ahead.direction[best] != STRAIGHT:
                 side = 0
             if best < 0:
-                paths.ends[row] = MERGE if _goes_on(ahead, ahead.left, here, kind[i]) or _goes_on(ahead, ahead.right, here, kind[i]) else EXIT
+                paths.ends[row] = EXIT
             here = best
         paths.count[row] = n
         for k in range(n + 1, LANES + 1):
@@ -133,14 +138,25 @@ def leads_to(ahead: Ahead, lane: int, other: int) -> bool:
 
 
 @kernel
-def _goes_on(ahead: Ahead, side: Ints, lane: int, kind: int) -> bool:
-    """Whether a lane on that side of it that a vehicle of this kind may use leads on."""
-    beside = side[lane]
-    while beside >= 0 and ahead.classes[beside] & kind != np.uint64(0):
-        if ahead.first[beside + 1] > ahead.first[beside]:
-            return True
-        beside = side[beside]
-    return False
+def _leading_on(ahead: Ahead, lane: int, kind: int) -> int:
+    """The lane itself if it leads on, else the nearest beside it that does and that a vehicle of this kind may use; -1: there is none."""
+    if ahead.first[lane + 1] > ahead.first[lane]:
+        return lane
+    left, right = lane, lane
+    while left >= 0 or right >= 0:
+        left = _beside(ahead, ahead.left, left, kind)
+        right = _beside(ahead, ahead.right, right, kind)
+        for beside in (left, right):
+            if beside >= 0 and ahead.first[beside + 1] > ahead.first[beside]:
+                return beside
+    return -1
+
+
+@kernel
+def _beside(ahead: Ahead, side: Ints, lane: int, kind: int) -> int:
+    """The lane on that side of it that a vehicle of this kind may use; -1: there is none."""
+    beside = side[lane] if lane >= 0 else -1
+    return beside if beside >= 0 and ahead.classes[beside] & kind != np.uint64(0) else -1
 
 
 @kernel

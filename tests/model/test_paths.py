@@ -117,11 +117,18 @@ def acceleration_lane(length: float = 150.0) -> RoadMap:
     )
 
 
-@pytest.mark.parametrize(("s", "v"), [(147.0, 0.5), (110.0, 13.0), (60.0, 13.0)])
-def test_whoever_is_on_a_lane_that_ends_stands_at_its_end(s: float, v: float) -> None:
+@pytest.mark.parametrize(("s", "v"), [(147.0, 0.5), (120.0, 4.0)])
+def test_whoever_creeps_on_a_lane_that_ends_stands_at_its_end(s: float, v: float) -> None:
     road = acceleration_lane()
     _, forecast = forecast_in(road, Agent("x", "a_0", s, v))
     assert forecast.valid.all() and forecast.s[0, -1, 0] == pytest.approx(149.0, abs=1.2) and forecast.v[0, -1, 0] < 0.2
+
+
+@pytest.mark.parametrize(("s", "v"), [(147.0, 8.0), (110.0, 13.0)])
+def test_whoever_drives_there_goes_on_where_the_lane_beside_leads(s: float, v: float) -> None:
+    road = acceleration_lane()
+    _, forecast = forecast_in(road, Agent("x", "a_0", s, v))
+    assert forecast.valid.all() and road.lane_ids[forecast.lane[0, -1, 0]] == "b_0"
 
 
 def test_whoever_comes_to_the_end_of_the_network_leaves_it() -> None:
