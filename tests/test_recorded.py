@@ -212,7 +212,7 @@ def test_a_trace_of_another_format_and_a_broken_one_are_told(several: Path) -> N
     with np.load(path) as archive:
         columns = dict(archive)
     np.savez(path, **{**columns, "format": np.array(2)})
-    assert "written in trace format 2, this version reads 3" in error_of("render", several, "--episode", "crossing--mcts--7")
+    assert f"written in trace format 2, this version reads {records._FORMAT}" in error_of("render", several, "--episode", "crossing--mcts--7")
     path.write_bytes(b"half")
     assert "not a whole trace" in error_of("explain", several, "--episode", "crossing--mcts--7", "--at", "1")
 
