@@ -8,7 +8,7 @@ import numpy as np
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.krauss import safe_speed
 from sumo_mcts.model.local import signal_states
-from sumo_mcts.model.paths import IN_TURN, MERGE, MERGES, MUTUAL, Paths, conflicts_of
+from sumo_mcts.model.paths import IN_TURN, MERGES, MUTUAL, NARROWS, Paths, conflicts_of
 from sumo_mcts.model.route import Indices
 from sumo_mcts.scene import ALLWAY, BRAKES, FORCES, GREEN, STARTS, STOP, Bools, Floats, Ints, RoadMap, Signals
 
@@ -88,7 +88,7 @@ def drive(
 
 def _course(road: RoadMap, signals: Signals, paths: Paths, grid: Floats) -> _Course:
     red, sign = _red_lights(road, signals, paths, grid), _signs(road, paths)
-    end = np.where(paths.ends == MERGE, paths.offset[np.arange(len(paths.count)), paths.count], np.inf)
+    end = np.where(paths.ends == NARROWS, paths.offset[np.arange(len(paths.count)), paths.count], np.inf)
     return _Course(paths.lane, paths.offset, paths.count, road.speed[paths.lane], road.internal[paths.lane], red, sign, end, *conflicts_of(road, paths))
 
 

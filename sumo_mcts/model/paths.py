@@ -18,7 +18,7 @@ CLOSED = 5.0  # worth lost by a way that its kind of vehicle may not take
 ASIDE = 0.1  # m off the centre line from which a blinking vehicle is taken to be changing lanes: a step of 0.1 s or two after it has begun
 FOES = 64  # conflicts looked at for each agent: the most that were seen, with a car every 20 m of lane, are 59
 
-OPEN, EXIT, MERGE = 0, 1, 2  # it does; nowhere, whoever comes there leaves; on a lane beside, to which one has to change before
+OPEN, EXIT, NARROWS = 0, 1, 2  # it does; it does not, and whoever comes there leaves; on a lane beside alone, for which who creeps has found no gap
 YIELDS, MERGES, MUTUAL, IN_TURN = 1, 2, 3, 4  # it has to let the other pass; with equal right; each the other, so the nearer goes; at an all-way stop
 
 
@@ -28,7 +28,7 @@ class Paths(NamedTuple):
     lane: Ints  # [N, LANES] -1 beyond the end
     offset: Floats  # [N, LANES+1] where each lane begins, m from the start of the first
     count: Ints  # type: ignore[assignment]  # [N] (tuple.count is not missed)
-    ends: Ints  # [N] OPEN .. MERGE: how the road goes on behind the last of them
+    ends: Ints  # [N] OPEN .. NARROWS: how the road goes on behind the last of them
 
 
 class Conflicts(NamedTuple):
@@ -109,7 +109,7 @@ def _likely(paths: Paths, true: Ints, lane: Ints, v: Floats, reach: Floats, blin
             best, rank = -1, -np.inf
             on = _leading_on(ahead, here, kind[i])
             if on >= 0 and on != here and v[i] < CREEPS:
-                paths.ends[row] = MERGE
+                paths.ends[row] = NARROWS
                 break
             for k in range(ahead.first[on], ahead.first[on + 1] if on >= 0 else 0):
                 after = ahead.successor[k]

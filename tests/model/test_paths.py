@@ -8,7 +8,7 @@ from helpers import ALL_CLASSES, Agent, Conflict, Lane, build, ego_at
 from helpers_model import forecast_of, lanes_east, scene_of, task_of, traffic_params
 
 from sumo_mcts.model.intentions import alternatives
-from sumo_mcts.model.paths import LANES, MERGE, PATH, likely_paths
+from sumo_mcts.model.paths import LANES, NARROWS, PATH, likely_paths
 from sumo_mcts.scene import TURNS, VEHICLE_CLASSES, Forecast, RoadMap, Scene
 
 CYCLE_TRACK = 1 << VEHICLE_CLASSES.index("bicycle")
@@ -146,4 +146,4 @@ def test_a_fast_driver_has_a_path_for_the_whole_forecast() -> None:
     assert forecast.s[0, :, 0].max() <= 30.1 and forecast.valid.all()
     assert road.lane_ids[forecast.lane[0, -1, 0]] == f"m{int((10.0 + 40.0 * 9.0) / 30.0)}_0"
     slow = likely_paths(road, scene.agents._replace(v=np.array([1.0])), scene.ego, np.array([30], np.int32), {}, 1.0)
-    assert slow.offset[1, slow.count[1]] < PATH + 50.0 and slow.count[1] < LANES and slow.ends[1] != MERGE
+    assert slow.offset[1, slow.count[1]] < PATH + 50.0 and slow.count[1] < LANES and slow.ends[1] != NARROWS
