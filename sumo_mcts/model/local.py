@@ -143,7 +143,7 @@ def build_local(
     closed = _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel)
     bits = _bits(forecast, node, scene.ego)
     followers = _followers(node[0], s[0], forecast.reacts, bits, ahead, state, first)
-    follows = (bits >= 0) & ((followers >> np.maximum(bits, 0)) & 1 > 0)
+    behind = (bits >= 0) & ((followers >> np.maximum(bits, 0)) & 1 > 0)
     return Local(
         route.table, route.rows, closed, level, place, ahead,
         _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
@@ -152,7 +152,7 @@ def build_local(
             *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt), bits,
         ]),
         _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width, forecast.dt, claim_s),
-        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, follows), first, float(route.limit[state.node]),
+        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, behind), first, float(route.limit[state.node]),
         _pace(route, view, here, node[0], position[0], v[0]),
         _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
         _stop_at(route, state, cleared, here), followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
@@ -284,13 +284,13 @@ def _stop_at(route: RouteMap, state: State, cleared: frozenset[int], here: float
 
 def _duties(
     road: RoadMap, route: RouteMap, first: int, last: int, here: float, forecast: Forecast, hypothesis: int, lane: Ints, s: Floats, driven: Floats,
-    follows: Bools,
+    behind: Bools,
 ) -> Floats:  # fmt: skip
     """[K, 5] the coming meetings with agents that have the right of way, inside the junctions of the next JUNCTION_VIEW metres.
 
-    Whoever `follows` [N] the ego has none: it cannot come before the ego has gone on.
+    Whoever is `behind` [N] the ego, as a follower, has none: it cannot come before the ego has gone on.
     """
-    lets_pass = forecast.yields[hypothesis] | follows
+    lets_pass = forecast.yields[hypothesis] | behind
     nodes = np.arange(first, last)
     near = route.internal[nodes] & (route.station[nodes] < here + JUNCTION_VIEW) & (route.station[nodes] > here - JUNCTION_VIEW)
     rows = np.zeros((256, 5))

@@ -1,6 +1,5 @@
 """Which vehicles of a user's simulation an ego could be: found by running it for a while with SUMO alone. And which it cannot be, by its files."""
 
-import gzip
 import math
 import re
 import time
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_mcts.config import ConfigError
-from sumo_mcts.world.simulation import GZIP, Simulation, import_libsumo, option
+from sumo_mcts.world.simulation import Simulation, content, import_libsumo, option
 
 ROAD_CLASSES = frozenset(
     {"passenger", "private", "authority", "army", "vip", "hov", "taxi", "bus", "coach", "delivery", "truck", "trailer", "motorcycle", "moped", "evehicle",
@@ -80,8 +79,7 @@ def require_named(egos: Iterable[str], others: Iterable[str]) -> None:
 @lru_cache(maxsize=32)
 def _ids_in(path: Path, changed: int) -> frozenset[str] | None:
     """Every id in a file of SUMO's, whatever it names; None where another file is included. `changed`: when the file was, for the cache."""
-    raw = path.read_bytes()
-    text = gzip.decompress(raw) if raw[:2] == GZIP else raw
+    text = content(path)
     if b"<include" in text:
         return None
     return frozenset((double or single).decode(errors="replace") for double, single in _ID.findall(text))

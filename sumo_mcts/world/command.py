@@ -46,6 +46,7 @@ class Commander:
             self._own_modes = int(self._get.getSpeedMode(self._vehicle)), int(self._get.getLaneChangeMode(self._vehicle))
             self._get.setSpeedMode(self._vehicle, 0)
             self._get.setLaneChangeMode(self._vehicle, 0)
+            self._own_action_step = float(self._get.getActionStepLength(self._vehicle))
             self._act_every(self._bounds.step)
         self._profile, self._at = command.speeds, 0
         if command.lane_change != 0:
@@ -77,9 +78,8 @@ class Commander:
         self.change = Change()
 
     def _act_every(self, seconds: float) -> None:
-        """How often SUMO lets the vehicle act; what it does in between, it makes up."""
-        self._own_action_step = float(self._get.getActionStepLength(self._vehicle))
-        if self._own_action_step > seconds + _SLACK or seconds > self._bounds.step + _SLACK:
+        """How often SUMO lets a vehicle act that acts seldom; what it does in between, it makes up."""
+        if self._own_action_step > self._bounds.step + _SLACK:
             self._get.setActionStepLength(self._vehicle, seconds)
 
     def _wanted(self, v: float, a: float) -> float:

@@ -8,6 +8,7 @@ import os
 import re
 import tempfile
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -20,7 +21,7 @@ _PACKAGES = {"libGL.so": "libgl1", "libX11.so": "libx11-6", "libXext.so": "libxe
 _QUIET = {"verbose": "false", "no-step-log": "true", "duration-log.disable": "true", "no-warnings": "true"}
 _WINDOW = {"start": "true", "quit-on-end": "true", "delay": "60", "window-size": "1200,800"}
 
-GZIP = b"\x1f\x8b"  # how a packed file begins
+_GZIP = b"\x1f\x8b"  # how a packed file begins
 TYPES_WITHIN = 1 << 24  # bytes of a file in which types of vehicles are looked for
 _ACTION_STEP = re.compile(rb"""actionStepLength\s*=\s*["']([0-9.]+)["']""")
 _END_OF_ERROR = re.compile(r"\n(?=\S)|\nQuitting")  # what belongs to an error is indented
@@ -155,19 +156,24 @@ def is_ballistic() -> bool:
 
     The files tell, since asking SUMO for a type draws from its random numbers where that is a distribution, and so changes the traffic.
     """
-    files = [name for key in ("route-files", "additional-files") for name in option(key).split(",") if name]
-    longest = max([float(option("default.action-step-length")), *(_longest_action_step(Path(name)) for name in files)])
+    files = [Path(name) for key in ("route-files", "additional-files") for name in option(key).split(",") if Path(name).is_file()]
+    longest = max([float(option("default.action-step-length")), *(_longest_action_step(path, path.stat().st_mtime_ns) for path in files)])
     return option("step-method.ballistic") == "true" or longest > step_length() + 1e-9
 
 
-def _longest_action_step(path: Path) -> float:
-    """The longest actionStepLength in a file of routes or types, s; of large files the beginning counts, where types stand."""
-    if not path.is_file():
-        return 0.0
+@lru_cache(maxsize=32)
+def _longest_action_step(path: Path, changed: int) -> float:
+    """The longest actionStepLength in a file of routes or types, s; of large files the beginning counts, where types stand. `changed`: when the file was,
+    for the cache."""
+    return max((float(found) for found in _ACTION_STEP.findall(content(path, TYPES_WITHIN))), default=0.0)
+
+
+def content(path: Path, most: int = -1) -> bytes:
+    """A file of SUMO's, unpacked if it is packed; at most so many bytes."""
     with path.open("rb") as file:
-        plain = file.read(2) != GZIP
-    with path.open("rb") if plain else gzip.open(path) as content:
-        return max((float(found) for found in _ACTION_STEP.findall(content.read(TYPES_WITHIN))), default=0.0)
+        packed = file.read(len(_GZIP)) == _GZIP
+    with gzip.open(path) if packed else path.open("rb") as file:
+        return file.read(most)
 
 
 def option_names(arguments: Sequence[str]) -> set[str]:
