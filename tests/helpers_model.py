@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from helpers import Agent, Lane, agents_at, build, lights
+from helpers import Agent, Lane, agents_at, build, ego_at, lights
 
 from sumo_mcts import config as configuration
 from sumo_mcts.config import ScenarioConfig
@@ -98,3 +98,21 @@ def local_of(task: Task, scene: Scene, cleared: frozenset[int] = frozenset(), se
 def half(params: EgoParams) -> float:
     """Half the ego's length, m."""
     return params.half_length
+
+
+def predicted(
+    road: RoadMap,
+    *agents: Agent,
+    ego: str = "",
+    seconds: float = 10.0,
+    params: TrafficParams | None = None,
+    signals: Signals | None = None,
+    **traits: list[float],
+) -> tuple[Scene, Forecast]:
+    """The forecast for agents far from an ego at the start of its lane; `traits` replace columns of the agents."""
+    name = ego or road.lane_ids[0]
+    state = ego_at(road, name, 6.0, 0.0)
+    scene = scene_of(state, road, *agents, signals=signals)
+    columns = {key: np.array(values, dtype=getattr(scene.agents, key).dtype) for key, values in traits.items()}
+    scene = scene._replace(agents=scene.agents._replace(**columns))
+    return scene, forecast_of(task_of(road, state), scene, seconds, params)

@@ -1,15 +1,16 @@
 """Which lanes the others are expected to drive, on roads where that is not plain."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from helpers import ALL_CLASSES, Agent, Conflict, Lane, build, ego_at
-from helpers_model import forecast_of, lanes_east, scene_of, task_of, traffic_params
+from helpers_model import forecast_of, lanes_east, predicted, scene_of, task_of, traffic_params
 
 from sumo_mcts.model.intentions import alternatives
 from sumo_mcts.model.paths import LANES, NARROWS, PATH, likely_paths
-from sumo_mcts.scene import TURNS, VEHICLE_CLASSES, Forecast, RoadMap, Scene
+from sumo_mcts.scene import TURNS, VEHICLE_CLASSES, Forecast, RoadMap
 
 CYCLE_TRACK = 1 << VEHICLE_CLASSES.index("bicycle")
 NO_BICYCLES = ALL_CLASSES & ~CYCLE_TRACK
@@ -27,20 +28,17 @@ def roundabout(radius: float = 14.0, pieces: int = 8) -> RoadMap:
         Lane(":in", 0, ((south[0] - 8.0, south[1] - 8.0), corners[7]), ("r7_0",), 8.0, junction="m"),
     ]
     length = math.dist((south[0] - 8.0, south[1] - 8.0), corners[7])
-    return build(lanes, [Conflict(":in_0", 3.0, length, "r6_0", 2.0, math.dist(corners[6], corners[7]), merge=True, yields=":in_0")])
+    return away_lane(lanes, [Conflict(":in_0", 3.0, length, "r6_0", 2.0, math.dist(corners[6], corners[7]), merge=True, yields=":in_0")])
 
 
-def forecast_in(road: RoadMap, *agents: Agent, **columns: list[float]) -> tuple[Scene, Forecast]:
-    """What is expected of agents far from an ego; `columns` replace some of the agents'."""
-    ego = ego_at(road, road.lane_ids[-1], 1.0, 0.0)
-    scene = scene_of(ego, road, *agents)
-    scene = scene._replace(agents=scene.agents._replace(**{key: np.array(values, getattr(scene.agents, key).dtype) for key, values in columns.items()}))
-    return scene, forecast_of(task_of(road, ego), scene, 9.0)
-
-
-def away_lane(road: list[Lane]) -> RoadMap:
+def away_lane(road: list[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
     """The road, and a lane far away for the ego."""
-    return build([*road, Lane("away", 0, ((0.0, 900.0), (50.0, 900.0)))])
+    return build([*road, Lane("away", 0, ((0.0, 900.0), (50.0, 900.0)))], conflicts)
+
+
+def forecast_in(road: RoadMap, *agents: Agent, **traits: list[float]) -> Forecast:
+    """What is expected of agents, with the ego on the lane far away."""
+    return predicted(road, *agents, ego="away_0", seconds=9.0, **traits)[1]
 
 
 # --- round and round ---
@@ -48,15 +46,15 @@ def away_lane(road: list[Lane]) -> RoadMap:
 
 def test_who_drives_round_a_roundabout_does_not_drive_through_who_stands_there() -> None:
     road = roundabout()
-    _, forecast = forecast_in(road, Agent("behind", "r0_0", 6.0, 6.0), Agent("stands", "r2_0", 8.0, 0.0), standing_s=[0.0, 30.0])
+    forecast = forecast_in(road, Agent("behind", "r0_0", 6.0, 6.0), Agent("stands", "r2_0", 8.0, 0.0), standing_s=[0.0, 30.0])
     between = np.hypot(*(forecast.pose[0, :, 0, :2] - forecast.pose[0, :, 1, :2]).T)
     assert between.min() > 4.5 and forecast.v[0, -1, 0] < 0.5
 
 
 def test_who_enters_a_roundabout_lets_who_comes_round_pass() -> None:
     road = roundabout()
-    _, alone = forecast_in(road, Agent("enters", "in_0", 70.0, 6.0))
-    _, forecast = forecast_in(road, Agent("enters", "in_0", 70.0, 6.0), Agent("round", "r4_0", 4.0, 6.0))
+    alone = forecast_in(road, Agent("enters", "in_0", 70.0, 6.0))
+    forecast = forecast_in(road, Agent("enters", "in_0", 70.0, 6.0), Agent("round", "r4_0", 4.0, 6.0))
     assert forecast.v[0, :, 0].min() < 0.6 * alone.v[0, :, 0].min()
     between = np.hypot(*(forecast.pose[0, :, 0, :2] - forecast.pose[0, :, 1, :2]).T)
     assert between.min() > 4.5
@@ -79,7 +77,7 @@ def beside_a_track() -> RoadMap:
 @pytest.mark.parametrize(("vclass", "lane"), [(CAR, "b_1"), (BICYCLE, "b_0")])
 def test_everybody_stays_on_lanes_of_its_kind(vclass: int, lane: str) -> None:
     road = beside_a_track()
-    _, forecast = forecast_in(road, Agent("x", "a_0", 60.0, 10.0), vclass=[vclass])
+    forecast = forecast_in(road, Agent("x", "a_0", 60.0, 10.0), vclass=[vclass])
     assert road.lane_ids[forecast.lane[0, -1, 0]] == lane
 
 
@@ -99,7 +97,7 @@ def test_nobody_changes_lanes_onto_a_footway() -> None:
     """Off its centre line and with the turn signal on, as before a turn where lanes are wide."""
     walk = 1 << VEHICLE_CLASSES.index("pedestrian")
     road = away_lane([Lane("a", 0, ((0.0, -3.2), (300.0, -3.2)), classes=walk), Lane("a", 1, ((0.0, 0.0), (300.0, 0.0)), classes=ALL_CLASSES & ~walk)])
-    _, forecast = forecast_in(road, Agent("x", "a_1", 60.0, 10.0, -0.4), blinker=[-1])
+    forecast = forecast_in(road, Agent("x", "a_1", 60.0, 10.0, -0.4), blinker=[-1])
     assert set(forecast.lane[0, :, 0].tolist()) == {road.lane_ids.index("a_1")} and forecast.valid.all()
 
 
@@ -120,14 +118,14 @@ def acceleration_lane(length: float = 150.0) -> RoadMap:
 @pytest.mark.parametrize(("s", "v"), [(147.0, 0.5), (120.0, 4.0)])
 def test_whoever_creeps_on_a_lane_that_ends_stands_at_its_end(s: float, v: float) -> None:
     road = acceleration_lane()
-    _, forecast = forecast_in(road, Agent("x", "a_0", s, v))
+    forecast = forecast_in(road, Agent("x", "a_0", s, v))
     assert forecast.valid.all() and forecast.s[0, -1, 0] == pytest.approx(149.0, abs=1.2) and forecast.v[0, -1, 0] < 0.2
 
 
 @pytest.mark.parametrize(("s", "v"), [(147.0, 8.0), (110.0, 13.0)])
 def test_whoever_drives_there_goes_on_where_the_lane_beside_leads(s: float, v: float) -> None:
     road = acceleration_lane()
-    _, forecast = forecast_in(road, Agent("x", "a_0", s, v))
+    forecast = forecast_in(road, Agent("x", "a_0", s, v))
     assert forecast.valid.all() and road.lane_ids[forecast.lane[0, -1, 0]] == "b_0"
 
 
@@ -142,7 +140,7 @@ def test_a_fast_driver_has_a_path_for_the_whole_forecast() -> None:
     """Thirty metres a lane, forty metres a second."""
     lanes = [Lane(f"m{k}", 0, ((30.0 * k, 0.0), (30.0 * k + 30.0, 0.0)), (f"m{k + 1}_0",) if k < 29 else (), 40.0) for k in range(30)]
     road = away_lane(lanes)
-    scene, forecast = forecast_in(road, Agent("x", "m0_0", 10.0, 40.0))
+    scene, forecast = predicted(road, Agent("x", "m0_0", 10.0, 40.0), ego="away_0", seconds=9.0)
     assert forecast.s[0, :, 0].max() <= 30.1 and forecast.valid.all()
     assert road.lane_ids[forecast.lane[0, -1, 0]] == f"m{int((10.0 + 40.0 * 9.0) / 30.0)}_0"
     slow = likely_paths(road, scene.agents._replace(v=np.array([1.0])), scene.ego, np.array([30], np.int32), {}, 1.0)

@@ -8,7 +8,7 @@ import naive
 import numpy as np
 import pytest
 from helpers import Agent, Lane, build, crossing, ego_at, lights
-from helpers_model import forecast_of, lanes_east, road_with_light, scene_of, task_of, traffic_params
+from helpers_model import forecast_of, lanes_east, predicted, road_with_light, scene_of, task_of, traffic_params
 from helpers_networks import netconvert, simulation
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,31 +17,13 @@ from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.episode import run_episode
 from sumo_mcts.model.local import signal_states
-from sumo_mcts.model.others import HARD, MOST_HABIT, TrafficParams, _Course, _stop_place
+from sumo_mcts.model.others import HARD, MOST_HABIT, _Course, _stop_place
 from sumo_mcts.model.traffic import CRUISING, Told, predict
-from sumo_mcts.scene import ALLWAY, BRAKES, GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, Intent, RoadMap, Scene, Signals
+from sumo_mcts.scene import ALLWAY, BRAKES, GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, Intent, RoadMap, Signals
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap, read_roadmap
 
 STEP = 0.2  # s between forecast times
-
-
-def predicted(
-    road: RoadMap,
-    *agents: Agent,
-    ego: str = "",
-    seconds: float = 10.0,
-    params: TrafficParams | None = None,
-    signals: Signals | None = None,
-    **traits: list[float],
-) -> tuple[Scene, Forecast]:
-    """The forecast for agents far from an ego at the start of its lane; `traits` replace columns of the agents."""
-    name = ego or road.lane_ids[0]
-    state = ego_at(road, name, 6.0, 0.0)
-    scene = scene_of(state, road, *agents, signals=signals)
-    columns = {key: np.array(values, dtype=getattr(scene.agents, key).dtype) for key, values in traits.items()}
-    scene = scene._replace(agents=scene.agents._replace(**columns))
-    return scene, forecast_of(task_of(road, state), scene, seconds, params)
 
 
 def along(road: RoadMap, forecast: Forecast, agent: int, *names: str) -> list[float]:
