@@ -306,7 +306,7 @@ class PlannerConfig(_Section):
     later_accelerations_mps2: tuple[Finite, ...] = Field((-3.0, 2.6), description="those of them that are tried below the root too, beside car following")
     later_lane_change_accelerations_mps2: tuple[Finite, ...] = Field((0.0,), description="likewise, of those combined with a change")
     reactive: int = Field(0, ge=0, le=20, description="how many of the agents nearest on the ego's way react to it inside the search; 0: the forecast stands")
-    exploration: NonNegative = Field(0.3, description="const of the UCB equation, on costs normalised to 0..1")
+    exploration: NonNegative = Field(0.8, description="const of the UCB equation, on costs normalised to 0..1")
     risk: Literal["expected", "cvar"] = Field("expected", description="what counts of the costs in several hypotheses: their mean, or that of the worst")
     cvar_alpha: Annotated[float, Field(gt=0, le=1)] = Field(0.2, description="cvar: share of the worst that may happen, by weight, whose mean cost counts")
     options: dict[str, Any] = Field({}, description="parameters of a plugin, which checks them itself")

@@ -12,6 +12,7 @@ from sumo_mcts.world.roadmap import sumo_lane
 from sumo_mcts.world.simulation import import_libsumo
 
 _SLACK = 1e-6  # m/s2: rounding is no trespass
+_ALIGNED = 1e-3  # m off the centre line that are no lane change
 
 
 class Bounds(NamedTuple):
@@ -93,8 +94,11 @@ class Commander:
         target = int((self._road.left if side > 0 else self._road.right)[source]) if source >= 0 else -1
         if target < 0:
             return
-        self._get.changeLane(self._vehicle, sumo_lane(self._road, target), 0.0)
-        if self._bounds.change_duration > 0.0:
+        takes_time = self._bounds.change_duration > 0.0
+        # SUMO drops the wish where the change before, begun at a stand, takes one step more than its duration: then it is held for a step.
+        still_moving = takes_time and abs(self._get.getLateralLanePosition(self._vehicle)) > _ALIGNED
+        self._get.changeLane(self._vehicle, sumo_lane(self._road, target), self._bounds.step if still_moving else 0.0)
+        if takes_time:
             self.change = Change(0.0, source, target)
 
     def _go_on_changing(self) -> None:

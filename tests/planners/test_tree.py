@@ -156,7 +156,7 @@ def test_a_mirrored_scene_gets_the_mirrored_decision(toy: Toy) -> None:
     assert change_there == -change and accel_there == accel
     best = min(found[0].values())
     for action, value in found[0].items():
-        assert found[1][action] == pytest.approx(value, rel=0.02, abs=0.02 * (1.0 + best)), action
+        assert found[1][action] == pytest.approx(value, rel=0.03, abs=0.03 * (1.0 + best)), action
 
 
 @pytest.mark.parametrize("v", [0.0, 1.9, 2.1])

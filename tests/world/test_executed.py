@@ -19,7 +19,7 @@ from sumo_mcts.config import ScenarioConfig, build, load
 from sumo_mcts.episode import EpisodeResult, Loop, run_episode
 from sumo_mcts.evaluation import inevitable
 from sumo_mcts.model.ego import FREE, advance, begin_change, can_change, pose_of
-from sumo_mcts.model.local import build_local
+from sumo_mcts.model.local import Local, State, build_local
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.scene import Decision, Follow, Plan
 from sumo_mcts.world.roadmap import read_roadmap
@@ -47,8 +47,11 @@ class Erratic:
         needed = int(np.sign(task.route.changes[state.node]))
         side = needed if needed and self._rng.random() < 0.8 else int(self._rng.integers(-1, 2))
         side = side if side and can_change(local, task.ego, state, side) else 0
+        return self._driven(local, state, side, float(self._rng.choice([-8.0, -3.0, -1.0, 0.0, 1.0, 2.6, 2.6])))
+
+    def _driven(self, local: Local, state: State, side: int, accel: float) -> Decision:
+        task = self._task
         state = begin_change(local, task.ego, state, side) if side else state
-        accel = float(self._rng.choice([-8.0, -3.0, -1.0, 0.0, 1.0, 2.6, 2.6]))
         states, events = [], []
         for k in range(max(1, round(1.0 / task.ego.step))):
             state, event = advance(local, task.ego, state, accel, k * task.ego.step)
@@ -63,6 +66,18 @@ class Erratic:
         )
         over = next((k for k, event in enumerate(events) if event != FREE), len(events))
         return Decision(Follow(plan.v, side), Plan(*(field[:over] for field in plan)), (), -1, "erratic", 0, 0)
+
+
+class Weaving(Erratic):
+    """Stands, then goes from lane to lane, one change at once after the other, the first of them from a stand."""
+
+    def plan(self, situation: Situation) -> Decision:
+        """A second."""
+        task, state = self._task, situation.state
+        local = build_local(task.road, task.route, state, situation.scene, situation.forecast, 0, situation.cleared, 3.0, task.cost.claim_s)
+        drives = situation.scene.time > 8.0
+        side = next((side for side in (1, -1) if drives and can_change(local, task.ego, state, side)), 0)
+        return self._driven(local, state, side, 1.0 if drives else -8.0)
 
 
 def alone(name: str, step: float, change_s: float = 3.0, ballistic: bool = False) -> ScenarioConfig:
@@ -132,6 +147,16 @@ def test_whatever_it_does_alone(name: str, step: float, change_s: float, ballist
     for one in found:
         if change_s == 0.0 and name == STRAIGHT:
             assert one.aside < 0.01 and one.turned < 0.5, one
+
+
+def test_one_lane_change_at_once_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that begins at a stand takes SUMO a step longer than its duration, and a wish that comes in this step is dropped."""
+    monkeypatch.setattr(driver, "make_planner", lambda _: Weaving())
+    result = run_episode(alone(STRAIGHT, 0.1), seed=1)
+    found = differences(result)
+    assert changes_begun(result) > 3
+    check(found)
+    assert all(one.aside < 0.15 and one.turned < 5.0 for one in found)
 
 
 def test_where_drivers_act_seldom(monkeypatch: pytest.MonkeyPatch) -> None:
