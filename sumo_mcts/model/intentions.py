@@ -1,10 +1,10 @@
 """What others may do instead of what is likeliest: weighted hypotheses, from what a sensor sees.
 
-Four things an agent may do: take another of the ways that its lane allows, not let the ego pass though it has to, brake hard for no reason,
-start though it has stood for a while. Each is an alternative with odds against the usual forecast, by Bayes' rule from turn signal, speed,
-acceleration, the distance left and the time that it has stood. The joint hypotheses are the usual forecast and those that differ from it in
-one agent; agents are taken to be independent of each other, so the odds are also those of the joint hypotheses. Two unlikely things at once
-are left out.
+Five things an agent may do: take another of the ways that its lane allows, not let the ego pass though it has to, brake hard for no reason,
+start though it has stood for a while, stop on its way across the road. Each is an alternative with odds against the usual forecast, by Bayes'
+rule from turn signal, speed, acceleration, the distance left and the time that it has stood. The joint hypotheses are the usual forecast and
+those that differ from it in one agent; agents are taken to be independent of each other, so the odds are also those of the joint hypotheses.
+Two unlikely things at once are left out.
 """
 
 import math
@@ -61,6 +61,8 @@ STAYING = 0.5  # odds that one ahead that waits, and is expected to move off, go
 SLOW = 2.0  # m/s below which nobody is in danger of braking hard
 LEADERS = 2  # how many ahead of the ego may brake
 FOLLOWING = 4.0  # s within which somebody ahead is followed (and 10 m)
+HALTING = 0.1  # odds that who walks across the ego's way stops on it: in SUMO whoever sees a vehicle come near may
+IN_THE_WAY = 2.0  # m from the middle of the ego's way to who stands in it
 
 
 class Alternative(NamedTuple):
@@ -112,6 +114,7 @@ def alternatives(road: RoadMap, scene: Scene, ego_lanes: Ints, usual: Forecast, 
         *_forcing(road, agents, paths, scene.ego.s, usual.yields[0]),
         *_braking(agents, paths, scene.ego.s, scene.ego.v, expected),
         *_starting(agents, scene.ego, usual, params.stays_after),
+        *_halting(road, agents, paths, scene.ego),
     ]
     return sorted((each for each in found if each.odds >= LEAST), key=lambda each: -each.odds)
 
@@ -255,3 +258,29 @@ def braking_odds(trend: float, expected: float) -> float:
     """Odds that an agent brakes hard to a stand: its acceleration of late, and the one that is expected of it, m/s2."""
     unexplained = max(0.0, -trend) - max(0.0, -expected)
     return BRAKING * math.exp(BRAKING_GAIN * min(max(unexplained, 0.0), MOST_TOLD))
+
+
+# --- stopping on the way across the road ---
+
+
+def _halting(road: RoadMap, agents: Agents, paths: Paths, ego: EgoState) -> Iterator[Alternative]:
+    """Whoever walks, and would be in the ego's way if it stopped now."""
+    for i in np.flatnonzero(agents.person & (agents.v > STANDS)):
+        if math.hypot(agents.x[i] - ego.x, agents.y[i] - ego.y) < 10.0 + FOLLOWING * ego.v:
+            if from_way(road, paths, ego.s, float(agents.x[i]), float(agents.y[i])) < IN_THE_WAY:
+                yield Alternative(HALTING, Intent(int(i), BRAKES))
+
+
+def from_way(road: RoadMap, paths: Paths, ego_s: float, x: float, y: float) -> float:
+    """Distance (m) from a point to the middle of the ego's way, as far as the ego has it before it."""
+    nearest = math.inf
+    for lane, begin in zip(paths.lane[0, : paths.count[0]], paths.offset[0], strict=False):
+        points = road.points[road.point_offset[lane] : road.point_offset[lane + 1]]
+        along = begin + road.point_s[road.point_offset[lane] : road.point_offset[lane + 1]]
+        start, span, length = points[:-1], np.diff(points, axis=0), np.maximum(np.diff(along), 1e-9)
+        passed = (ego_s - along[:-1]) / length  # share of each piece that lies behind the ego
+        share = ((x - start[:, 0]) * span[:, 0] + (y - start[:, 1]) * span[:, 1]) / np.maximum((span**2).sum(axis=1), 1e-9)
+        share = np.clip(share, np.clip(passed, 0.0, 1.0), 1.0)
+        away = np.hypot(x - start[:, 0] - share * span[:, 0], y - start[:, 1] - share * span[:, 1])
+        nearest = min([nearest, *away[passed < 1.0].tolist()])
+    return nearest

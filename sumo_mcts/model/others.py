@@ -125,8 +125,9 @@ def _step_all(xs: Floats, vs: Floats, polite: Bools, c: _Course, d: Drivers, nom
                 at[i] += 1
             rank[i] = _rank(c, i, at[i], rank[i], x[i], v[i], t * step if t > 0 else min(d.stood[i], 0.0))
         for i in range(n):
-            if c.lanes[i] == 0:  # off the road, a pedestrian: straight on
-                xs[t + 1, i], vs[t + 1, i] = x[i] + v[i] * step, v[i]
+            if c.lanes[i] == 0:  # off the road, a pedestrian: straight on, or it stops at once
+                vs[t + 1, i] = 0.0 if d.does[i] == BRAKES else v[i]
+                xs[t + 1, i] = x[i] + vs[t + 1, i] * step
                 continue
             if i == 0 and t < len(nominal):
                 vs[t + 1, 0] = nominal[t]

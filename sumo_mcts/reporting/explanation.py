@@ -172,20 +172,21 @@ def _hypothesis(cycle: CycleRecord, nearest: Floats, h: int, road: RoadMap | Non
     intent = forecast.intents[h] if h < len(forecast.intents) else None
     searched = max((len(child.hypotheses) for child in cycle.decision.children), default=0)
     about = cycle.agents.ids[intent.agent] if intent is not None and intent.agent >= 0 else None
+    walks = intent is not None and about is not None and bool(cycle.agents.person[intent.agent])
     return {
         "weight": float(forecast.weight[h]),
         "about": about,
-        "words": _intent_words(intent, about, road),
+        "words": _intent_words(intent, about, walks, road),
         "closest_m": None if intent is None or about is None else _known(float(nearest[h, intent.agent, 0])),
         "searched": h < max(searched, 1),
     }
 
 
-def _intent_words(intent: Intent | None, about: str | None, road: RoadMap | None) -> str:
+def _intent_words(intent: Intent | None, about: str | None, walks: bool, road: RoadMap | None) -> str:
     does = 0 if intent is None else intent.does
     if intent is not None and does == TURNS:
         return f"{about} takes another way, to {_lane(road, intent.way[-1])}"
-    words = {FORCES: "does not let the ego pass", BRAKES: "brakes hard, to a stand", STARTS: "starts, though it has stood for a while"}
+    words = {FORCES: "does not let the ego pass", BRAKES: "stops" if walks else "brakes hard, to a stand", STARTS: "starts, though it has stood for a while"}
     return f"{about} {words[does]}" if does in words else "everybody does what is likeliest"
 
 

@@ -11,18 +11,21 @@ from hypothesis import strategies as st
 
 from sumo_mcts.model.intentions import (
     COMES_OVER,
+    HALTING,
     LEAST,
     STAYING,
     alternatives,
     braking_odds,
     forcing_odds,
     foresee,
+    from_way,
     likeliest,
     signal_worth,
     starting_odds,
     way_worth,
 )
 from sumo_mcts.model.others import HARD
+from sumo_mcts.model.paths import likely_paths
 from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.scene import BRAKES, FORCES, LEFT, RIGHT, STARTS, STRAIGHT, TURNS, VEHICLE_CLASSES, EgoState, Forecast, Intent, RoadMap, Scene
 
@@ -287,6 +290,39 @@ def test_only_those_start_whom_nothing_but_patience_holds() -> None:
     queued = queued._replace(agents=agents_at(ROAD, Agent("m", "si_0", 80.5, 0.0), Agent("n", "si_0", 86.0, 0.0)))
     queued = seen(queued, standing_s=[3.0, 600.0])
     assert not starts(queued)  # behind somebody who stays
+
+
+# --- stopping on the way across the road ---
+
+MIDDLE = -1.6  # m, y of the way of who comes from the west
+
+
+def on_foot(y: float, v: float = 1.0, x: float = -40.0) -> Scene:
+    """The ego comes from the west; somebody walks north, `y` m from the middle of its way, and ahead of it where x > -60."""
+    walker = Agent("w", "", v=v, length=0.4, width=0.5, x=x, y=MIDDLE + y)
+    return scene_of(ego_at(ROAD, "wi_0", 40.0, 8.0, route=EASTBOUND), ROAD, walker)
+
+
+@pytest.mark.parametrize("y", [-1.5, 0.0, 1.5])
+def test_who_walks_across_the_way_may_stop_on_it(y: float) -> None:
+    forecast = foreseen(on_foot(y), 4)
+    assert [intent.does for intent in forecast.intents][1:] == [BRAKES]
+    assert forecast.weight[1] / forecast.weight[0] == pytest.approx(HALTING)
+    walked = forecast.pose[:, -1, 0, 1] - forecast.pose[:, 0, 0, 1]
+    assert walked == pytest.approx([10.0, 0.0]) and forecast.v[1, 1:, 0].max() == 0.0
+
+
+@pytest.mark.parametrize("scene", [on_foot(-4.0), on_foot(2.5), on_foot(0.0, v=0.0), on_foot(0.0, x=-70.0), on_foot(1.0, x=-5.0)])
+def test_but_not_who_stands_or_walks_elsewhere(scene: Scene) -> None:
+    assert not others(scene)
+
+
+@given(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0))
+def test_distance_from_the_way_against_points_on_it(x: float, y: float) -> None:
+    ego = ego_at(ROAD, "wi_0", 70.0, 8.0, route=EASTBOUND)
+    paths = likely_paths(ROAD, agents_at(ROAD), ego, ego_lanes(ROAD, ego), {}, 10.0)
+    on_it = np.linspace(-30.0, 100.0, 2601)
+    assert from_way(ROAD, paths, 70.0, x, y) == pytest.approx(np.hypot(on_it - x, y - MIDDLE).min(), abs=0.06)
 
 
 def test_worth_of_a_way_is_that_of_its_evidence() -> None:
