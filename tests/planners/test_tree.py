@@ -148,15 +148,15 @@ BLOCKED = on_three_lanes(None, Agent("w", "a_1", 140.0, 0.0), Agent("x", "a_0", 
 
 @pytest.mark.parametrize("toy", [TOYS["traffic"], TOYS["wall"], BLOCKED], ids=["traffic", "wall", "blocked"])
 def test_a_mirrored_scene_gets_the_mirrored_decision(toy: Toy) -> None:
-    """Values of the root's children, each with its lane change to the other side. All children: no randomness before they are tried."""
-    here, there = (decide(t, "planner.iterations=200000", "planner.adaptive=false") for t in (toy, mirrored(toy)))
+    """Values of the root's children, each with its lane change to the other side. Little exploration, so that they come to their end."""
+    here, there = (decide(t, "planner.iterations=200000", "planner.adaptive=false", "planner.exploration=0.3") for t in (toy, mirrored(toy)))
     found = [{(c.accel, side * c.lane_change): c.best for c in d.children} for d, side in ((here, 1), (there, -1))]
     assert found[0].keys() == found[1].keys()
     (accel, change), (accel_there, change_there) = ((d.children[d.chosen].accel, d.children[d.chosen].lane_change) for d in (here, there))
     assert change_there == -change and accel_there == accel
     best = min(found[0].values())
     for action, value in found[0].items():
-        assert found[1][action] == pytest.approx(value, rel=0.03, abs=0.03 * (1.0 + best)), action
+        assert found[1][action] == pytest.approx(value, rel=0.02, abs=0.02 * (1.0 + best)), action
 
 
 @pytest.mark.parametrize("v", [0.0, 1.9, 2.1])
