@@ -46,6 +46,7 @@ from sumo_mcts.scene import (
     Scene,
     Signals,
 )
+from sumo_mcts.sensing import aside_m, with_room
 
 SEARCHING = ("mcts", "paper")  # planners that search a forecast
 FORECASTING = (*SEARCHING, "idm", "random", "exhaustive")  # planners that read one
@@ -269,15 +270,18 @@ class Driver:
         return steps * ply + config.cost.claim_s + self._traffic.step
 
     def _forecast(self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float, most: int = 1) -> Forecast:
+        """What the predictor `name` says, with room for the sensor's errors."""
         params = self._traffic._replace(interacting=name != "constant_velocity")
         stood_s = scene.time - self._stood.get(state.node, math.inf)
         nominal, lanes = self._nominal(scene.time), _ego_lanes(route, state)
         if self._predictor is not None and name == self._config.prediction.name:
             question = Question(scene, lanes, nominal, params, seconds, stood_s)
-            return checked(self._predictor.predict(question), self._road, question)
-        if name == "idm":
-            return foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, most)
-        return predict(self._road, scene, lanes, nominal, params, seconds, self._told(scene, name, seconds), stood_s)
+            found = checked(self._predictor.predict(question), self._road, question)
+        elif name == "idm":
+            found = foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, most)
+        else:
+            found = predict(self._road, scene, lanes, nominal, params, seconds, self._told(scene, name, seconds), stood_s)
+        return with_room(found, scene, self._config.sensor)
 
     def _told(self, scene: Scene, name: str, seconds: float) -> Told:
         """What the oracle `name` tells, if it is one."""
@@ -469,7 +473,7 @@ def _traffic_params(config: ScenarioConfig, physics: Physics) -> TrafficParams:
     dt = step * max(1, round(q.step_s / step)) if step <= q.step_s * 1.25 + 1e-9 else step / round(step / q.step_s)
     return TrafficParams(
         dt, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s, q.persistence_s,
-        0.0 if physics.ballistic else 0.5 * step, q.name != "constant_velocity",
+        0.0 if physics.ballistic else 0.5 * step, q.name != "constant_velocity", aside_m(config.sensor),
     )  # fmt: skip
 
 

@@ -36,7 +36,7 @@ class RoadMap(NamedTuple):
     index: Ints  # type: ignore[assignment]  # [L] position within the edge from the right, 0 = rightmost (tuple.index is not missed)
     internal: Bools  # [L] inside a junction
     length: Floats  # [L] SUMO's lane length, m
-    shape_length: Floats  # [L] arc length of the shape, m
+    scale: Floats  # [L] m of the shape for each metre of the lane
     width: Floats  # [L] m
     speed: Floats  # [L] limit, m/s
     classes: NDArray[np.uint64]  # [L] bit i set: vehicle class i (VEHICLE_CLASSES) may drive here

@@ -10,14 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.config import SensorConfig
+from sumo_mcts.model.geometry import Box, box_distance
 from sumo_mcts.model.others import TrafficParams
+from sumo_mcts.model.paths import ASIDE
 from sumo_mcts.model.traffic import Told, predict
-from sumo_mcts.scene import Agents, Bools, EgoState, Floats, RoadMap, Scene
+from sumo_mcts.scene import Agents, Bools, EgoState, Floats, Forecast, RoadMap, Scene
 
 STANDING = 0.1  # m/s: whoever is slower is seen to stand
 SMOOTHING_S = 1.0  # of the error of an acceleration, which is told from speeds
 PLAIN_VIEW = 0.5  # share of an agent in view from which it is expected to be seen
 CHANCE = 1e-4  # of being missed so many times in a row, below which an agent is taken to be gone
+SURE = 2.0  # standard deviations of an error beyond which it is not for the error that somebody seems to
 EDGE = 1e-6  # m by which a box that is nearer on a ray has to be so
 
 
@@ -67,7 +70,7 @@ class Senses:
         """Those seen now, and those seen before who may still be there."""
         q, now = self._sensor, set(seen.ids)
         before = chosen(last.agents, np.array([name not in now for name in last.agents.ids], np.bool_))
-        moved = moved_on(self._road, last._replace(agents=before), scene.time - last.time)
+        moved = moved_on(self._road, last._replace(agents=before), scene.time - last.time, aside_m(q))
         expected = share_past(scene.ego, seen, moved) >= max(PLAIN_VIEW, q.visible_share) if q.occlusion else np.ones(len(moved.ids), np.bool_)
         lost = {}
         for i, name in enumerate(moved.ids):
@@ -107,6 +110,22 @@ class _Errors:
             self._slope += ((self._error[2] - before[2]) / period - self._slope) * (1.0 - math.exp(-period / SMOOTHING_S))
             self._chance, self._cycle = self._rng.random(), self._cycle + 1
         return np.append(self._error, self._slope), self._chance
+
+
+def aside_m(sensor: SensorConfig) -> float:
+    """m off the centre line of its lane from which a blinking vehicle has surely begun to leave it."""
+    return max(ASIDE, SURE * sensor.position_error_m)
+
+
+def with_room(forecast: Forecast, scene: Scene, sensor: SensorConfig) -> Forecast:
+    """The forecast of what was seen with boxes longer at either end by what may be the error of a position, or half of what is between them and the ego."""
+    if not sensor.position_error_m:
+        return forecast
+    ego, agents = scene.ego, scene.agents
+    own = Box(ego.x, ego.y, math.cos(ego.heading), math.sin(ego.heading), ego.length / 2, ego.width / 2)
+    turned = np.cos(agents.heading), np.sin(agents.heading)
+    away = [box_distance(own, Box(*map(float, each))) for each in zip(agents.x, agents.y, *turned, agents.length / 2, agents.width / 2, strict=True)]
+    return forecast._replace(half_length=forecast.half_length + np.minimum(SURE * sensor.position_error_m, 0.5 * np.array(away)))
 
 
 def is_faulty(sensor: SensorConfig) -> bool:
@@ -158,7 +177,7 @@ def on_lane(road: RoadMap, lane: int, x: float, y: float) -> tuple[float, float]
     along = np.clip((to * way).sum(axis=1), 0.0, length)
     k = int(np.argmin(((to - along[:, None] * way) ** 2).sum(axis=1)))
     arc = float(road.point_s[first + k] + along[k])
-    return arc * float(road.length[lane]) / max(float(road.shape_length[lane]), 1e-9), float(way[k, 0] * to[k, 1] - way[k, 1] * to[k, 0])
+    return arc * float(road.length[lane]) / max(float(road.point_s[last - 1]), 1e-9), float(way[k, 0] * to[k, 1] - way[k, 1] * to[k, 0])
 
 
 def _front(agents: Agents, i: int) -> tuple[float, float]:
@@ -210,12 +229,12 @@ def _ray_enters(x: float, y: float, angle: Floats, agents: Agents) -> Floats:
 # --- who is remembered ---
 
 
-def moved_on(road: RoadMap, scene: Scene, seconds: float) -> Agents:
-    """The agents of a scene so much later: along their likely lanes at the speed they had, without those who left the map."""
+def moved_on(road: RoadMap, scene: Scene, seconds: float, aside: float) -> Agents:
+    """The agents of a scene so much later: along their likely lanes at the speed they had, without those who left the map; `aside`: see aside_m."""
     agents = scene.agents
     if not len(agents.ids):
         return agents
-    keeps_speed = TrafficParams(seconds, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, False)
+    keeps_speed = TrafficParams(seconds, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, False, aside)
     forecast = predict(road, scene, np.zeros(0, np.int32), np.zeros(0), keeps_speed, seconds, Told())
     pose, zero = forecast.pose[0, 1], np.zeros(len(agents.ids))
     moved = agents._replace(

@@ -72,7 +72,7 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
         index=_ints(lane.number for lane in lanes),
         internal=np.array([bool(lane.junction) for lane in lanes]),
         length=length,
-        shape_length=length.copy(),
+        scale=np.ones(len(lanes)),
         width=np.array([lane.width for lane in lanes]),
         speed=np.array([lane.speed for lane in lanes]),
         classes=np.array([lane.classes for lane in lanes], dtype=np.uint64),
@@ -191,7 +191,7 @@ def place(road: RoadMap, name: str, s: float, length: float, d: float = 0.0) -> 
     k = lane(road, name)
     shape = road.points[road.point_offset[k] : road.point_offset[k + 1]]
     arc = road.point_s[road.point_offset[k] : road.point_offset[k + 1]]
-    at = s * float(road.shape_length[k]) / float(road.length[k])
+    at = s * float(road.scale[k])
     i = min(max(int(np.searchsorted(arc, at, side="right")) - 1, 0), len(arc) - 2)
     heading = atan2(shape[i + 1, 1] - shape[i, 1], shape[i + 1, 0] - shape[i, 0])
     ahead = at - float(arc[i]) - length / 2

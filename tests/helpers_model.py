@@ -16,6 +16,7 @@ from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.scene import EgoState, Forecast, RoadMap, Scene, Signals
+from sumo_mcts.sensing import aside_m
 
 PHYSICS = Physics(0.1, False, 3.0)
 WIDTH = 3.2  # m, of a lane
@@ -61,8 +62,9 @@ def traffic_params(step: float = 0.2, *, interacting: bool = True, config: Scena
     """The configuration's, at forecast times `step` s apart."""
     q = (config or scenario()).prediction
     return TrafficParams(
-        step, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s, q.persistence_s, 0.05, interacting
-    )
+        step, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s, q.persistence_s, 0.05, interacting,
+        aside_m((config or scenario()).sensor),
+    )  # fmt: skip
 
 
 def ego_lanes(route: RouteMap, state: State) -> Sequence[int]:

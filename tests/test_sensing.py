@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import Agent, agents_at, ego_at, lane, straight_road
-from helpers_model import lanes_east, scenario, scene_of
+from helpers_model import PHYSICS, forecast_of, lanes_east, scenario, scene_of, task_of
 from hypothesis import given
 from hypothesis import strategies as st
 from naive import Box
@@ -14,10 +14,10 @@ from naive import share_in_view as naive_share_in_view
 
 from sumo_mcts import assets, config
 from sumo_mcts.config import SensorConfig
-from sumo_mcts.driver import streams
+from sumo_mcts.driver import Driver, streams
 from sumo_mcts.episode import Loop, run_episode
 from sumo_mcts.scene import RoadMap, Scene
-from sumo_mcts.sensing import Senses, matched, share_in_view, with_errors
+from sumo_mcts.sensing import Senses, matched, share_in_view, with_errors, with_room
 
 PERIOD = 0.5
 NOISY = ("sensor.position_error_m=0.3", "sensor.speed_error_mps=0.3", "sensor.drop_probability=0.1", "sensor.occlusion=true")
@@ -155,6 +155,24 @@ def test_pedestrians_have_errors_but_no_lane() -> None:
     agents = agents_at(ROAD, Agent("walker", "", x=1000.0, y=8.0, v=1.2))
     found = with_errors(ROAD, agents, np.array([[0.4, -0.2, 0.3, 0.0]]))
     assert (found.x[0], found.y[0], found.v[0], found.lane[0]) == pytest.approx((1000.4, 7.8, 1.5, -1))
+
+
+def test_plans_leave_room_for_the_errors_but_not_more_than_there_is() -> None:
+    """Half of what is between a vehicle and the ego is left: else it would be in contact with whom it stands beside."""
+    sensor = SensorConfig(position_error_m=0.3)
+    ego = ego_at(ROAD, "a_1", 1000.0)
+    ahead, close, inside = (Agent(name, "a_1", 1000.0 + gap + 5.0) for name, gap in (("ahead", 20.0), ("close", 0.5), ("inside", -1.0)))
+    scene = scene_of(ego, ROAD, ahead, close, inside)
+    forecast = forecast_of(task_of(ROAD, ego), scene)
+    assert with_room(forecast, scene, sensor).half_length - forecast.half_length == pytest.approx([0.6, 0.25, 0.0])
+    assert with_room(forecast, scene, SensorConfig(speed_error_mps=1.0)) is forecast
+
+
+def test_the_planner_is_given_this_room() -> None:
+    scene = at(0.0, passing(0.0, 10.0), Agent("ahead", "a_1", 1060.0, 10.0))
+    config = scenario("sensor.position_error_m=0.3", "planner.iterations=20")
+    thought = Driver(config, ROAD, PHYSICS, 0).decide(scene)
+    assert thought.forecast is not None and thought.forecast.half_length.tolist() == pytest.approx([2.5 + 0.6, 2.5 + 0.6])
 
 
 # --- who hides whom ---

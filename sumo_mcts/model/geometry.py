@@ -3,8 +3,6 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.scene import Floats, Ints, RoadMap
 
@@ -49,7 +47,7 @@ class Lines(NamedTuple):
 
 def lines_of(road: RoadMap) -> Lines:
     """Those of a network."""
-    return Lines(road.points, road.point_s, road.point_offset, road.shape_length / np.maximum(road.length, 1e-9))
+    return Lines(road.points, road.point_s, road.point_offset, road.scale)
 
 
 @kernel

@@ -52,7 +52,7 @@ NO_HURRY = 1.0  # m/s2: whoever could still stop with this need not brake yet
 FORCING_GAIN = 2.0  # growth of the logarithm of these odds for each m/s2 of braking that is due and not seen
 BRAKING = 0.01  # odds that one ahead brakes hard, as long as nothing tells
 BRAKING_GAIN = 2.0  # growth of the logarithm of these odds for each m/s2 of braking that nothing explains
-STARTING_S = 1.5  # s within which it matters that somebody starts (docs/results.md: 14 of 35 did so within 2 s after 2 to 4 s, 8 of 71 after 8 to 16 s)
+STARTING_S = 1.5  # s within which it matters that somebody starts (docs/tried.md: 14 of 35 did so within 2 s after 2 to 4 s, 8 of 71 after 8 to 16 s)
 START_VIEW = 20.0  # m about the ego, and what it drives in a second, within which it matters
 MOST_TOLD = 3.0  # m/s2 beyond which neither tells any more
 CRAWLS = 1.0  # m/s below which somebody ahead waits
@@ -107,7 +107,7 @@ def likeliest(forecast: Forecast) -> Forecast:
 
 def alternatives(road: RoadMap, scene: Scene, ego_lanes: Ints, usual: Forecast, expected: Floats, params: TrafficParams) -> list[Alternative]:
     """What agents may do that matters to the ego, the likeliest first; `expected` [N]: their accelerations now if they did what is usual, m/s2."""
-    agents = changing(road, scene.agents)
+    agents = changing(road, scene.agents, ego_lanes, params.aside)
     paths = likely_paths(road, agents, scene.ego, ego_lanes, {}, usual.dt * usual.v.shape[1])
     found = [
         *_other_ways(road, agents, paths, scene.ego.s, usual, expected, params),

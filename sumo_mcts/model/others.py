@@ -37,6 +37,7 @@ class TrafficParams(NamedTuple):
     persistence: float  # s after which 1/e is left of what a driver did otherwise than expected; 0: nothing is
     euler: float  # half of SUMO's step, s: its positions follow the speed at the end of a step; 0 where it integrates ballistically
     interacting: bool  # False: constant velocity
+    aside: float  # m off the centre line of its lane from which a blinking vehicle has surely begun to leave it
 
 
 class Drivers(NamedTuple):

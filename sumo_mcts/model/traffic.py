@@ -48,7 +48,7 @@ def predict(
     the table is conditional on that. `told` is what an oracle tells: Told() for what sensors see. One agent has the `intent`, the others react.
     """
     times = int(math.ceil(seconds / params.step)) + 1
-    agents, ego = changing(road, scene.agents), scene.ego
+    agents, ego = changing(road, scene.agents, ego_lanes, params.aside), scene.ego
     ways = {**told.ways, intent.agent: np.array(intent.way, np.int32)} if intent.does == TURNS else told.ways
     paths = likely_paths(road, agents, ego, ego_lanes, ways, seconds)
     of_ego = params._replace(accel=min(params.accel, ego.max_accel))

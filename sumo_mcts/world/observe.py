@@ -190,7 +190,7 @@ class Observer:
                 break
             lane, rear = before, rear + float(self._road.length[before])
         rear = max(rear, 0.0)
-        scale = self._road.shape_length[lane] / max(float(self._road.length[lane]), 1e-9)
+        scale = self._road.scale[lane]
         first, last = int(self._road.point_offset[lane]), int(self._road.point_offset[lane + 1])
         x = np.interp(rear * scale, self._road.point_s[first:last], self._road.points[first:last, 0])
         y = np.interp(rear * scale, self._road.point_s[first:last], self._road.points[first:last, 1])

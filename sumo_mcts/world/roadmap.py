@@ -165,7 +165,7 @@ def _convert(net: Any) -> RoadMap:
         point_offset=offset,
         points=points,
         point_s=point_s,
-        shape_length=point_s[offset[1:] - 1],
+        scale=point_s[offset[1:] - 1] / np.maximum(fields["length"], 1e-9),
         successor_offset=_offsets([len(lanes_after) for lanes_after in following]),
         successor=np.array([lane for lanes_after in following for lane in lanes_after], dtype=np.int32),
         **{**fields, **_link_fields(fields["classes"], links), **_conflict_fields(paths, len(lanes))},

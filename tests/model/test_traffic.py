@@ -8,7 +8,7 @@ import naive
 import numpy as np
 import pytest
 from helpers import Agent, Lane, build, crossing, ego_at, lights
-from helpers_model import forecast_of, lanes_east, predicted, road_with_light, scene_of, task_of, traffic_params
+from helpers_model import forecast_of, lanes_east, predicted, road_with_light, scenario, scene_of, task_of, traffic_params
 from helpers_networks import netconvert, simulation
 from hypothesis import given
 from hypothesis import strategies as st
@@ -111,6 +111,17 @@ def test_an_offset_from_the_lane_dies_away_and_people_walk_on() -> None:
     aside = forecast.pose[0, :, 0, 1] - 3.2
     assert aside[0] == pytest.approx(1.0) and np.all(np.diff(aside) < 0.0) and aside[-1] < 0.05
     assert forecast.pose[0, -1, 1, :2] == pytest.approx((50.0, -10.0)) and np.all(forecast.lane[0, :, 1] == -1)
+
+
+@pytest.mark.parametrize(
+    ("ego", "d", "error", "lane"),
+    [("a_0", 0.3, 0.0, 2), ("a_0", 0.3, 0.3, 1), ("a_1", 0.3, 0.3, 1), ("a_0", 1.0, 0.3, 2), ("a_2", 0.3, 0.3, 2), ("a_2", -0.3, 0.0, 1), ("a_2", 0.0, 0.0, 1)],
+)
+def test_who_blinks_changes_lanes_unless_it_would_make_room_and_may_only_seem_to(ego: str, d: float, error: float, lane: int) -> None:
+    """Off its centre line by what may be the sensor's error, it is expected where it leaves the ego less room."""
+    params = traffic_params(config=scenario(f"sensor.position_error_m={error}"))
+    _, forecast = predicted(lanes_east(3, 900.0), Agent("a", "a_1", 100.0, 10.0, d), ego=ego, params=params, blinker=[1])
+    assert set(forecast.lane[0, :, 0].tolist()) == {lane}
 
 
 def forked() -> RoadMap:

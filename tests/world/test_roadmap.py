@@ -285,7 +285,7 @@ def test_conflicts_are_in_lane_positions(crossing_file: str, road: RoadMap, tmp_
     lane = chain(road, "SC_1", "CN_1")[0]
     longer = read_roadmap(edit_lane(crossing_file, road.lane_ids[lane], tmp_path / "longer.net.xml", length=str(2 * road.length[lane])))
     mine = slice(road.conflict_offset[lane], road.conflict_offset[lane + 1])
-    assert longer.shape_length[lane] == road.shape_length[lane] and longer.length[lane] == 2 * road.length[lane]
+    assert longer.scale[lane] == pytest.approx(0.5 * road.scale[lane]) and longer.length[lane] == 2 * road.length[lane]
     assert longer.conflict_begin[mine] == pytest.approx(2 * road.conflict_begin[mine]) and longer.conflict_end[mine] == pytest.approx(
         2 * road.conflict_end[mine]
     )
@@ -299,8 +299,8 @@ def test_lane_whose_points_coincide(crossing_file: str, road: RoadMap, tmp_path:
     odd = read_roadmap(edit_lane(crossing_file, name, tmp_path / "odd.net.xml", shape=f"{x},{y} {x},{y}", length="0.10"))
     shape = lane_shape(odd, first)
     way, onward = np.diff(shape, axis=0)[0], np.diff(lane_shape(odd, second), axis=0)[0]
-    assert 0 < odd.shape_length[first] < 0.1 and np.dot(way, onward) > 0.99 * np.linalg.norm(way) * np.linalg.norm(onward)
-    assert all(np.all(np.isfinite(column)) for column in (odd.points, odd.point_s, odd.shape_length, odd.conflict_begin, odd.conflict_end))
+    assert 0 < odd.scale[first] < 1.0 and np.dot(way, onward) > 0.99 * np.linalg.norm(way) * np.linalg.norm(onward)
+    assert all(np.all(np.isfinite(column)) for column in (odd.points, odd.point_s, odd.scale, odd.conflict_begin, odd.conflict_end))
 
 
 @pytest.mark.parametrize(("gap", "meets"), [(1.6, True), (2.05, False)])
@@ -360,10 +360,10 @@ def test_truncated_files(crossing_file: str, tmp_path: Path) -> None:
 def check_invariants(road: RoadMap) -> None:
     count = len(road.lane_ids)
     assert len(set(road.lane_ids)) == count and np.all(np.diff(road.point_offset) >= 2)
-    assert all(np.all(np.isfinite(column)) for column in (road.points, road.point_s, road.length, road.shape_length, road.width, road.speed))
+    assert all(np.all(np.isfinite(column)) for column in (road.points, road.point_s, road.length, road.scale, road.width, road.speed))
     own = np.repeat(np.arange(count), np.diff(road.point_offset))
     steps = np.diff(road.point_s)[own[1:] == own[:-1]]
-    assert np.all(steps > 0) and np.array_equal(road.shape_length, road.point_s[road.point_offset[1:] - 1])
+    assert np.all(steps > 0) and road.scale * road.length == pytest.approx(road.point_s[road.point_offset[1:] - 1])
     for side, other in ((road.left, road.right), (road.right, road.left)):
         has = np.flatnonzero(side >= 0)
         assert np.array_equal(other[side[has]], has) and np.array_equal(road.edge[side[has]], road.edge[has])
