@@ -99,11 +99,10 @@ def ego_state(route: RouteMap, ego: EgoState) -> State | None:
     return State(node, ego.s, ego.v, ego.a, ego.changing if other >= 0 else 0.0, other, turn)
 
 
-def window(route: RouteMap, leg: int, s: float) -> tuple[int, int]:
-    """[first, last): the nodes from BACK metres behind to VIEW metres ahead of position s on the route's edge `leg`."""
+def window(route: RouteMap, here: float) -> tuple[int, int]:
+    """[first, last): the nodes of the route's edges from BACK metres behind to VIEW metres ahead of `here`, m from the start of the route."""
     begins = np.searchsorted(route.leg, np.arange(route.leg[-1] + 1))
     station = route.station[begins]
-    here = station[leg] + s
     first = int(begins[max(0, int(np.searchsorted(station, here - BACK)) - 1)])
     beyond = int(np.searchsorted(station, here + VIEW))
     return first, int(begins[beyond]) if beyond < len(begins) else len(route.lane)
@@ -124,7 +123,7 @@ def build_local(
     agent's way ahead belongs to it for `claim_s`.
     """
     here = route.station[state.node] + state.s
-    first, last = window(route, int(route.leg[state.node]), state.s)
+    first, last = window(route, here)
     w = last - first
     times = forecast.pose.shape[1]
     view = slice(first, last)
