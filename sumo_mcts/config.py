@@ -268,7 +268,7 @@ class PredictionConfig(_Section):
         4,
         ge=1,
         le=8,
-        description="how many joint hypotheses about the others planner mcts weighs at most: another turn, not yielding, braking; "
+        description="how many joint hypotheses about the others planner mcts weighs at most: another turn, not yielding, braking, starting, stopping on foot; "
         "only with idm, the other forecasts have one",
     )
     options: dict[str, Any] = Field({}, description="parameters of a plugin, which checks them itself")

@@ -1,4 +1,5 @@
-"""What a sensor makes of the truth, Scene to Scene: errors that last, agents that are missed or hidden, and a memory of those seen before.
+"""What a sensor makes of the truth, Scene to Scene: errors that last, agents that are missed or hidden, a memory of those seen before; and the room that
+forecasts leave for such errors.
 
 Planners get what comes out of it; the referee's Frames stay true. The ego, the map and the signals are known without error.
 """

@@ -20,7 +20,7 @@ def risk(cost: Floats, weight: Floats, share: float) -> Floats:
 def shares(weight: Floats, iterations: int, actions: int) -> Floats:
     """[H'] share of the iterations for each hypothesis: half by weight, half equally, since an unlikely one decides too if it is bad enough.
 
-    Unlikely hypotheses for which the iterations would not suffice to try every action are left out.
+    Unlikely ones are left out where the iterations would not suffice to try every action four times in each.
     """
     kept = weight[: max(1, min(len(weight), iterations // (4 * actions)))]
     return np.asarray(0.5 * kept / kept.sum() + 0.5 / len(kept))
