@@ -48,8 +48,8 @@ def advance(local: Local, p: EgoParams, state: State, accel: float, time: float)
     """
     v, look = state.v, max(LOOK_AHEAD, p.step)
     line = _to_line(local, p, state, time)
-    allowed = min(_cap(local, state.node, state.s + v * look), _line_cap(p, v, line, look))
-    speed = _next_speed(p, v, state.a, min(accel, (allowed - v) / look))
+    allowed = (_cap(local, state.node, state.s + v * look) - v) / look
+    speed = _next_speed(p, v, state.a, min(accel, allowed, _towards_line(p, v, line, look)))
     slowest = _next_speed(p, v, state.a, -p.max_decel)
     speed = min(speed, max(_cap(local, state.node, state.s + _moved(p, v, speed)), slowest))
     if line < math.inf and not _stops(p, speed, (speed - v) / p.step, line - _moved(p, v, speed) - 0.01) and _stops(p, v, state.a, line):
@@ -230,12 +230,14 @@ def _to_line(local: Local, p: EgoParams, state: State, time: float) -> float:
 
 
 @kernel
-def _line_cap(p: EgoParams, v: float, distance: float, look: float) -> float:
-    """The speed from which a closed stop line is met with approach_decel; inf where it is too late to stop."""
+def _towards_line(p: EgoParams, v: float, distance: float, look: float) -> float:
+    """The acceleration with which a closed stop line is met with approach_decel; where that is too late, in comfort, or evenly; inf: too late to stop."""
     if v * v > 2.0 * p.max_decel * (distance + 0.1):
         return math.inf
     room = distance - p.stop_gap - v * look
-    return math.sqrt(2.0 * p.approach_decel * room) if room > 0.0 else max(0.0, 0.5 * (distance - p.stop_gap))
+    cap = math.sqrt(2.0 * p.approach_decel * room) if room > 0.0 else max(0.0, 0.5 * (distance - p.stop_gap))
+    evenly = v * v / (2.0 * max(distance - p.stop_gap - v * p.step, 0.1))
+    return max((cap - v) / look, -max(evenly, p.comfort_decel))
 
 
 @kernel
