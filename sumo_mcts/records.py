@@ -335,7 +335,7 @@ def _stop_line(road: RoadMap, lane: int) -> Floats:
 
 # --- traces and maps: every field of the tuples becomes a column over all cycles ---
 
-_FORMAT = 4
+_FORMAT = 5
 Columns = dict[str, NDArray[Any]]
 
 _SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}
