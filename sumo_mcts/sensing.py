@@ -13,7 +13,7 @@ import numpy as np
 from sumo_mcts.config import SensorConfig
 from sumo_mcts.model.geometry import Box, box_distance
 from sumo_mcts.model.others import TrafficParams
-from sumo_mcts.model.paths import ASIDE
+from sumo_mcts.model.paths import LEAVES_FROM
 from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.scene import Agents, Bools, EgoState, Floats, Forecast, RoadMap, Scene
 
@@ -21,7 +21,7 @@ STANDING = 0.1  # m/s: whoever is slower is seen to stand
 SMOOTHING_S = 1.0  # of the error of an acceleration, which is told from speeds
 PLAIN_VIEW = 0.5  # share of an agent in view from which it is expected to be seen
 CHANCE = 1e-4  # of being missed so many times in a row, below which an agent is taken to be gone
-SURE = 2.0  # standard deviations of an error beyond which it is not for the error that somebody seems to
+SURE = 2.0  # standard deviations: errors beyond that are left out of account (one in fifty, to one side)
 EDGE = 1e-6  # m by which a box that is nearer on a ray has to be so
 
 
@@ -115,18 +115,18 @@ class _Errors:
 
 def aside_m(sensor: SensorConfig) -> float:
     """m off the centre line of its lane from which a blinking vehicle has surely begun to leave it."""
-    return max(ASIDE, SURE * sensor.position_error_m)
+    return max(LEAVES_FROM, SURE * sensor.position_error_m)
 
 
 def with_room(forecast: Forecast, scene: Scene, sensor: SensorConfig) -> Forecast:
-    """The forecast of what was seen with boxes longer at either end by what may be the error of a position, or half of what is between them and the ego."""
+    """The forecast with boxes longer at either end by what may be the error of a position, or half of what is between them and the ego now."""
     if not sensor.position_error_m:
         return forecast
-    ego, agents = scene.ego, scene.agents
+    ego, half_length, half_width = scene.ego, forecast.half_length, forecast.half_width
     own = Box(ego.x, ego.y, math.cos(ego.heading), math.sin(ego.heading), ego.length / 2, ego.width / 2)
-    turned = np.cos(agents.heading), np.sin(agents.heading)
-    away = [box_distance(own, Box(*map(float, each))) for each in zip(agents.x, agents.y, *turned, agents.length / 2, agents.width / 2, strict=True)]
-    return forecast._replace(half_length=forecast.half_length + np.minimum(SURE * sensor.position_error_m, 0.5 * np.array(away)))
+    away = [box_distance(own, Box(*map(float, each))) for each in np.column_stack([forecast.pose[0, 0], half_length, half_width])]
+    room = np.minimum(SURE * sensor.position_error_m, 0.5 * np.array(away))
+    return forecast._replace(half_length=half_length + room, s=forecast.s + room)  # s is that of the front
 
 
 def is_faulty(sensor: SensorConfig) -> bool:

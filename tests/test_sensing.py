@@ -164,7 +164,11 @@ def test_plans_leave_room_for_the_errors_but_not_more_than_there_is() -> None:
     ahead, close, inside = (Agent(name, "a_1", 1000.0 + gap + 5.0) for name, gap in (("ahead", 20.0), ("close", 0.5), ("inside", -1.0)))
     scene = scene_of(ego, ROAD, ahead, close, inside)
     forecast = forecast_of(task_of(ROAD, ego), scene)
-    assert with_room(forecast, scene, sensor).half_length - forecast.half_length == pytest.approx([0.6, 0.25, 0.0])
+    found = with_room(forecast, scene, sensor)
+    assert found.half_length - forecast.half_length == pytest.approx([0.6, 0.25, 0.0])
+    rear, front = found.s - 2.0 * found.half_length, found.s
+    assert (forecast.s - 2.0 * forecast.half_length - rear)[0, 0] == pytest.approx([0.6, 0.25, 0.0]), "along the lane as in the plane"
+    assert (front - forecast.s)[0, 0] == pytest.approx([0.6, 0.25, 0.0])
     assert with_room(forecast, scene, SensorConfig(speed_error_mps=1.0)) is forecast
 
 
@@ -173,6 +177,16 @@ def test_the_planner_is_given_this_room() -> None:
     config = scenario("sensor.position_error_m=0.3", "planner.iterations=20")
     thought = Driver(config, ROAD, PHYSICS, 0).decide(scene)
     assert thought.forecast is not None and thought.forecast.half_length.tolist() == pytest.approx([2.5 + 0.6, 2.5 + 0.6])
+
+
+@pytest.mark.parametrize(("error", "lane"), [(0.0, 2), (0.3, 1)])
+def test_the_planner_takes_for_gone_only_who_is_surely_leaving(error: float, lane: int) -> None:
+    """Somebody blinks beside the ego and seems a little off its centre line: with such errors it may only seem so."""
+    config = scenario(f"sensor.position_error_m={error}", "planner.iterations=20")
+    scene = scene_of(ego_at(ROAD, "a_0", 1000.0), ROAD, Agent("other", "a_1", 1003.0, 10.0, d=0.3))
+    scene = scene._replace(agents=scene.agents._replace(blinker=np.ones(1, np.int32)))
+    thought = Driver(config, ROAD, PHYSICS, 0).decide(scene)
+    assert thought.forecast is not None and set(thought.forecast.lane[0, :, 0].tolist()) == {lane}
 
 
 # --- who hides whom ---

@@ -236,7 +236,8 @@ def _towards_line(p: EgoParams, v: float, distance: float, look: float) -> float
         return math.inf
     room = distance - p.stop_gap - v * look
     cap = math.sqrt(2.0 * p.approach_decel * room) if room > 0.0 else max(0.0, 0.5 * (distance - p.stop_gap))
-    evenly = v * v / (2.0 * max(distance - p.stop_gap - v * p.step, 0.1))
+    shorter = 0.0 if p.ballistic else 0.5 * v * p.step  # is the way of a stop where positions follow the speed at the end of a step
+    evenly = v * v / (2.0 * max(distance - p.stop_gap + shorter, 0.1))
     return max((cap - v) / look, -max(evenly, p.comfort_decel))
 
 

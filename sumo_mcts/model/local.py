@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.paths import Ahead, Areas, ahead_of, areas_of, leads_to
-from sumo_mcts.model.route import LENGTH, Indices, RouteMap, lane_pose, stop_ahead
+from sumo_mcts.model.route import LENGTH, UPSTREAM_VIEW, Indices, RouteMap, lane_pose, stop_ahead
 from sumo_mcts.scene import GREEN, YELLOW, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
-BACK = 200.0  # m of the route behind the ego where followers are seen: as far as on the lanes that lead into it (route.py::UPSTREAM_VIEW)
+BACK = UPSTREAM_VIEW  # m of the route behind the ego where followers are seen: as far as on the lanes that lead into it
 VIEW = 400.0  # m of the route ahead that a search may see
 GONE = -2  # Local.agent's NODE of an agent that is not there
 UPSTREAM = -3  # ... and UPSTREAM - n of one that comes to node n from a lane beside the route: see upstream_of

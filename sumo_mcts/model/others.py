@@ -24,7 +24,7 @@ HARD = 4.5  # m/s2 with which an agent is taken to brake where it is taken to br
 
 
 class TrafficParams(NamedTuple):
-    """See config.PredictionConfig; SI units."""
+    """See config.PredictionConfig, for `aside` sensing.aside_m; SI units."""
 
     step: float
     headway: float

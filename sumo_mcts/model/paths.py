@@ -14,7 +14,7 @@ PATH = 200.0  # m of a path, or what can be driven within the forecast
 FASTER = 1.2  # than its speed, and the limit, now
 TOLD = 10.0  # worth of a way on which an oracle has seen an agent: more than any guess
 CREEPS = 5.0  # m/s below which whoever is on a lane that ends has found no gap: it stops at the end
-ASIDE = 0.1  # m off the centre line from which a blinking vehicle may be changing lanes: a step of 0.1 s or two after it has begun
+LEAVES_FROM = 0.1  # m off the centre line from which a blinking vehicle may be changing lanes: a step of 0.1 s or two after it has begun
 CLOSED = 5.0  # worth lost by a way that its kind of vehicle may not take
 FOES = 64  # conflicts looked at for each agent: the most that were seen, with a car every 20 m of lane, are 59
 
@@ -67,18 +67,18 @@ def of_class(vclass: Ints) -> NDArray[np.uint64]:
 def changing(road: RoadMap, agents: Agents, ego_lanes: Ints, aside: float) -> Agents:
     """The agents, those that move towards a neighbouring lane with the blinker on as if they were there already, at its edge.
 
-    A vehicle does so from ASIDE m off its centre line on; from `aside` m on where it moves no nearer to the ego's lanes, and would leave room.
+    A vehicle does so from LEAVES_FROM m off its centre line on; from `aside` m on where it moves no nearer to the way along the ego's present lane.
     """
     side = np.where(agents.lane >= 0, agents.blinker, 0)
     beside = np.where(side > 0, road.left[agents.lane], np.where(side < 0, road.right[agents.lane], -1))
-    enough = np.where(_away(road, beside, ego_lanes) < _away(road, agents.lane, ego_lanes), ASIDE, aside)
+    enough = np.where(_away(road, beside, ego_lanes) < _away(road, agents.lane, ego_lanes), LEAVES_FROM, aside)
     moves = (beside >= 0) & (agents.d * side > enough) & (road.classes[beside] & of_class(agents.vclass) != 0)
     apart = 0.5 * (road.width[agents.lane] + road.width[beside])
     return agents._replace(lane=np.where(moves, beside, agents.lane).astype(np.int32), d=np.where(moves, agents.d - side * apart, agents.d))
 
 
 def _away(road: RoadMap, lane: Ints, ego_lanes: Ints) -> Ints:
-    """[N] how many lanes each lies beside the ego's way; 0 where the ego does not come to its edge."""
+    """[N] how many lanes each lies beside the ego's lanes; 0 where these do not come to its edge."""
     same = road.edge[lane][:, None] == road.edge[ego_lanes]
     return np.where(same, np.abs(road.index[lane][:, None] - road.index[ego_lanes]), 0).max(axis=1, initial=0)
 

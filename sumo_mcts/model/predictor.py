@@ -71,7 +71,7 @@ class Question(NamedTuple):
     scene: Scene
     ego_lanes: Ints  # [K] the lanes that the ego is going to drive, the one it is on or moves to first
     nominal: Floats  # [K] m/s: what the ego is taken to do first, at multiples of params.step from now + params.step on; may be empty
-    params: TrafficParams  # of the section `prediction`; params.step: s between the times of the forecast
+    params: TrafficParams  # of the sections `prediction` and `sensor`; params.step: s between the times of the forecast
     seconds: float  # how far it has to reach
     stood_s: float  # s since the ego came to a stand at the stop sign before it; -inf: it has not
 

@@ -157,15 +157,15 @@ def test_from_afar_it_stops_a_little_before_the_line_in_comfort(moves: Physics, 
     assert min(after.a for after, _ in states) > -(1.2 if moves.step < 0.4 else 1.5) * task.ego.comfort_decel
 
 
-@pytest.mark.parametrize("moves", [PHYSICS_OF[name] for name in ("euler", "ballistic", "fine", "quarter")])
-@given(st.floats(8.0, 15.0), st.floats(2.5, 4.0))
+@pytest.mark.parametrize("moves", PHYSICS_OF.values(), ids=PHYSICS_OF)
+@given(st.floats(8.0, 15.0), st.floats(2.5, 5.0))
 def test_a_line_that_closes_late_is_met_by_braking_evenly(moves: Physics, v: float, needed: float) -> None:
     """Not with all that the brakes give until the ego is as slow as it would have been, had it known before."""
     task, local, state = on_road(road_with_light(), "a_0", 10.0, v, moves, route=("a", "b"), signals=CLOSED)
     local.closed[int(np.flatnonzero(task.route.stop)[0]) - local.first] = 1
     states = drive(local, task.ego, state._replace(s=200.0 - task.ego.stop_gap - v * v / (2.0 * needed)), [0.0] * 12)
-    assert states[-1][0].v < 0.05 and states[-1][0].s <= 200.0
-    assert min(after.a for after, _ in states) > -1.3 * needed - 0.2
+    assert states[-1][0].v < 0.5 and states[-1][0].s <= 200.0
+    assert min(after.a for after, _ in states) > -max(1.15 * needed, 1.15 * task.ego.comfort_decel)
 
 
 def test_an_open_line_is_crossed_and_a_closed_one_is_told() -> None:
