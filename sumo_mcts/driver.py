@@ -115,7 +115,7 @@ class Driver:
         self._fail_safe = FailSafe(assumed(config), self._period)
         self._timekeeper = Timekeeper(time_budget_s(config))
         self._failures = 0  # of the planner, in a row
-        self._traffic = _traffic_params(config, physics)
+        self._traffic = traffic_params(config, physics)
         self._route: RouteMap | None = None
         self._edges: tuple[int, ...] = ()
         self._stood: dict[int, float] = {}  # node at whose stop sign the ego has stood -> when
@@ -426,6 +426,16 @@ def cost_params(config: ScenarioConfig) -> CostParams:
     )  # fmt: skip
 
 
+def traffic_params(config: ScenarioConfig, physics: Physics) -> TrafficParams:
+    """Forecast times that fall on steps of the simulation, or divide them evenly."""
+    q, step = config.prediction, physics.step
+    dt = step * max(1, round(q.step_s / step)) if step <= q.step_s * 1.25 + 1e-9 else step / round(step / q.step_s)
+    return TrafficParams(
+        dt, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s, q.persistence_s,
+        0.0 if physics.ballistic else 0.5 * step, q.name != "constant_velocity", aside_m(config.sensor),
+    )  # fmt: skip
+
+
 def _term(name: str, weight: float) -> Term:
     try:
         return Term(compiled_term(plugins.loaded("cost.term", name)), weight)
@@ -465,16 +475,6 @@ def _paper_params(config: ScenarioConfig) -> PaperParams:
 def _idm_params(config: ScenarioConfig) -> IdmParams:
     p = config.idm
     return IdmParams(p.headway_s, p.min_gap_m, p.accel_mps2, p.decel_mps2, p.critical_gap_s, p.cut_in_decel_mps2)
-
-
-def _traffic_params(config: ScenarioConfig, physics: Physics) -> TrafficParams:
-    """Forecast times that fall on steps of the simulation, or divide them evenly."""
-    q, step = config.prediction, physics.step
-    dt = step * max(1, round(q.step_s / step)) if step <= q.step_s * 1.25 + 1e-9 else step / round(step / q.step_s)
-    return TrafficParams(
-        dt, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s, q.persistence_s,
-        0.0 if physics.ballistic else 0.5 * step, q.name != "constant_velocity", aside_m(config.sensor),
-    )  # fmt: skip
 
 
 def _ego_lanes(route: RouteMap, state: State) -> Ints:

@@ -8,8 +8,9 @@ import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import Thought, deadline_s, no_forecast
-from sumo_mcts.records import CycleRecord, Setting, Trace, lanes_around
+from sumo_mcts.records import CycleRecord, Setting, Trace
 from sumo_mcts.scene import Plan, RoadMap, Scene
+from sumo_mcts.surroundings import lanes_around
 
 DRAWN = 90.0  # m around the ego's way within which lanes go into the trace
 SPEED_DEVIATION = 0.05  # m/s between commanded and executed speed that is worth a word

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.scene import YIELD, Agents, Answers, Bools, Decision, EgoState, Floats, Forecast, Ints, Memory, RoadMap, Signals
+from sumo_mcts.scene import Agents, Answers, Bools, Decision, EgoState, Floats, Forecast, Ints, Memory, RoadMap, Signals
 
 SCHEMA_VERSION = 1
 
@@ -264,73 +264,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple | set | frozenset):
         return [_plain(item) for item in value]
     return value if value is None or isinstance(value, bool | int | str) else str(value)
-
-
-# --- the roads of a trace ---
-
-
-def lanes_around(road: RoadMap, route: Sequence[int], where: Floats, distance: float) -> Lanes:
-    """The lanes with a part within `distance` m of the points `where` [K, 2]; `route`: edges of the ego."""
-    near = _near(road, where, distance)
-    keep = np.array([near[begin:end].any() for begin, end in pairwise(road.point_offset.tolist())], dtype=np.bool_)
-    chosen: list[int] = np.flatnonzero(keep).tolist()
-    shapes = [road.points[road.point_offset[i] : road.point_offset[i + 1]] for i in chosen]
-    on_route = np.isin(road.edge, np.asarray(route, dtype=np.int32)) & ~road.internal
-    return Lanes(
-        lane_ids=tuple(road.lane_ids[i] for i in chosen),
-        points=np.concatenate(shapes) if shapes else np.zeros((0, 2)),
-        offset=np.cumsum([0, *(len(shape) for shape in shapes)], dtype=np.int32),
-        width=road.width[chosen],
-        internal=road.internal[chosen],
-        route=(on_route | _between(road, route))[chosen],
-        stop_lines=np.array([_stop_line(road, i) for i in chosen if _stops(road, i)], dtype=np.float64).reshape(-1, 4),
-    )
-
-
-def _near(road: RoadMap, where: Floats, distance: float) -> Bools:
-    """[P] whether the piece of lane that begins at a shape point comes within reach of one of `where`."""
-    last = road.point_offset[1:] - 1
-    along = np.diff(road.points, axis=0, append=road.points[-1:])
-    along[last] = 0.0  # a lane's last point is joined to nothing
-    square = np.maximum((along**2).sum(axis=1), 1e-9)
-    near = np.zeros(len(road.points), dtype=np.bool_)
-    for place in where:  # one at a time, for memory's sake
-        to = place - road.points
-        share = np.clip((to * along).sum(axis=1) / square, 0.0, 1.0)
-        near |= ((to - share[:, None] * along) ** 2).sum(axis=1) <= distance**2
-    return near
-
-
-def _between(road: RoadMap, route: Sequence[int]) -> Bools:
-    """[L] internal lanes that lead from one edge of the route to the next."""
-    result = np.zeros(len(road.lane_ids), dtype=np.bool_)
-    for edge, following in pairwise(route):
-        for lane in np.flatnonzero((road.edge == edge) & ~road.internal).tolist():
-            for entered in _successors(road, lane):
-                inside = entered
-                while road.internal[inside] and road.edge[road.exit[inside]] == following and not result[inside]:
-                    result[inside] = True
-                    inside = _successors(road, inside)[0]
-    return result
-
-
-def _successors(road: RoadMap, lane: int) -> list[int]:
-    following: list[int] = road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]].tolist()
-    return following
-
-
-def _stops(road: RoadMap, lane: int) -> bool:
-    """Whether traffic may have to wait at the end of the lane: a signal, or a connection that has to yield."""
-    following = _successors(road, lane)
-    return not road.internal[lane] and bool(((road.signal[following] >= 0) | (road.rule[following] >= YIELD)).any())
-
-
-def _stop_line(road: RoadMap, lane: int) -> Floats:
-    """[4] both ends of the line across the lane's end."""
-    before, end = road.points[road.point_offset[lane + 1] - 2 : road.point_offset[lane + 1]]
-    along = (end - before) / max(float(np.linalg.norm(end - before)), 1e-9)
-    across = np.array([-along[1], along[0]]) * road.width[lane] / 2
-    return np.concatenate([end + across, end - across])
 
 
 # --- traces and maps: every field of the tuples becomes a column over all cycles ---

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.config import SensorConfig
-from sumo_mcts.model.geometry import Box, box_distance
+from sumo_mcts.model.geometry import Box, box_distance, nearest
 from sumo_mcts.model.others import TrafficParams
 from sumo_mcts.model.paths import LEAVES_FROM
 from sumo_mcts.model.traffic import Told, predict
@@ -171,14 +171,13 @@ def matched(road: RoadMap, agents: Agents) -> Agents:
 def on_lane(road: RoadMap, lane: int, x: float, y: float) -> tuple[float, float]:
     """Lane position s and offset d (m, left positive) of the place on a lane's centre line that is nearest to a point."""
     first, last = int(road.point_offset[lane]), int(road.point_offset[lane + 1])
-    begin, way = road.points[first : last - 1], np.diff(road.points[first:last], axis=0)
-    length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-9)
-    way = way / length[:, None]
-    to = np.array([x, y]) - begin
-    along = np.clip((to * way).sum(axis=1), 0.0, length)
-    k = int(np.argmin(((to - along[:, None] * way) ** 2).sum(axis=1)))
-    arc = float(road.point_s[first + k] + along[k])
-    return arc * float(road.length[lane]) / max(float(road.point_s[last - 1]), 1e-9), float(way[k, 0] * to[k, 1] - way[k, 1] * to[k, 0])
+    points, arc = road.points[first:last], road.point_s[first:last]
+    way = np.diff(points, axis=0)
+    share, away = nearest(points[:-1], way, x, y)
+    k = int(np.argmin(away))
+    span = max(float(arc[k + 1] - arc[k]), 1e-9)
+    aside = float(way[k, 0] * (y - points[k, 1]) - way[k, 1] * (x - points[k, 0])) / span
+    return float(arc[k] + share[k] * span) / float(road.scale[lane]), aside
 
 
 def _front(agents: Agents, i: int) -> tuple[float, float]:

@@ -7,6 +7,7 @@ import numpy as np
 from helpers import Agent, Lane, agents_at, build, ego_at, lights
 
 from sumo_mcts import config as configuration
+from sumo_mcts import driver
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import Physics, cost_params, ego_params
 from sumo_mcts.model.ego import EgoParams
@@ -16,7 +17,6 @@ from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.scene import EgoState, Forecast, RoadMap, Scene, Signals
-from sumo_mcts.sensing import aside_m
 
 PHYSICS = Physics(0.1, False, 3.0)
 WIDTH = 3.2  # m, of a lane
@@ -60,11 +60,7 @@ def task_of(road: RoadMap, ego: EgoState, config: ScenarioConfig | None = None, 
 
 def traffic_params(step: float = 0.2, *, interacting: bool = True, config: ScenarioConfig | None = None) -> TrafficParams:
     """The configuration's, at forecast times `step` s apart."""
-    q = (config or scenario()).prediction
-    return TrafficParams(
-        step, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2, q.yield_gap_s, q.stays_after_s, q.persistence_s, 0.05, interacting,
-        aside_m((config or scenario()).sensor),
-    )  # fmt: skip
+    return driver.traffic_params(config or scenario(), PHYSICS)._replace(step=step, interacting=interacting)
 
 
 def ego_lanes(route: RouteMap, state: State) -> Sequence[int]:

@@ -3,6 +3,8 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.scene import Floats, Ints, RoadMap
 
@@ -34,6 +36,14 @@ def point_at(points: Floats, arc: Floats, first: int, last: int, distance: float
         points[low, 0] + share * (points[low + 1, 0] - points[low, 0]),
         points[low, 1] + share * (points[low + 1, 1] - points[low, 1]),
     )
+
+
+def nearest(begin: Floats, way: Floats, x: float, y: float, least: Floats | float = 0.0) -> tuple[Floats, Floats]:
+    """Where each straight piece (from begin [P, 2] to begin + way) is nearest to a point: share of the piece [P], not below `least`, and distance [P], m."""
+    to_x, to_y = x - begin[:, 0], y - begin[:, 1]
+    square = np.maximum(way[:, 0] ** 2 + way[:, 1] ** 2, 1e-18)
+    share = np.clip((to_x * way[:, 0] + to_y * way[:, 1]) / square, least, 1.0)
+    return share, np.hypot(to_x - share * way[:, 0], to_y - share * way[:, 1])
 
 
 class Lines(NamedTuple):

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.model.ego import STANDS
+from sumo_mcts.model.geometry import nearest
 from sumo_mcts.model.others import TrafficParams
 from sumo_mcts.model.paths import MERGES, Paths, changing, conflicts_of, likely_paths, of_class
 from sumo_mcts.model.traffic import Told, predict
@@ -273,14 +274,11 @@ def _halting(road: RoadMap, agents: Agents, paths: Paths, ego: EgoState) -> Iter
 
 def from_way(road: RoadMap, paths: Paths, ego_s: float, x: float, y: float) -> float:
     """Distance (m) from a point to the middle of the ego's way, as far as the ego has it before it."""
-    nearest = math.inf
+    least = math.inf
     for lane, begin in zip(paths.lane[0, : paths.count[0]], paths.offset[0], strict=False):
         points = road.points[road.point_offset[lane] : road.point_offset[lane + 1]]
         along = begin + road.point_s[road.point_offset[lane] : road.point_offset[lane + 1]]
-        start, span, length = points[:-1], np.diff(points, axis=0), np.maximum(np.diff(along), 1e-9)
-        passed = (ego_s - along[:-1]) / length  # share of each piece that lies behind the ego
-        share = ((x - start[:, 0]) * span[:, 0] + (y - start[:, 1]) * span[:, 1]) / np.maximum((span**2).sum(axis=1), 1e-9)
-        share = np.clip(share, np.clip(passed, 0.0, 1.0), 1.0)
-        away = np.hypot(x - start[:, 0] - share * span[:, 0], y - start[:, 1] - share * span[:, 1])
-        nearest = min([nearest, *away[passed < 1.0].tolist()])
-    return nearest
+        passed = (ego_s - along[:-1]) / np.maximum(np.diff(along), 1e-9)  # share of each piece that lies behind the ego
+        _, away = nearest(points[:-1], np.diff(points, axis=0), x, y, np.clip(passed, 0.0, 1.0))
+        least = min([least, *away[passed < 1.0].tolist()])
+    return least
