@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from sumo_mcts.model.ego import EgoParams, pose_of
 from sumo_mcts.model.geometry import Box, boxes_touch
-from sumo_mcts.model.kernel import kernel, scalar_function
+from sumo_mcts.model.kernel import inlined, kernel, scalar_function
 from sumo_mcts.model.krauss import CAREFUL_S, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.model.local import (
     BESIDE,
@@ -313,7 +313,7 @@ def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: in
     return rate
 
 
-@kernel
+@inlined
 def _claim(local: Local, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
     """Cost per second of standing where the agent will be within claim_s; the sooner, the dearer."""
     if local.trait[i, POLITE] != 0.0:
@@ -327,7 +327,7 @@ def _claim(local: Local, c: CostParams, state: State, box: Box, now: int, i: int
     return 0.0
 
 
-@kernel
+@inlined
 def _late(local: Local, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
     """Cost per second of being where the agent still is if it comes a little later than its forecast."""
     at = now - int(LATE / local.dt + 0.5)

@@ -39,6 +39,11 @@ def kernel(function: _F) -> _F:
     return _compiled(function, _nrt=False)
 
 
+def inlined(function: _F) -> _F:
+    """A kernel that becomes part of its callers: for short ones of the inner loops to which many arrays would be handed at each call."""
+    return _compiled(function, _nrt=False, forceinline=True)
+
+
 def making_arrays(function: _F) -> _F:
     """A kernel that makes arrays of its own."""
     return _compiled(function)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.kernel import kernel, making_arrays
+from sumo_mcts.model.kernel import inlined, kernel, making_arrays
 from sumo_mcts.model.krauss import safe_speed
 from sumo_mcts.model.local import signal_states
 from sumo_mcts.model.paths import IN_TURN, MERGES, MUTUAL, NARROWS, Paths, conflicts_of
@@ -188,7 +188,7 @@ def _follow(q: TrafficParams, v: float, gap: float, leader_v: float, free: float
     return free - q.accel * (wish / max(gap, 0.1)) ** 2
 
 
-@kernel
+@inlined
 def _leader(c: _Course, length: Floats, mark: Ints, at: Ints, x: Floats, v: Floats, i: int) -> tuple[float, float]:
     """Gap (m) and speed of the nearest vehicle ahead on the path; a vehicle's tail counts on the lane it came from."""
     for k in range(c.lanes[i] - 1, at[i] - 1, -1):  # a path may come to a lane twice, in a roundabout: the first time counts
@@ -278,7 +278,7 @@ def _rank(c: _Course, i: int, k: int, rank: float, x: float, v: float, now: floa
 # --- right of way ---
 
 
-@kernel
+@inlined
 def _yield_accel(
     q: TrafficParams, c: _Course, d: Drivers, polite: Bools, at: Ints, rank: Floats, x: Floats, v: Floats, i: int, t: int
 ) -> float:  # fmt: skip
