@@ -70,11 +70,12 @@ class Controller:
         """Who can drive now: nobody before the departure, while SUMO teleports the vehicle, and after the arrival."""
         if self._pilot is None:
             if not self._over and self._world.observer.present(self._ego):
-                self._pilot = Pilot(self._ego, self._config, self._world, self._noise, judged=False)
+                self._pilot = Pilot(self._ego, self._config, self._world, self._noise)
+                self._pilot.glance()
             return self._pilot
-        frame = self._pilot.look()
-        pilot = self._pilot if frame.present else None
-        if frame.arrived:
+        seen = self._pilot.glance()
+        pilot = self._pilot if seen.present else None
+        if seen.arrived:
             self._pilot, self._over = None, True
         return pilot
 

@@ -317,13 +317,14 @@ class Loop:
             self._progress(f"{simulation.time:.1f} s  waiting for {ego.id}")
 
     def _take_over(self, ego: _Ego) -> None:
-        pilot = Pilot(ego.id, self.config, self.world, ego.noise, judged=True)
-        goal = _goal(self.config, self.world.road, pilot.frame.ego, ego.until)
-        ego.hindsight = self._hindsight(goal, pilot.frame)
+        pilot = Pilot(ego.id, self.config, self.world, ego.noise)
+        frame = pilot.look()
+        goal = _goal(self.config, self.world.road, frame.ego, ego.until)
+        ego.hindsight = self._hindsight(goal, frame)
         if ego.hindsight is not None and self._varied and ego.hindsight.inevitable():
             self._redraw(ego)
             return
-        ego.referee = Referee(self.world.road, goal, self.world.physics.step, pilot.frame)
+        ego.referee = Referee(self.world.road, goal, self.world.physics.step, frame)
         ego.pilot = pilot
         if self._gui and ego is self._egos[0]:
             window.follow(ego.id)

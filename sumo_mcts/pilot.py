@@ -1,5 +1,6 @@
 """One driven ego's eyes and hands: when it has to decide, what it knows then, and what SUMO is told until the next time."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ from sumo_mcts.driver import Physics, ego_params
 from sumo_mcts.scene import Decision, Frame, RoadMap, Scene
 from sumo_mcts.sensing import Senses
 from sumo_mcts.world.command import Bounds, Commander
-from sumo_mcts.world.observe import Change, Observer
+from sumo_mcts.world.observe import Change, Observer, Presence
 from sumo_mcts.world.roadmap import known_roadmap
 from sumo_mcts.world.simulation import is_ballistic, option, step_length
 
@@ -34,27 +35,34 @@ def running_world(period_s: float) -> World:
 
 
 class Pilot:
-    """Holds one ego that is on the road. Between two steps of SUMO: look(), then decide if due(), then before_step()."""
+    """Holds one ego that is on the road. Between two steps of SUMO: look() or glance(), then decide if due(), then before_step()."""
 
-    def __init__(self, vehicle: str, config: ScenarioConfig, world: World, noise: np.random.SeedSequence, judged: bool) -> None:
-        """Take over a vehicle that is on the road; `noise` seeds its sensor's errors; `judged`: a referee reads its frames, and an SSM device watches it."""
-        self._vehicle, self._world, self._sensor, self._judged = vehicle, world, config.sensor, judged
+    def __init__(self, vehicle: str, config: ScenarioConfig, world: World, noise: np.random.SeedSequence) -> None:
+        """Take over a vehicle that is on the road; `noise` seeds its sensor's errors."""
+        self._vehicle, self._world, self._sensor = vehicle, world, config.sensor
         self._senses = Senses(config.sensor, world.road, world.period, noise)
         state = world.observer.ego(vehicle, Change())
         params = ego_params(config, state, world.physics)
         bounds = Bounds(world.physics.step, world.physics.change_duration, params.max_accel, params.max_decel, params.emergency_jerk)
         self._commander = Commander(vehicle, world.road, world.observer.lanes, bounds)
-        self.frame: Frame = world.observer.frame(vehicle, Change(), None, judged)  # the state after the last step
-        self._next = self.frame.time
+        self._frame: Frame | None = None
+        self._time, self._next = 0.0, -math.inf  # now, and when to decide
 
     def look(self) -> Frame:
-        """What SUMO made of the step that is just over."""
-        self.frame = self._world.observer.frame(self._vehicle, self._commander.change, self.frame, self._judged)
-        return self.frame
+        """What a referee has to know of the step that is just over."""
+        self._frame = self._world.observer.frame(self._vehicle, self._commander.change, self._frame)
+        self._time = self._frame.time
+        return self._frame
+
+    def glance(self) -> Presence:
+        """Likewise where there is no referee."""
+        seen = self._world.observer.presence(self._vehicle)
+        self._time = seen.time
+        return seen
 
     def due(self) -> bool:
         """Whether a decision is needed before the next step."""
-        return self.frame.time >= self._next - _EPS
+        return self._time >= self._next - _EPS
 
     def scene(self) -> Scene:
         """What may be known for the decision."""
@@ -64,7 +72,7 @@ class Pilot:
     def accept(self, decision: Decision) -> None:
         """Do this until the next decision."""
         self._commander.accept(decision.command)
-        self._next = self.frame.time + self._world.period
+        self._next = self._time + self._world.period
 
     def before_step(self) -> None:
         """Command the step that begins now."""

@@ -31,6 +31,14 @@ class Change(NamedTuple):
     target: int = -1
 
 
+class Presence(NamedTuple):
+    """What became of a vehicle in the step that is just over."""
+
+    time: float  # s
+    present: bool  # on the road now
+    arrived: bool
+
+
 class VehicleType(NamedTuple):
     """What does not change about a vehicle."""
 
@@ -76,8 +84,16 @@ class Observer:
         """The signals near a place with their coming phases."""
         return self._signals.read(x, y, float(self._libsumo.simulation.getTime()), PHASES)
 
-    def frame(self, ego: str, change: Change, last: Frame | None, judged: bool) -> Frame:
-        """What SUMO reports of the last step; `judged`: an SSM device watches the ego."""
+    def presence(self, ego: str) -> Presence:
+        """What a loop without a referee needs after each step; what is to be remembered of the agents is, as frame() does."""
+        time, present = float(self._libsumo.simulation.getTime()), self.present(ego)
+        if present:
+            state = self.ego(ego, Change())
+            self._rows(ego, state.x, state.y, REFEREE_RANGE, time)
+        return Presence(time, present, ego in self._libsumo.simulation.getArrivedIDList())
+
+    def frame(self, ego: str, change: Change, last: Frame | None) -> Frame:
+        """What SUMO reports of the last step, for the referee."""
         sumo = self._libsumo
         time = float(sumo.simulation.getTime())
         present = self.present(ego)
@@ -87,7 +103,7 @@ class Observer:
         agents = self._agents(ego, state.x, state.y, REFEREE_RANGE, time)
         leader, paths = self._why_brakes(agents)
         hits = [c for c in sumo.simulation.getCollisions() if ego in (c.collider, c.victim)]
-        ttc, drac, pet = self._surrogates(ego) if judged and present else (math.nan,) * 3
+        ttc, drac, pet = self._surrogates(ego) if present else (math.nan,) * 3
         return Frame(
             time, state, present, agents, self._signals.read(state.x, state.y, time, 1), leader, paths,
             tuple(c.victim if c.collider == ego else c.collider for c in hits), hits[0].type if hits else "",
@@ -141,6 +157,10 @@ class Observer:
         return np.array(lanes, np.int32)
 
     def _agents(self, ego: str, x: float, y: float, reach: float, time: float) -> Agents:
+        return _columns(sorted(self._rows(ego, x, y, reach, time), key=lambda row: str(row[0])))
+
+    def _rows(self, ego: str, x: float, y: float, reach: float, time: float) -> list[tuple[Any, ...]]:
+        """Everybody within reach but the ego, as a row of Agents' columns each."""
         get = self._libsumo.vehicle
         ids = get.getIDList()
         near = []
@@ -155,9 +175,7 @@ class Observer:
             px, py = persons.getPosition(person)
             if (px - x) ** 2 + (py - y) ** 2 <= reach * reach and not persons.getVehicle(person):
                 people.append((person, px, py))
-        rows = [self._vehicle_row(v, px, py, time) for v, px, py in near] + [self._person_row(p, px, py, time) for p, px, py in people]
-        rows.sort(key=lambda row: str(row[0]))
-        return _columns(rows)
+        return [self._vehicle_row(v, px, py, time) for v, px, py in near] + [self._person_row(p, px, py, time) for p, px, py in people]
 
     def _vehicle_row(self, vehicle: str, px: float, py: float, time: float) -> tuple[Any, ...]:
         get = self._libsumo.vehicle
