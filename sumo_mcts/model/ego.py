@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from sumo_mcts.model.geometry import swung
-from sumo_mcts.model.kernel import inlined, kernel
+from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import Local, State, index_at
 from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, REACH, RIGHT_NODE, SPACING, STOP_LINE, lane_pose
 
@@ -95,7 +95,7 @@ def _moved(p: EgoParams, v: float, speed: float) -> float:
     return 0.5 * (v + speed) * p.step if p.ballistic else speed * p.step
 
 
-@inlined
+@kernel
 def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, a: float, time: float) -> tuple[State, int]:
     """Along the lane and into the next ones; a lane change goes on."""
     node, other, s, progress, event = state.node, state.other, state.s + moved, state.progress, FREE
@@ -203,7 +203,7 @@ def _to_the_left(local: Local, node: int, other: int, s: float) -> float:
     return (oy - y) * c - (ox - x) * n
 
 
-@inlined
+@kernel
 def _cap(local: Local, node: int, s: float) -> float:
     """The speed from which everything ahead can be met with approach_decel, m/s."""
     while s > local.node[node, LENGTH] and local.node[node, NEXT] >= 0:
@@ -216,7 +216,7 @@ def _cap(local: Local, node: int, s: float) -> float:
     return float(local.row[first + k, 4] + share * (local.row[first + k + 1, 4] - local.row[first + k, 4]))
 
 
-@inlined
+@kernel
 def _to_line(local: Local, p: EgoParams, state: State, time: float) -> float:
     """m to the next closed stop line; inf where there is none near enough to matter."""
     node, distance = state.node, -state.s

@@ -22,7 +22,7 @@ from sumo_mcts.model.ego import (
     pose_of,
     within_step,
 )
-from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.kernel import inlined, kernel
 from sumo_mcts.model.local import Local, State, index_at, keep_state, kept_state
 from sumo_mcts.model.react import react
 from sumo_mcts.model.route import LIMIT, Indices
@@ -325,7 +325,7 @@ def _known(tree: Tree, node: int, action: int, state: State) -> bool:
     return False
 
 
-@kernel
+@inlined
 def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, node: int, line: Floats, rng: Generator) -> float:
     """J of a continuation to the horizon; `line` receives its accelerations."""
     state, followers = kept_state(tree.where, tree.motion, node), tree.followers[node]
