@@ -17,7 +17,7 @@ from sumo_mcts.config import SensorConfig
 from sumo_mcts.driver import Driver, streams
 from sumo_mcts.episode import Loop, run_episode
 from sumo_mcts.scene import RoadMap, Scene
-from sumo_mcts.sensing import Senses, matched, share_in_view, with_errors, with_room
+from sumo_mcts.sensing import Senses, matched, moved_on, share_in_view, with_errors, with_room
 from sumo_mcts.world.simulation import import_libsumo
 
 PERIOD = 0.5
@@ -325,6 +325,15 @@ def test_the_remembered_follow_their_lane_into_the_next() -> None:
     seen = sensor.perceive(after).agents
     assert seen.ids == ("car",)
     assert (road.lane_ids[seen.lane[0]], seen.s[0]) == (":m_0", pytest.approx(2.0))
+
+
+@pytest.mark.parametrize(("blinker", "d"), [(1, 0.5), (0, 0.0)])
+def test_who_had_begun_to_leave_its_lane_has_not_gone_back_when_it_is_out_of_sight(blinker: int, d: float) -> None:
+    before = at(0.0, Agent("other", "a_1", 1030.0, 10.0, d=0.5))
+    blinking = before.agents._replace(blinker=np.array([blinker], np.int32))
+    now = moved_on(ROAD, before._replace(agents=blinking), PERIOD, aside=0.6)
+    assert (ROAD.lane_ids[now.lane[0]], now.s[0], now.blinker[0]) == ("a_1", pytest.approx(1035.0), blinker)
+    assert now.d[0] == pytest.approx(d, abs=0.05)
 
 
 # --- episodes ---
