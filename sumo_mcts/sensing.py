@@ -241,10 +241,14 @@ def moved_on(road: RoadMap, scene: Scene, seconds: float, aside: float) -> Agent
         x=pose[:, 0], y=pose[:, 1], heading=np.arctan2(pose[:, 3], pose[:, 2]), a=zero, trend=zero, lane=forecast.lane[0, 1], s=forecast.s[0, 1],
         standing_s=np.where(agents.v <= STANDING, agents.standing_s + seconds, 0.0),
     )  # fmt: skip
-    moved = matched(road, moved)
-    side = np.where(moved.lane == agents.lane, agents.blinker, 0)  # who had begun to leave its lane has not gone back to the middle of it
-    moved = moved._replace(d=np.where(side != 0, side * np.maximum(side * moved.d, side * agents.d), moved.d))
-    return chosen(moved, forecast.valid[0, 1])
+    return chosen(_still_aside(agents, matched(road, moved)), forecast.valid[0, 1])
+
+
+def _still_aside(before: Agents, moved: Agents) -> Agents:
+    """Who blinks, had begun to leave its lane and is taken to be on it still has not gone back to the middle of it."""
+    side = np.where(moved.lane == before.lane, before.blinker, 0)
+    back = side * np.maximum(side * (before.d - moved.d), 0.0)
+    return moved._replace(x=moved.x - back * np.sin(moved.heading), y=moved.y + back * np.cos(moved.heading), d=moved.d + back)
 
 
 def share_past(ego: EgoState, seen: Agents, remembered: Agents) -> Floats:

@@ -334,6 +334,7 @@ def test_who_had_begun_to_leave_its_lane_has_not_gone_back_when_it_is_out_of_sig
     now = moved_on(ROAD, before._replace(agents=blinking), PERIOD, aside=0.6)
     assert (ROAD.lane_ids[now.lane[0]], now.s[0], now.blinker[0]) == ("a_1", pytest.approx(1035.0), blinker)
     assert now.d[0] == pytest.approx(d, abs=0.05)
+    assert matched(ROAD, now).d[0] == pytest.approx(now.d[0], abs=0.01)
 
 
 # --- episodes ---

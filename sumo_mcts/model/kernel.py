@@ -40,7 +40,7 @@ def kernel(function: _F) -> _F:
 
 
 def inlined(function: _F) -> _F:
-    """A kernel that becomes part of its callers: for short ones of the inner loops to which many arrays would be handed at each call."""
+    """A kernel that becomes part of its callers: for those with which trying showed that it helps (docs/architecture.md)."""
     return _compiled(function, _nrt=False, forceinline=True)
 
 

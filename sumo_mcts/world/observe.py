@@ -85,7 +85,7 @@ class Observer:
         return self._signals.read(x, y, float(self._libsumo.simulation.getTime()), PHASES)
 
     def presence(self, ego: str) -> Presence:
-        """What a loop without a referee needs after each step; what is to be remembered of the agents is, as frame() does."""
+        """What a loop without a referee needs after each step. While the ego is there, what is to be remembered of the agents is, as by frame()."""
         time, present = float(self._libsumo.simulation.getTime()), self.present(ego)
         if present:
             state = self.ego(ego, Change())
