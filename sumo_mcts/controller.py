@@ -69,10 +69,9 @@ class Controller:
     def _look(self) -> Pilot | None:
         """Who can drive now: nobody before the departure, while SUMO teleports the vehicle, and after the arrival."""
         if self._pilot is None:
-            if not self._over and self._world.observer.present(self._ego):
-                self._pilot = Pilot(self._ego, self._config, self._world, self._noise)
-                self._pilot.glance()
-            return self._pilot
+            if self._over or not self._world.observer.present(self._ego):
+                return None
+            self._pilot = Pilot(self._ego, self._config, self._world, self._noise)
         seen = self._pilot.glance()
         pilot = self._pilot if seen.present else None
         if seen.arrived:
