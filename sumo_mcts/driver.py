@@ -18,7 +18,7 @@ from sumo_mcts.model.paths import LANES
 from sumo_mcts.model.predictor import Heard, Oracles, Predictor, Question, checked
 from sumo_mcts.model.route import RouteMap, is_rest_of, route_map
 from sumo_mcts.model.script import script_poses
-from sumo_mcts.model.traffic import Told, predict
+from sumo_mcts.model.traffic import Told, predict, times_of
 from sumo_mcts.planners.base import Planner, Remembering, Situation, Task
 from sumo_mcts.planners.baselines import ConstantPlanner, IdmParams, IdmPlanner, RandomPlanner, SumoPlanner
 from sumo_mcts.planners.effort import Effort, Timekeeper
@@ -30,6 +30,7 @@ from sumo_mcts.planners.reference import horizon_s
 from sumo_mcts.scene import (
     GREEN,
     IGNORING,
+    STANDING,
     Agents,
     Answers,
     Decision,
@@ -255,7 +256,7 @@ class Driver:
 
     def _note_stop(self, route: RouteMap, state: State, now: float) -> None:
         """Remember when the ego stood at a stop sign."""
-        if route.sign[state.node] and state.v < 0.1 and route.length[state.node] - state.s < NEAR_STOP:
+        if route.sign[state.node] and state.v < STANDING and route.length[state.node] - state.s < NEAR_STOP:
             self._stood.setdefault(state.node, now)
 
     def _horizon(self) -> float:
@@ -286,7 +287,7 @@ class Driver:
     def _told(self, scene: Scene, name: str, seconds: float) -> Told:
         """What the oracle `name` tells, if it is one."""
         agents, ask = scene.agents, self._oracles
-        count = int(np.ceil(seconds / self._traffic.step)) + 1
+        count = times_of(seconds, self._traffic.step)
         match name:
             case "script" | "clone" if ask is not None:
                 known = {i: ask.script(vehicle, scene.time, self._traffic.step, count) for i, vehicle in enumerate(agents.ids)}

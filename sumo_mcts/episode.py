@@ -317,6 +317,7 @@ class Loop:
             self._progress(f"{simulation.time:.1f} s  waiting for {ego.id}")
 
     def _take_over(self, ego: _Ego) -> None:
+        self._actors.limit(ego.id)
         pilot = Pilot(ego.id, self.config, self.world, ego.noise)
         frame = pilot.look()
         goal = _goal(self.config, self.world.road, frame.ego, ego.until)
@@ -480,7 +481,7 @@ def completed(row: Row, config: ScenarioConfig, seed: int | None, variant: str, 
         **records.row_defaults(),
         **row,
         **recorder.planning(config, period),
-        "key": records.episode_key(config.name, variant, seed or 0, row["ego"] if len(config.egos) > 1 else None),
+        "key": records.episode_key(config.name, variant, seed, row["ego"] if len(config.egos) > 1 else None),
         "scenario": config.name,
         "variant": variant,
         "planner": config.planner.name,

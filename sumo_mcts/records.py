@@ -1,6 +1,7 @@
 """What an episode leaves behind: rows (JSON Lines, CSV), a manifest, and a trace of every cycle (npz, no pickle)."""
 
 import csv
+import functools
 import hashlib
 import io
 import json
@@ -108,9 +109,9 @@ def row_defaults() -> Row:
     return dict.fromkeys(ROW_KEYS)
 
 
-def episode_key(scenario: str, variant: str, seed: int, ego: str | None = None) -> str:
-    """scenario--variant--seed[--ego], safe as a file name; different episodes have different keys."""
-    parts = [scenario, variant, str(seed), *([] if ego is None else [ego])]
+def episode_key(scenario: str, variant: str, seed: int | None, ego: str | None = None) -> str:
+    """scenario--variant--seed[--ego], safe as a file name; different episodes have different keys. Without a seed it is SUMO's own."""
+    parts = [scenario, variant, "own" if seed is None else str(seed), *([] if ego is None else [ego])]
     return "--".join(_safe(part) for part in parts)
 
 
@@ -172,7 +173,15 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
 def versions() -> dict[str, str | None]:
     """What this ran on; null where a package is not installed."""
     packages = {"sumo_mcts": "sumo-mcts", "sumo": "libsumo", "numpy": "numpy", "numba": "numba"}
-    return {**{name: _version(package) for name, package in packages.items()}, "python": platform.python_version(), "platform": platform.platform()}
+    numbers = {name: _version(package) for name, package in packages.items()}
+    return {**numbers, "sources": sources(), "python": platform.python_version(), "platform": platform.platform()}
+
+
+@functools.cache
+def sources() -> str:
+    """A digest of the package's code: a version number outlives many changes."""
+    folder = Path(__file__).resolve().parent
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.rglob("*.py")))).hexdigest()[:16]
 
 
 def json_text(value: Any, indent: int | None = 2) -> str:

@@ -272,3 +272,4 @@ class Frame(NamedTuple):
 
 
 REFEREE_RANGE = 100.0  # m
+STANDING = 0.1  # m/s: slower counts as standing

@@ -15,9 +15,8 @@ from sumo_mcts.model.geometry import Box, box_distance, nearest
 from sumo_mcts.model.others import TrafficParams
 from sumo_mcts.model.paths import LEAVES_FROM
 from sumo_mcts.model.traffic import Told, predict
-from sumo_mcts.scene import Agents, Bools, EgoState, Floats, Forecast, RoadMap, Scene
+from sumo_mcts.scene import STANDING, Agents, Bools, EgoState, Floats, Forecast, RoadMap, Scene
 
-STANDING = 0.1  # m/s: whoever is slower is seen to stand
 SMOOTHING_S = 1.0  # of the error of an acceleration, which is told from speeds
 PLAIN_VIEW = 0.5  # share of an agent in view from which it is expected to be seen
 CHANCE = 1e-4  # of being missed so many times in a row, below which an agent is taken to be gone

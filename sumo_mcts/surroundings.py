@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from sumo_mcts.model.geometry import nearest
+from sumo_mcts.model.lanes import successors
 from sumo_mcts.records import Lanes
 from sumo_mcts.scene import YIELD, Bools, Floats, RoadMap
 
@@ -44,22 +45,17 @@ def _between(road: RoadMap, route: Sequence[int]) -> Bools:
     result = np.zeros(len(road.lane_ids), dtype=np.bool_)
     for edge, following in pairwise(route):
         for lane in np.flatnonzero((road.edge == edge) & ~road.internal).tolist():
-            for entered in _successors(road, lane):
+            for entered in successors(road, lane):
                 inside = entered
                 while road.internal[inside] and road.edge[road.exit[inside]] == following and not result[inside]:
                     result[inside] = True
-                    inside = _successors(road, inside)[0]
+                    inside = successors(road, inside)[0]
     return result
-
-
-def _successors(road: RoadMap, lane: int) -> list[int]:
-    following: list[int] = road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]].tolist()
-    return following
 
 
 def _stops(road: RoadMap, lane: int) -> bool:
     """Whether traffic may have to wait at the end of the lane: a signal, or a connection that has to yield."""
-    following = _successors(road, lane)
+    following = successors(road, lane)
     return not road.internal[lane] and bool(((road.signal[following] >= 0) | (road.rule[following] >= YIELD)).any())
 
 

@@ -140,6 +140,15 @@ def test_the_twin_is_driven_by_sumo() -> None:
     assert all(cycle.decision.plan is None for cycle in result.traces[0].cycles)
 
 
+def test_the_planner_knows_the_top_speed_of_its_actor() -> None:
+    ego = "{id: ego, vtype: ego, route: [road, beyond], max_speed_mps: 4, depart: {lane: 1, pos_m: 250, speed_mps: 3}}"
+    sets = ("planner.name=idm", f"traffic.actors=[{ego}]", "traffic.vary=0")
+    result = run_episode(config.load(assets.scenario_path("straight-line"), sets), 0)
+    speeds = [cycle.ego.v for cycle in result.traces[0].cycles]
+    assert 3.5 < max(speeds) <= 4.0
+    assert result.rows[0]["free_flow_s"] == pytest.approx(result.rows[0]["distance_m"] / 4.0, rel=0.1)
+
+
 def test_two_egos_get_a_row_each() -> None:
     scene = config.load(assets.scenario_path("straight-line"), ("planner.iterations=200", "egos=[{id: ego, until: road}, {id: behind, until: road}]"))
     result = run_episode(scene, 1)

@@ -276,6 +276,7 @@ def test_versions_do_not_load_sumo() -> None:
 def test_ordinary_keys_stay_readable() -> None:
     assert records.episode_key("unprotected-left-turn", "mcts_1000.idm", 7) == "unprotected-left-turn--mcts_1000.idm--7"
     assert records.episode_key("a", "b", 7, "veh.0") == "a--b--7--veh.0"
+    assert records.episode_key("a", "b", None) != records.episode_key("a", "b", 0)
 
 
 _NAMES = st.text(max_size=100) | st.text(alphabet="a-_./", max_size=4)

@@ -25,7 +25,9 @@ def errors(forecast: Forecast, after: float, centre: Floats, lane: Ints, there: 
     low = min(int(np.floor(place + 1e-9)), forecast.v.shape[1] - 2) if forecast.v.shape[1] > 1 else 0
     high, near = min(low + 1, forecast.v.shape[1] - 1), round(place)
     share = max(place - low, 0.0)
-    expected = forecast.pose[0, low, :, :2] * (1.0 - share) + forecast.pose[0, high, :, :2] * share
+    valid = forecast.valid[0, [low, high]]
+    share_of_high = np.where(valid.all(axis=0), share, valid[1])[:, None]  # where one of the two times has the agent gone, the other tells
+    expected = forecast.pose[0, low, :, :2] * (1.0 - share_of_high) + forecast.pose[0, high, :, :2] * share_of_high
     distance = np.where(forecast.valid[0, near], np.hypot(*(expected - centre).T), np.nan)
     right = (forecast.lane[0, near] == lane) & forecast.valid[0, near]
     return Errors(distance[there], (lane >= 0)[there], right[there])

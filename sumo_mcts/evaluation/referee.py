@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from sumo_mcts.evaluation.contact import Contact, ahead_of, as_pose, boxes_of, boxes_overlap, first_contact, jumped, kept_apart, touch_point
 from sumo_mcts.evaluation.metrics import comfortable_share, events, jerks, rms
-from sumo_mcts.evaluation.ways import REACH, Drive, can_meet, driven, goal_reaching_edges, spread, successors
-from sumo_mcts.scene import GREEN, RED, Agents, Bools, EgoState, Frame, Ints, RoadMap, Signals
+from sumo_mcts.evaluation.ways import REACH, Drive, can_meet, driven, goal_reaching_edges, spread
+from sumo_mcts.model.lanes import successors
+from sumo_mcts.scene import GREEN, RED, STANDING, Agents, Bools, EgoState, Frame, Ints, RoadMap, Signals
 
 ARRIVED, COLLISION, TELEPORTED, OFF_ROUTE, TIMEOUT, ERROR = "arrived", "collision", "teleported", "off_route", "timeout", "error"
 
-STANDING = 0.1  # m/s: slower counts as standing
 HARD_BRAKE = 4.5  # m/s2
 IMPOSED = (2.0, 3.0, 4.0)  # m/s2
 STOPPABLE_RED, STOPPABLE_YELLOW = 4.5, 3.0  # m/s2: whoever needed more to stop could not be asked to
@@ -139,7 +139,7 @@ class Referee:
         imposed = np.array([strength for _, strength in self._imposed])
         found = events([time for time, _ in self._imposed], imposed.tolist(), self._step)
         counted = {f"imposed_brakes_{limit:.0f}": sum(strength > limit + _EPS for strength in found) for limit in IMPOSED}
-        return {
+        row = {
             "outcome": self._outcome,
             "error": self._error,
             "at_fault": self._at_fault,
@@ -163,6 +163,9 @@ class Referee:
             "min_pet_s": self._pet if isfinite(self._pet) else None,
             "max_drac_mps2": self._drac if isfinite(self._drac) else None,
         }
+        # who could not go on must not look careful
+        known = ("outcome", "error", "free_flow_s", "in_time", "distance_m")
+        return row if self._outcome != ERROR else {**dict.fromkeys(row), **{key: row[key] for key in known}}
 
     # --- the ego's way ---
 
@@ -190,6 +193,8 @@ class Referee:
     def _move(self, before: Frame, frame: Frame) -> None:
         """Takes the ego one step further: way driven, lane changes, lights, limits."""
         was, ego, road = before.ego, frame.ego, self._road
+        if self._red_junction not in {int(road.junction[lane]) for lane in self._trail}:
+            self._red_junction = -1  # it has left it; who comes back enters anew
         drive = None
         if was.lane >= 0 and ego.lane >= 0:
             drive = driven(road, was.lane, was.s, ego.lane, ego.s, 1.5 * max(was.v, ego.v) * self._step + REACH)
@@ -260,6 +265,7 @@ class Referee:
     def _note_red_runners(self, before: Frame, frame: Frame, known: Ints) -> None:
         """Agents that drive through red: the ego owes them no way."""
         road, lanes = self._road, frame.agents.lane
+        self._red_runners = {name: junction for name, junction in self._red_runners.items() if self._is_on(frame, name, junction)}
         if not len(self._last_green) or not len(lanes):
             return
         entered = (known >= 0) & (lanes >= 0) & (road.signal[lanes] >= 0)
@@ -267,6 +273,14 @@ class Referee:
             lane = int(lanes[i])
             if before.agents.lane[known[i]] != lane and shows(before.signals, road, lane) == RED == shows(frame.signals, road, lane):
                 self._red_runners[frame.agents.ids[i]] = int(road.junction[lane])
+
+    def _is_on(self, frame: Frame, name: str, junction: int) -> bool:
+        """Whether a part of an agent is on a junction."""
+        agents, i = frame.agents, _find(frame.agents.ids, name)
+        if i < 0 or agents.lane[i] < 0:
+            return False
+        under = spread(self._road, int(agents.lane[i]), float(agents.s[i]), float(agents.length[i]), 0.0)
+        return any(self._road.junction[lane] == junction for lane in under)
 
     # --- braking of others ---
 
@@ -482,7 +496,7 @@ class Referee:
     def _judge(self, frame: Frame, hit: bool) -> str | None:
         """The outcome in this step, precedence as measures.md lists them."""
         lane = frame.ego.lane
-        arrived = frame.arrived or self._done
+        arrived = self._done or (frame.arrived and self._reaches_goal())
         if not (frame.present or frame.arrived or frame.teleported or hit):
             self._error = "vanished"
             return ERROR
@@ -490,11 +504,22 @@ class Referee:
             return COLLISION
         if frame.teleported:
             return TELEPORTED
+        if frame.arrived and not arrived:  # somebody else's goal: it was given another route, or one that leaves out the edge that counts
+            return OFF_ROUTE
         if frame.present and lane >= 0 and not arrived and not self._reaching[self._road.edge[lane]]:
             return OFF_ROUTE
         if frame.time - self._departed > self._goal.time_limit + _EPS:
             return TIMEOUT
         return ARRIVED if arrived else None
+
+    def _reaches_goal(self) -> bool:
+        """Whether an ego that SUMO has taken out had come to the edge that counts, or came to it within its last step."""
+        edges, last, road = self._goal.edges, self._last, self._road
+        goal = self._success if self._goal.success_edge >= 0 else len(edges) - 1
+        if goal <= self._at or last is None or last.ego.lane < 0:
+            return 0 <= goal <= self._at
+        between = sum(float(road.length[road.edge == edge].min()) for edge in edges[self._at + 1 : goal])
+        return float(road.length[last.ego.lane]) - last.ego.s + between <= 1.5 * last.ego.v * self._step + REACH
 
 
 def _match(before: tuple[str, ...], now: tuple[str, ...]) -> Ints:

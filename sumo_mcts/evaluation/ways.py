@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.scene import IGNORING, Bools, RoadMap
+from sumo_mcts.model.lanes import successors, usable
+from sumo_mcts.scene import Bools, RoadMap
 
 REACH = 5.0  # m along the road by which two boxes may miss each other's stretch and still meet: rounded corners, lanes of unequal length
 
@@ -76,10 +77,10 @@ def can_meet(road: RoadMap, first: tuple[int, float, float], second: tuple[int, 
 
 def goal_reaching_edges(road: RoadMap, goal_edge: int, vclass: int) -> Bools:
     """[edges] whether the goal edge can be reached from an edge along lanes that the vehicle class may use, lane changes free."""
-    allowed = np.ones(len(road.edge), np.bool_) if vclass == IGNORING else (road.classes >> np.uint64(vclass)) & np.uint64(1) == 1
+    allowed = usable(road, np.s_[:], vclass)
     origin = np.repeat(np.arange(len(road.edge)), np.diff(road.successor_offset))
-    usable = allowed[origin] & allowed[road.successor]
-    source, target = road.edge[origin[usable]], road.edge[road.successor[usable]]
+    open_to_it = allowed[origin] & allowed[road.successor]
+    source, target = road.edge[origin[open_to_it]], road.edge[road.successor[open_to_it]]
     order = np.argsort(target, kind="stable")
     source = source[order]
     first = np.searchsorted(target[order], np.arange(len(road.edge_ids) + 1))
@@ -115,10 +116,6 @@ def spread(road: RoadMap, lane: int, s: float, back: float, ahead: float) -> dic
                 found.setdefault(lane_before, found[here] - float(road.length[lane_before]))
                 todo.append(lane_before)
     return found
-
-
-def successors(road: RoadMap, lane: int) -> list[int]:
-    return road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]].tolist()  # type: ignore[no-any-return]
 
 
 def _predecessors(road: RoadMap, lane: int) -> list[int]:

@@ -301,7 +301,7 @@ def _rehearse(plan: Plan, egos: Egos, crew: Crew, tell: Watch, decide: bool) -> 
 
 def _kind(config: ScenarioConfig) -> tuple[object, ...]:
     """What decides whether a scenario starts, and what is compiled for it. A plugin may read, and refuse, anything."""
-    sections = (config.sumo, config.traffic, config.sensor, *([config] if any(plugin_names(config)) else []))
+    sections = (config.sumo, config.traffic, config.episode, config.sensor, *([config] if any(plugin_names(config)) else []))
     return config.planner.name, config.prediction.name, config.failsafe.on, *(section.model_dump_json() for section in sections)
 
 

@@ -18,7 +18,7 @@ from sumo_mcts.experiments.statistics import TWIN
 from sumo_mcts.world.arguments import sumo_home
 
 TRAFFIC = ("sumo", "egos", "traffic", "episode")  # sections in which an episode and its twin have to agree
-DECIDING = ("sumo_mcts", "sumo", "numpy", "numba")  # versions that decide what comes of an episode, so that rows of others do not mix
+DECIDING = ("sumo_mcts", "sources", "sumo", "numpy", "numba")  # versions that decide what comes of an episode, so that rows of others do not mix
 SUMO_FOLDER = "${SUMO_HOME}"
 UNKNOWN_EGO = "any"  # stands for an ego of a user's network until it is chosen
 
@@ -313,5 +313,5 @@ def _of_seed(case: Case, seed: int | None, egos: Sequence[str] | None) -> list[E
 def _episode(case: Case, variant: str, seed: int | None, ego: str | None) -> Episode:
     scenario = case.configs[variant] if ego is None else with_ego(case.configs[variant], ego)
     named = ego is not None or len(scenario.egos) > 1
-    keys = tuple(records.episode_key(case.name, variant, seed or 0, each.id if named else None) for each in scenario.egos)
+    keys = tuple(records.episode_key(case.name, variant, seed, each.id if named else None) for each in scenario.egos)
     return Episode(keys, variant, seed, scenario)

@@ -93,7 +93,7 @@ def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
 def _check_same(manifest: Mapping[str, Any], wanted: Mapping[str, Any], where: str, ways: str) -> None:
     """Raise ConfigError where further rows would come of other programs or files than those that are there."""
     for name in DECIDING:
-        before, now = manifest["versions"][name], wanted["versions"][name]
+        before, now = manifest["versions"].get(name), wanted["versions"][name]
         if before != now:
             raise ConfigError(f"{where}: was begun with {name} {before}, this is {now}; {ways}")
     there, here = manifest.get("files", wanted["files"]), wanted["files"]

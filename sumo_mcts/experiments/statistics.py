@@ -17,7 +17,7 @@ TWIN = "sumo"  # the planner whose episodes are the others' twins, and their var
 TRAFFIC_DIGEST = "traffic_digest"  # the key that rows of a batch have beyond those of `run`: what everybody but the planner goes by
 
 Row = dict[str, Any]
-Place = tuple[str, int | None, str | None, str | None]  # scenario, seed, ego, traffic: what the two of a pair have in common
+Place = tuple[str, int | None, str | None, str | None, int | None]  # scenario, seed, ego, traffic, how often it was redrawn: what a pair has in common
 
 
 class Rate(NamedTuple):
@@ -76,17 +76,17 @@ def rate(happened: Iterable[bool | None]) -> Rate:
 
 
 def arrived(row: Row) -> bool:
-    """Whether the ego came to its goal."""
+    """Whether the ego came to its goal; who ended in an error did not."""
     return bool(row["outcome"] == "arrived")
 
 
-def collided(row: Row) -> bool:
-    """Whether the episode ended in a collision, at fault or not."""
-    return bool(row["outcome"] == "collision")
+def collided(row: Row) -> bool | None:
+    """Whether the episode ended in a collision, at fault or not; None: it could not go on, so that nobody knows."""
+    return None if row["outcome"] == "error" else bool(row["outcome"] == "collision")
 
 
-def at_fault(row: Row) -> bool:
-    """Whether the episode ended in a collision that is the ego's fault; what is unclear counts."""
+def at_fault(row: Row) -> bool | None:
+    """Whether the episode ended in a collision that is the ego's fault, where what is unclear counts; None: likewise."""
     return collided(row) and row["at_fault"] is not False
 
 
@@ -100,7 +100,7 @@ def some(key: str) -> Callable[[Row], bool | None]:
 
 def place(row: Row) -> Place:
     """What an episode has in common with its twin."""
-    return row["scenario"], row["seed"], row["ego"], row.get(TRAFFIC_DIGEST)
+    return row["scenario"], row["seed"], row["ego"], row.get(TRAFFIC_DIGEST), row.get("redrawn")
 
 
 def pairs(ones: Iterable[Row], others: Iterable[Row]) -> list[Pair]:

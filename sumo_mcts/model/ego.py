@@ -7,6 +7,7 @@ from sumo_mcts.model.geometry import swung
 from sumo_mcts.model.kernel import kernel
 from sumo_mcts.model.local import Local, State, index_at
 from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, REACH, RIGHT_NODE, SPACING, STOP_LINE, lane_pose
+from sumo_mcts.scene import STANDING
 
 LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a step where that is longer
 FOLLOW = 99.0  # in place of an acceleration: car following
@@ -15,7 +16,6 @@ FREE, RED_LINE, GOAL, OFF_END = range(4)
 HELD = 2.0  # m/s up to which running into the end of a lane is as good as stopping at it
 BEGUN = 1e-12  # progress of a lane change that is about to begin
 JUMPED = 1.0 - 1e-6  # progress right after one without a duration: in that step SUMO has looked for collisions in the old lane
-STANDS = 0.1  # m/s
 UNTURNED = 0.003  # rad of turn that nobody sees
 HALF = 0.5 + 1e-9  # progress beyond which the new lane counts; at half time itself SUMO's rounding decides
 
@@ -149,7 +149,7 @@ def can_change(local: Local, p: EgoParams, state: State, side: int) -> bool:
     if state.progress > 0.0:
         return False
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
-    if state.v < STANDS and local.node[state.node, NEXT] < 0:
+    if state.v < STANDING and local.node[state.node, NEXT] < 0:
         return target >= 0  # at the end of a lane that leads nowhere it is held until it is in the other
     # SUMO moves a vehicle along its old lane first and changes lanes at the end of the step
     room = max(state.v * 0.5 * p.change_duration, (state.v + p.max_accel * p.step) * p.step) + 0.5

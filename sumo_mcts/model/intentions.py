@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.ego import STANDS
 from sumo_mcts.model.geometry import nearest
+from sumo_mcts.model.lanes import successors
 from sumo_mcts.model.others import TrafficParams
 from sumo_mcts.model.paths import MERGES, Paths, changing, conflicts_of, likely_paths, of_class
 from sumo_mcts.model.traffic import Told, predict
@@ -23,6 +23,7 @@ from sumo_mcts.scene import (
     FORCES,
     LEFT,
     RIGHT,
+    STANDING,
     STARTS,
     STRAIGHT,
     TURNS,
@@ -85,7 +86,7 @@ def foresee(
     expected = (plain.v[0, 1] - plain.v[0, 0]) / plain.dt  # what an agent does otherwise is the evidence, so it must not be in here
     for other in alternatives(road, scene, ego_lanes, usual, expected, params):
         forecast = predict(road, scene, ego_lanes, nominal, params, seconds, Told(), ego_stood_s, other.intent)
-        if other.intent.does != STARTS or forecast.v[0, :, other.intent.agent].max() > STANDS:  # else it is not patience alone that holds it
+        if other.intent.does != STARTS or forecast.v[0, :, other.intent.agent].max() > STANDING:  # else it is not patience alone that holds it
             found.append(forecast)
             odds.append(other.odds)
         if len(found) == most:
@@ -139,7 +140,7 @@ def _other_ways(
             continue
         likely, lane = int(paths.lane[i + 1, k + 1]), int(paths.lane[i + 1, k])
         against = way_worth(road, agents, int(i), likely, room, expected[i], params.decel)
-        for way in _successors(road, lane):
+        for way in successors(road, lane):
             if way != likely and road.classes[way] & road.classes[road.exit[way]] & kind[i] and any(theirs[inside] for inside in _through(road, way)):
                 worth = way_worth(road, agents, int(i), way, room, expected[i], params.decel)
                 yield Alternative(worth / against, Intent(int(i), TURNS, (*(int(x) for x in paths.lane[i + 1, : k + 1]), *_through(road, way))))
@@ -173,21 +174,16 @@ def signal_worth(turn: int, blinker: int, wrong: float = WRONG) -> float:
 def _branch(road: RoadMap, paths: Paths, row: int) -> int:
     """The first lane of a path from which it could go on otherwise; -1 where there is none."""
     for k in range(paths.count[row] - 1):
-        if len(_successors(road, int(paths.lane[row, k]))) > 1:
+        if len(successors(road, int(paths.lane[row, k]))) > 1:
             return k
     return -1
-
-
-def _successors(road: RoadMap, lane: int) -> list[int]:
-    following: list[int] = road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]].tolist()
-    return following
 
 
 def _through(road: RoadMap, way: int) -> list[int]:
     """A lane with those that follow it inside the junction, and the one behind it."""
     lanes = [way]
-    while road.internal[lanes[-1]] and _successors(road, lanes[-1]):
-        lanes.append(_successors(road, lanes[-1])[0])
+    while road.internal[lanes[-1]] and successors(road, lanes[-1]):
+        lanes.append(successors(road, lanes[-1])[0])
     return lanes
 
 
@@ -228,7 +224,7 @@ def forcing_odds(v: float, trend: float, room: float) -> float:
 def _starting(agents: Agents, ego: EgoState, usual: Forecast, stays_after: float) -> Iterator[Alternative]:
     """The first on each lane near the ego, if it has stood for a while and is expected to stay."""
     near = np.hypot(agents.x - ego.x, agents.y - ego.y) < START_VIEW + ego.v
-    waits = near & (agents.lane >= 0) & (agents.standing_s >= stays_after) & (usual.v[0].max(axis=0) < STANDS)
+    waits = near & (agents.lane >= 0) & (agents.standing_s >= stays_after) & (usual.v[0].max(axis=0) < STANDING)
     first = {int(agents.lane[i]): i for i in sorted(np.flatnonzero(waits), key=lambda i: agents.s[i])}
     for i in first.values():
         yield Alternative(starting_odds(float(agents.standing_s[i])), Intent(int(i), STARTS))
@@ -266,7 +262,7 @@ def braking_odds(trend: float, expected: float) -> float:
 
 def _halting(road: RoadMap, agents: Agents, paths: Paths, ego: EgoState) -> Iterator[Alternative]:
     """Whoever walks, and would be in the ego's way if it stopped now."""
-    for i in np.flatnonzero(agents.person & (agents.v > STANDS)):
+    for i in np.flatnonzero(agents.person & (agents.v > STANDING)):
         if math.hypot(agents.x[i] - ego.x, agents.y[i] - ego.y) < 10.0 + FOLLOWING * ego.v:
             if from_way(road, paths, ego.s, float(agents.x[i]), float(agents.y[i])) < IN_THE_WAY:
                 yield Alternative(HALTING, Intent(int(i), BRAKES))

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-COMPILING = "compiling the search, once for this version (about half a minute)"  # to tell whoever waits for it
+COMPILING = "compiling the search, once for this version (about a minute)"  # to tell whoever waits for it
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _SETTINGS: Any = numba.config  # its options are not in its type hints

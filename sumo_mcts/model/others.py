@@ -10,7 +10,7 @@ from sumo_mcts.model.krauss import safe_speed
 from sumo_mcts.model.local import signal_states
 from sumo_mcts.model.paths import IN_TURN, MERGES, MUTUAL, NARROWS, Paths, conflicts_of
 from sumo_mcts.model.route import Indices
-from sumo_mcts.scene import ALLWAY, BRAKES, FORCES, GREEN, STARTS, STOP, Bools, Floats, Ints, RoadMap, Signals
+from sumo_mcts.scene import ALLWAY, BRAKES, FORCES, GREEN, STANDING, STARTS, STOP, Bools, Floats, Ints, RoadMap, Signals
 
 INSIDE = -1e9  # rank of whoever is inside a junction
 AT_LINE = 4.0  # m before a stop sign within which standing counts
@@ -145,7 +145,7 @@ def _step_all(xs: Floats, vs: Floats, polite: Bools, c: _Course, d: Drivers, nom
                 habit[i] = min(max(d.trend[i] - a, -MOST_HABIT), MOST_HABIT)
             a += habit[i]
             habit[i] *= 1.0 if d.cruises[i] else fading
-            if d.stays[i] and d.does[i] != STARTS and v[i] < 0.1 and gap > 4.0 and not _red_ahead(c, i, at[i], 0, x[i] + 30.0):
+            if d.stays[i] and d.does[i] != STARTS and v[i] < STANDING and gap > 4.0 and not _red_ahead(c, i, at[i], 0, x[i] + 30.0):
                 xs[t + 1, i], vs[t + 1, i] = x[i], 0.0
                 continue
             a = min(a, _red_accel(params, c, i, at[i], t, x[i], v[i]))

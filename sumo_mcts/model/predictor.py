@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from sumo_mcts.model.others import TrafficParams
-from sumo_mcts.model.traffic import Scripted
+from sumo_mcts.model.traffic import Scripted, times_of
 from sumo_mcts.scene import Answers, Floats, Follow, Forecast, Ints, Release, RoadMap, Scene
 
 
@@ -93,7 +93,7 @@ def checked(forecast: object, road: RoadMap, question: Question) -> Forecast:
     if not isinstance(forecast, Forecast):
         raise ValueError(f"no forecast but {type(forecast).__name__}")
     h, n, step = len(np.atleast_1d(forecast.weight)), len(question.scene.agents.ids), question.params.step
-    times = int(np.ceil(question.seconds / step)) + 1
+    times = times_of(question.seconds, step)
     if abs(forecast.dt - step) > 1e-9:
         raise ValueError(f"dt: {forecast.dt:g} s instead of {step:g} s")
     shapes = {

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from sumo_mcts.model.geometry import Lines, chord, lines_of, point_on
 from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.scene import ALLWAY, IGNORING, STOP, Bools, Floats, RoadMap
+from sumo_mcts.model.lanes import usable
+from sumo_mcts.scene import ALLWAY, STOP, Bools, Floats, RoadMap
 
 Indices = NDArray[np.int64]
 SPACING = 1.0  # m between the rows of the pose and speed tables
@@ -104,12 +105,9 @@ def route_map(road: RoadMap, edges: tuple[int, ...], vclass: int, length: float,
     )  # fmt: skip
 
 
-def _allowed(road: RoadMap, lane: int, vclass: int) -> bool:
-    return vclass == IGNORING or bool((int(road.classes[lane]) >> vclass) & 1)
-
-
 def _edge_lanes(road: RoadMap, edge: int, vclass: int) -> list[int]:
-    return [int(i) for i in np.flatnonzero(road.edge == edge) if _allowed(road, int(i), vclass)]
+    lanes = np.flatnonzero(road.edge == edge)
+    return [int(i) for i in lanes[usable(road, lanes, vclass)]]
 
 
 def _collect(road: RoadMap, edges: tuple[int, ...], vclass: int) -> tuple[list[int], list[int], dict[tuple[int, int], list[list[int]]]]:
@@ -128,7 +126,7 @@ def _collect(road: RoadMap, edges: tuple[int, ...], vclass: int) -> tuple[list[i
             ways = []
             for k in range(road.successor_offset[lane], road.successor_offset[lane + 1]):
                 way = _way(road, int(road.successor[k]))
-                if way[-1] in target and all(_allowed(road, i, vclass) for i in way):
+                if way[-1] in target and usable(road, np.array(way), vclass).all():
                     ways.append(way)
                     lanes += way[:-1]
                     legs += [leg] * (len(way) - 1)

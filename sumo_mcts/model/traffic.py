@@ -38,6 +38,11 @@ class Told(NamedTuple):
     ways: Mapping[int, Ints] = {}  # the lanes that it is really going to take from the one that it is in
 
 
+def times_of(seconds: float, step: float) -> int:
+    """How many times, a step apart, a forecast of `seconds` has: now is the first."""
+    return math.ceil(seconds / step) + 1
+
+
 def predict(
     road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams, seconds: float, told: Told, ego_stood_s: float = -math.inf,
     intent: Intent = NOBODY,
@@ -47,7 +52,7 @@ def predict(
     The ego drives along `ego_lanes` (the present one first) with the speeds `nominal` [K] at multiples of params.step, later by car following:
     the table is conditional on that. `told` is what an oracle tells: Told() for what sensors see. One agent has the `intent`, the others react.
     """
-    times = int(math.ceil(seconds / params.step)) + 1
+    times = times_of(seconds, params.step)
     agents, ego = changing(road, scene.agents, ego_lanes, params.aside), scene.ego
     ways = {**told.ways, intent.agent: np.array(intent.way, np.int32)} if intent.does == TURNS else told.ways
     paths = likely_paths(road, agents, ego, ego_lanes, ways, seconds)

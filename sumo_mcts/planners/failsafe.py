@@ -23,7 +23,7 @@ from sumo_mcts.scene import Agents, Decision, EgoState, Floats, Follow, Manoeuvr
 LONGEST_S = 30.0  # a manoeuvre that has not come to its end by then is none
 CHECK_S = 0.25  # longest time between two checks
 ALONG = 0.8  # cosine of the angle between two headings up to which one vehicle follows the other
-STANDING = 0.01  # m/s
+AT_REST = 0.01  # m/s
 NOBODY, NO_END = -1, -2  # in place of the agent in the way
 # How a manoeuvre begins after the decision period, until the ego has left the junction and ended its lane change; then, with BRAKE at once, it brakes.
 BRAKE, HOLD, ACCELERATE = range(3)
@@ -223,7 +223,7 @@ def drive(
             agent = _in_the_way(local, p, q, top, start, within_step(local, p, before, state, (r + 1.0) / checks), moment, interval)
             if agent != NOBODY:
                 return k + 1, agent, moment
-        if k >= period and state.v < STANDING and time + p.step >= q.horizon:
+        if k >= period and state.v < AT_REST and time + p.step >= q.horizon:
             return k + 1, NOBODY, time
     return len(nodes), NO_END, len(nodes) * p.step
 
@@ -311,7 +311,7 @@ def _meets(local: Local, state: State, i: int, least: float, most: float, reacti
         if _covers(local, state, i, t, then, least, most, box):
             ahead = (box.x - local.agent[t, i, X]) * local.agent[t, i, COS] + (box.y - local.agent[t, i, Y]) * local.agent[t, i, SIN]
             along = ahead > 0.0 and box.cos * local.agent[t, i, COS] + box.sin * local.agent[t, i, SIN] > ALONG
-            if not along and local.agent[0, i, V] > STANDING:
+            if not along and local.agent[0, i, V] > AT_REST:
                 return True
             return local.agent[t, i, DRIVEN] <= reacting and _covers(local, state, i, t, then, least, reacting, box)
     return False

@@ -15,7 +15,7 @@ from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
 from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
 from sumo_mcts.planners.effort import SLICE, budget
 from sumo_mcts.planners.tree import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
-from sumo_mcts.scene import LEFT, RIGHT, Bools, Decision, Floats, Follow, Plan, RootChild
+from sumo_mcts.scene import LEFT, RIGHT, STANDING, Bools, Decision, Floats, Follow, Plan, RootChild
 
 EMERGENCY = -8.0  # m/s2, when every action was discarded
 TIMED_SLICE = 20  # iterations between looks at the clock
@@ -307,7 +307,7 @@ def _ply(local: Local, p: EgoParams, w: Weights, state: State, accel: float, gui
     jerk = (state.a - began.a) / (w.ply * p.step)
     cost[1] = w.comfort * w.jerk_factor * jerk * jerk
     emergency = w.emergency if accel < -p.comfort_decel else 0.0
-    cost[3] = w.other * ((w.stop if state.v < 0.1 else 0.0) + (w.turn if guide.turns[state.node] else 0.0) + emergency)
+    cost[3] = w.other * ((w.stop if state.v < STANDING else 0.0) + (w.turn if guide.turns[state.node] else 0.0) + emergency)
     return state, cost, end
 
 

@@ -136,7 +136,7 @@ def _select(name: str, options: Mapping[str, str], chosen: str = "", told: str =
 def _tiles(variant: str, those: Sequence[Row], rows: Sequence[Row]) -> str:
     """The five numbers of a variant that one asks for first."""
     both = pairs(those, (row for row in rows if row["planner"] == TWIN)) if those[0]["planner"] != TWIN else []
-    ended, crashed, faults = rate(map(arrived, those)), rate(map(collided, those)), sum(map(at_fault, those))
+    ended, crashed, faults = rate(map(arrived, those)), rate(map(collided, those)), rate(map(at_fault, those)).k
     tiles = [
         _tile("Arrived", f"{ended.k}<small>of {ended.n}</small>", _bare(ended), _bar(ended, _BARS["arrived"])),
         _tile("Collisions", f"{crashed.k}<small>of {crashed.n}</small>", f"{_bare(crashed)}, {faults} at fault", _bar(crashed, _BARS["collisions"])),

@@ -12,12 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.config import Actor, ConfigError, Event, TrafficConfig, VehicleEvent
+from sumo_mcts.model.lanes import successors
 from sumo_mcts.scene import Floats, Ints, RoadMap
 from sumo_mcts.world.roadmap import has_edge
 from sumo_mcts.world.simulation import import_libsumo
 
 ARRIVAL_SLACK = 0.1  # m before the end of its route at which SUMO takes a vehicle out
-STANDING = 0.01  # m/s
+AT_REST = 0.01  # m/s
 LATERAL_STANDING = 1.0  # m/s: SUMO's limit for going sideways is this plus the speed
 CHANGE_WISH_S = 5.0  # how long a vehicle driven by SUMO goes on looking for a gap
 _SIDES = {"left": 1, "right": -1}
@@ -109,11 +110,15 @@ class Actors:
         for vehicle, orders in sorted(self._orders.items()):
             self._orders[vehicle] = _command(self._libsumo.vehicle, vehicle, orders, time - self._departed[vehicle], self._step, self._left)
 
-    def _begin(self, vehicle: str, time: float) -> None:
-        self._departed[vehicle] = time
+    def limit(self, vehicle: str) -> None:
+        """Give a vehicle on the road the top speed that its actor has; an ego before it is first looked at."""
         actor = self._actors.get(vehicle)
         if actor is not None and actor.max_speed_mps is not None:
             self._libsumo.vehicle.setMaxSpeed(vehicle, actor.max_speed_mps)
+
+    def _begin(self, vehicle: str, time: float) -> None:
+        self._departed[vehicle] = time
+        self.limit(vehicle)
         if vehicle in self._scripts:
             self._libsumo.vehicle.setSpeedMode(vehicle, 0)
             self._libsumo.vehicle.setLaneChangeMode(vehicle, 0)
@@ -153,7 +158,7 @@ def check(actor: Actor, road: RoadMap, key: str = "traffic.actors") -> None:
 def _connected(road: RoadMap, edge: str, following: str) -> bool:
     """Whether a lane of an edge leads onto another edge."""
     lanes, onto = np.flatnonzero(road.edge == road.edge_ids.index(edge)), road.edge_ids.index(following)
-    return any(road.edge[road.exit[i]] == onto for lane in lanes for i in _successors(road, int(lane)))
+    return any(road.edge[road.exit[i]] == onto for lane in lanes for i in successors(road, int(lane)))
 
 
 def compile_script(actor: Actor, road: RoadMap, step: float, seconds: float, change_s: float = 3.0) -> Script:
@@ -233,7 +238,7 @@ def _told(drive: _Drive, event: Event, speed: float | None) -> _Drive:
 
 def _stood(drive: _Drive, v: float, step: float) -> _Drive:
     """At the end of its stop it gets its old target back."""
-    if drive.stand <= 0 or v > STANDING:
+    if drive.stand <= 0 or v > AT_REST:
         return drive
     left = drive.stand - step
     return drive._replace(stand=left) if left > _EPS else _Drive(drive.resume, drive.accel, 0.0, None)
@@ -308,7 +313,7 @@ def _moved(state: _State, actor: Actor, road: RoadMap, step: float) -> _State | 
 def _next_lane(road: RoadMap, lane: int, actor: Actor, edge: int) -> int:
     """The lane after `lane` for a vehicle that leaves edge number `edge` of its route, with as much of the route ahead as possible."""
     route = [road.edge_ids.index(name) for name in actor.route]
-    after = [int(i) for i in _successors(road, lane) if road.edge[road.exit[i]] == route[edge + 1]]
+    after = [i for i in successors(road, lane) if road.edge[road.exit[i]] == route[edge + 1]]
     if not after:
         raise ConfigError(f"traffic.actors: {actor.id}: {road.lane_ids[lane]} does not lead to {actor.route[edge + 1]}; change lanes before")
     return max(after, key=lambda i: _reach(road, int(road.exit[i]), route[edge + 2 :]))
@@ -318,11 +323,7 @@ def _reach(road: RoadMap, lane: int, route: list[int]) -> int:
     """How many of the edges to come can be driven from `lane` without a lane change."""
     if not route:
         return 0
-    return max((1 + _reach(road, int(road.exit[i]), route[1:]) for i in _successors(road, lane) if road.edge[road.exit[i]] == route[0]), default=0)
-
-
-def _successors(road: RoadMap, lane: int) -> Ints:
-    return road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]
+    return max((1 + _reach(road, int(road.exit[i]), route[1:]) for i in successors(road, lane) if road.edge[road.exit[i]] == route[0]), default=0)
 
 
 def _shifted(state: _State, actor: Actor, road: RoadMap, step: float, change_s: float) -> tuple[_State, float]:

@@ -7,7 +7,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import GREEN, IGNORING, RED, REFEREE_RANGE, VEHICLE_CLASSES, YELLOW, Agents, EgoState, Floats, Frame, Ints, RoadMap, Scene, Signals
+from sumo_mcts.scene import (
+    GREEN,
+    IGNORING,
+    RED,
+    REFEREE_RANGE,
+    STANDING,
+    VEHICLE_CLASSES,
+    YELLOW,
+    Agents,
+    EgoState,
+    Floats,
+    Frame,
+    Ints,
+    RoadMap,
+    Scene,
+    Signals,
+)
 from sumo_mcts.world.roadmap import lane_index
 from sumo_mcts.world.simulation import import_libsumo, step_length
 
@@ -222,7 +238,7 @@ class Observer:
 
     def _stood(self, name: str, v: float, time: float) -> float:
         """For how long it has stood, s."""
-        if v > 0.1:
+        if v > STANDING:
             self._standing.pop(name, None)
             return 0.0
         return time - self._standing.setdefault(name, time)

@@ -49,6 +49,13 @@ def test_who_left_is_no_pair_and_who_was_taken_for_gone_is_off_lane() -> None:
     assert statistics(found) == {"pairs": 2, "mean_m": 1.0, "p95_m": 1.0, "max_m": 1.0, "right_lane": 0.5, "gone": 1}
 
 
+def test_a_pose_of_who_is_taken_for_gone_does_not_count() -> None:
+    x = [[0.0, 50.0], [10.0, 50.0], [-999.0, 50.0]]
+    there = forecast(np.array(x), [[1, 2]] * 3, [[True, True], [True, True], [False, True]])
+    for after in (0.5, 0.6, 0.7):  # half a second apart: between the second and the third
+        assert errors(there, after, np.array([[10.0, 0.0], [50.0, 0.0]]), np.array([1, 2]), ALL[:2]).distance.tolist() == [0.0, 0.0]
+
+
 def test_whoever_is_on_no_lane_does_not_count_among_the_lanes() -> None:
     found = errors(forecast(X, [[-1, 2, 3]] * 3), 1.0, X[2][:, None] * [1.0, 0.0], np.array([-1, 2, 9]), ALL)
     assert statistics(found)["right_lane"] == 0.5

@@ -185,6 +185,22 @@ def test_arrives_where_sumo_takes_it_out() -> None:
     assert row["error"] is None
 
 
+@pytest.mark.parametrize(
+    ("last", "outcome"), [(("c_1", 5.0), "arrived"), (("b_1", 197.0), "arrived"), (("b_1", 150.0), "off_route"), (("a_1", 199.0), "off_route")]
+)
+def test_who_is_taken_out_elsewhere_has_not_arrived(last: tuple[str, float], outcome: str) -> None:
+    before = ego_at(STRAIGHT, *last, v=12.0)
+    judge = referee(STRAIGHT, frame_of(STRAIGHT, 0.0, before), *ROUTE)
+    assert judge.observe(frame_of(STRAIGHT, 0.5, before)._replace(present=False, arrived=True)) == outcome
+
+
+def test_who_is_taken_out_before_the_success_edge_has_not_arrived() -> None:
+    before = ego_at(STRAIGHT, "b_1", 150.0, v=12.0)
+    taken_out = frame_of(STRAIGHT, 0.5, before)._replace(present=False, arrived=True)
+    assert referee(STRAIGHT, frame_of(STRAIGHT, 0.0, before), *ROUTE, success="b").observe(taken_out) == "arrived"
+    assert referee(STRAIGHT, frame_of(STRAIGHT, 0.0, before), *ROUTE, success="c").observe(taken_out) == "off_route"
+
+
 def test_arrives_beyond_the_end_of_a_goal_edge_that_is_not_the_last() -> None:
     _, outcome = drive(STRAIGHT, [("a_1", 190.0), ("a_1", 199.0)], ("a",))
     assert outcome is None
@@ -239,10 +255,12 @@ def test_vanished_teleported_failed() -> None:
     judge.fail("SUMO failed: no reason given")
     assert judge.observe(first._replace(time=0.5)) == "error"
     assert judge.row()["error"] == "SUMO failed: no reason given"
+    row = judge.row()  # nothing is known of what did not come to an end
+    assert {key for key, value in row.items() if value is not None} == {"outcome", "error", "free_flow_s", "in_time", "distance_m"} and row["in_time"] is False
     judge = referee(STRAIGHT, first, *ROUTE)
-    judge.observe(gone(arrived=True))
+    judge.observe(gone(teleported=True))
     judge.fail("too late")
-    assert judge.row()["outcome"] == "arrived"
+    assert judge.row()["outcome"] == "teleported"
     assert judge.row()["error"] is None
     never = Referee(STRAIGHT, Goal(edges(STRAIGHT, *ROUTE), -1, inf, nan), STEP)
     never.fail("never departed")
@@ -379,6 +397,37 @@ def test_nobody_owes_way_to_a_red_runner() -> None:
 
     assert step((RED, GREEN, RED)) is False
     assert step((GREEN, GREEN, RED)) is True
+
+
+def test_a_red_runner_that_comes_back_on_green_is_owed_its_way() -> None:
+    colours = [lights(RED, GREEN, RED)] * 3 + [lights(GREEN, GREEN, RED)] * 3
+    route = edges(SIGNALLED, "si", "no")
+    ways = [
+        ego_at(SIGNALLED, lane, s, 4.0, route=route) for lane, s in (*(("si_0", 50.0 + 2 * k) for k in range(3)), *((":sn_0", 7.0 + 2 * k) for k in range(3)))
+    ]
+    there = [("wi_0", 88.0, 12.0), (":we_0", 1.0, 14.0), ("eo_0", 10.0, 14.0), ("wi_0", 88.0, 12.0), (":we_0", 1.0, 14.0), (":we_0", 11.5, 19.0)]
+    frames = [frame_of(SIGNALLED, STEP * k, ways[k], Agent("x", *there[k]), signals=colours[k]) for k in range(6)]
+    judge = referee(SIGNALLED, frames[0], "si", "no")
+    assert [judge.observe(frame) for frame in frames[1:]] == [None] * 4 + ["collision"]
+    assert judge.row()["at_fault"] is True
+
+
+def test_an_ego_that_comes_back_on_green_has_not_entered_on_red() -> None:
+    def blame(first: int) -> bool | None:
+        route = edges(SIGNALLED, "wi", "eo")
+        ways = [("wi_0", 84.0), (":we_0", 2.0), ("wi_0", 76.0), ("wi_0", 81.0), ("wi_0", 86.0), (":we_0", 1.0), (":we_0", 6.0)]
+        judge = None
+        for k, (where, s) in enumerate(ways):
+            behind = [Agent("x", "wi_0", 85.0 if k == 5 else 91.6, 13.0)] if k >= 5 else []
+            colour = first if k < 2 else GREEN
+            frame = frame_of(SIGNALLED, STEP * k, ego_at(SIGNALLED, where, s, 10.0, route=route), *behind, signals=lights(colour, RED, RED))
+            judge = judge or referee(SIGNALLED, frame, "wi", "eo")
+            outcome = judge.observe(frame) if k else None
+        assert judge is not None and outcome == "collision"
+        return judge.row()["at_fault"]  # type: ignore[no-any-return]
+
+    assert blame(GREEN) is False
+    assert blame(RED) is False
 
 
 def test_standing_on_a_junction() -> None:

@@ -501,7 +501,7 @@ def network(egos: str, more: str = "") -> str:
 def test_egos_of_a_network(tmp_path: Path) -> None:
     rows = run_batch(write(tmp_path, network("{random: 2}")), tmp_path / "out", jobs=1)
     assert [(row["key"], row["ego"], row["seed"]) for row in rows] == [
-        (f"good--{variant}--0--{ego}", ego, None) for ego in ("ego", "other") for variant in ("constant", "sumo")
+        (f"good--{variant}--own--{ego}", ego, None) for ego in ("ego", "other") for variant in ("constant", "sumo")
     ]
     assert {row["outcome"] for row in rows} == {"arrived"}
     manifest = json.loads((tmp_path / "out" / records.MANIFEST).read_text())
@@ -541,6 +541,10 @@ def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     [
         (SMALL + "set: {sumo.options: {warp-speed: 9}}\n", "scenarios: unprotected-left-turn: SUMO does not start: "),
         (SMALL + "set: {episode.success_edge: nowhere}\n", "scenarios: unprotected-left-turn: episode.success_edge: the network has no edge nowhere; among"),
+        (
+            SMALL.replace("variants: {", "variants: {bad: {planner.name: constant, episode.success_edge: nowhere}, ").replace("twins: true", ""),
+            "scenarios: unprotected-left-turn: episode.success_edge: the network",
+        ),
         (SMALL.replace("highway-exit", "{scenario: highway-exit, set: {egos: [{id: ego, until: nowhere}]}}"), "scenarios: highway-exit: egos: ego: until: the"),
         (SMALL.replace("highway-exit", "{scenario: highway-exit, set: {egos: [{id: nobody}]}}"), "scenarios: highway-exit: egos: nobody: no file of the simul"),
         (SMALL.replace(", highway-exit", "") + "set: {episode.success_edge: to_south}\n", "episode.success_edge: the route of ego does not pass edge to_south"),

@@ -80,7 +80,7 @@ def test_twins_that_are_there_already(tmp_path: Path) -> None:
 def test_egos_of_a_network_are_an_episode_each(tmp_path: Path) -> None:
     text = f"name: x\nscenarios: [{{sumocfg: {GOOD}, egos: [other, ego], name: mine}}]\nvariants: {{a: {{}}, b: {{}}}}\n"
     found = plan(tmp_path, text)
-    assert keys(found, {"mine": ("other", "ego")}) == ["mine--a--0--other", "mine--b--0--other", "mine--a--0--ego", "mine--b--0--ego"]
+    assert keys(found, {"mine": ("other", "ego")}) == ["mine--a--own--other", "mine--b--own--other", "mine--a--own--ego", "mine--b--own--ego"]
     assert {episode.seed for episode in episodes(found, {"mine": ("other", "ego")})} == {None}  # the file's own
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_mcts.experiments import statistics
-from sumo_mcts.experiments.statistics import LEAST, Pair, Rate, arrived, at_fault, contrast, interval, median, pairs, rate, some, time_ratio, wilson
+from sumo_mcts.experiments.statistics import LEAST, Pair, Rate, arrived, at_fault, collided, contrast, interval, median, pairs, rate, some, time_ratio, wilson
 from sumo_mcts.records import row_defaults
 
 
@@ -50,6 +50,15 @@ def test_pairs_share_the_traffic() -> None:
     ones, others = ([row(seed, traffic_digest=traffic) for seed, traffic in enumerate(known)] for known in (("a", "a", None, None), ("a", "b", "a", None)))
     assert [pair.one["seed"] for pair in pairs(ones, others)] == [0, 3]
     assert [pair.other["seed"] for pair in pairs([row(0)], [row(0, traffic_digest="a"), row(0, traffic_digest=None)])] == [0]
+
+
+def test_pairs_were_redrawn_as_often() -> None:
+    assert [pair.one["seed"] for pair in pairs([row(0, redrawn=0), row(1, redrawn=0)], [row(0, redrawn=1), row(1, redrawn=0)])] == [1]
+
+
+def test_of_an_error_nobody_knows_whether_it_would_have_collided() -> None:
+    assert rate(map(collided, [row(outcome="error"), row(outcome="collision"), row()])) == rate([True, False])
+    assert at_fault(row(outcome="error")) is None and arrived(row(outcome="error")) is False
 
 
 def test_who_does_not_arrive_takes_for_ever_and_whose_twin_does_not_is_left_out() -> None:
