@@ -472,6 +472,8 @@ def _list_candidates(scenario: str, seed: int | None, sumo_options: tuple[str, .
     typer.echo(f"Vehicles of {scenario} that could be the ego (--ego ID, or --ego any):" if found else f"{scenario}: no vehicle departs")
     for c in found:
         typer.echo(f"  {c.id:30s} {c.vclass:12s} departs {c.depart_s:9.1f} s  {c.edges:4d} edges {c.length_m:8.0f} m  {c.why_not}")
+    if len(found) == commands.LISTED:
+        typer.echo("  (the first that depart; --ego takes any other id too)")
 
 
 @contextmanager

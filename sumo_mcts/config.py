@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, SupportsIndex
 
 import yaml
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema, field_validator, model_validator
 
 SCHEMA_VERSION = 1
 CROWD_ID = "crowd_"
@@ -296,7 +296,7 @@ class PlannerConfig(_Section):
     close_cost: NonNegative = Field(0.2, description="difference of J up to which another command than the best is close")
     time_budget_ms: Positive | None = Field(None, description="time budget of one decision instead, from the scene to the decision (not reproducible)")
     enforce_deadline: bool = Field(False, description="a decision later than the time budget, else the period, is not executed (not reproducible)")
-    period_s: Positive = Field(0.5, description="decision period")
+    period_s: Positive = Field(0.5, description="decision period; in whole steps of the simulation, one at least")
     step_s: Positive = Field(1.0, description="duration of one action in the tree of planner mcts")
     look_ahead_steps: int = Field(6, ge=1, le=12, description="levels of the tree")
     rollout_steps: int = Field(2, ge=0, le=24, description="further steps to the terminal state")
@@ -414,6 +414,15 @@ class ScenarioConfig(_Section):
     cost: CostConfig = CostConfig()
     failsafe: FailSafeConfig = FailSafeConfig()
 
+    @field_validator("egos")
+    @classmethod
+    def _each_once(cls, egos: tuple[EgoConfig, ...]) -> tuple[EgoConfig, ...]:
+        ids = [ego.id for ego in egos]
+        twice = next((name for name in ids if ids.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"{twice} is named twice")
+        return egos
+
     @property
     def reproducible(self) -> bool:
         """Whether no clock has a say in decisions."""
@@ -495,6 +504,8 @@ def json_schema() -> dict[str, Any]:
 
 def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     """The mapping in a file, laid over the one that its `base` names; relative file names belong to the file that states them."""
+    if path.suffix == ".xml":
+        raise ConfigError(f"{path}: a file of SUMO's; give the .sumocfg that names it, or a scenario file with it under `sumo` (docs/scenario-file.md)")
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:

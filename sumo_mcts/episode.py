@@ -61,17 +61,19 @@ def run_episode(
     progress: Progress | None = None,
     variant: str | None = None,
     watch: Watch | None = None,
+    measured: Sequence[str] = (),
 ) -> EpisodeResult:
     """Run a scenario to its end; without a seed SUMO keeps its own. Raises ConfigError where the input is wrong; what fails later is an outcome.
 
     `sumo_options` as on SUMO's command line. `progress` is told what goes on, `watch` is called with every set of decisions before they are executed.
-    `variant` is what rows and keys call it; default planner-prediction-effort.
+    `variant` is what rows and keys call it; default planner-prediction-effort. `measured`: egos of later episodes in this process, since SUMO measures
+    TTC, DRAC and PET of nobody who was not named when it was first started; of others they are None.
     """
     require_scenario("run_episode", config)
     seed = None if seed is None else whole("seed", seed, 0)
     began = time.perf_counter()
     recorders = {ego.id: Recorder() for ego in config.egos}
-    loop = Loop(config, seed, gui=gui, sumo_options=sumo_options, progress=progress)
+    loop = Loop(config, seed, gui=gui, sumo_options=sumo_options, progress=progress, measured=measured)
     try:
         loop.start()
         drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.oracles) for ego in config.egos}
@@ -136,11 +138,20 @@ class Loop:
     """A scenario that runs: `scenes()` advances SUMO until an ego needs a decision, `apply()` takes the decisions."""
 
     def __init__(
-        self, config: ScenarioConfig, seed: int | None, *, gui: bool = False, sumo_options: Sequence[str] = (), progress: Progress | None = None
+        self,
+        config: ScenarioConfig,
+        seed: int | None,
+        *,
+        gui: bool = False,
+        sumo_options: Sequence[str] = (),
+        progress: Progress | None = None,
+        measured: Sequence[str] = (),
     ) -> None:
-        """`seed` None: SUMO keeps its own. `sumo_options` as on SUMO's command line; `progress` is told what the loop waits for."""
+        """`seed` None: SUMO keeps its own. `sumo_options` as on SUMO's command line; `progress` is told what the loop waits for; `measured` as in
+        `run_episode`."""
         self.config, self.seed = config, seed
         self._gui, self._options, self._progress = gui, tuple(sumo_options), progress
+        self._measured = {*measured, *(ego.id for ego in config.egos)}
         self._egos = [_Ego(*each) for each in zip(config.egos, streams(seed).noise.spawn(len(config.egos)), strict=True)]
         self._folder = tempfile.TemporaryDirectory(prefix="sumo_mcts-")
         self._simulation: Simulation | None = None
@@ -156,7 +167,7 @@ class Loop:
         check_edges(config, road)
         drawn = cast(config.traffic, [ego.id for ego in config.egos], road, self._traffic)
         actors = drawn.actors
-        self.arguments = sumo_arguments(config, self.seed, drawn, Path(self._folder.name), self._options)
+        self.arguments = sumo_arguments(config, self.seed, drawn, Path(self._folder.name), self._options, self._measured)
         for actor in actors:
             check(actor, road)
         self._simulation = Simulation(self.arguments, gui=self._gui)

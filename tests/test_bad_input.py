@@ -126,6 +126,9 @@ def test_sumocfgs(name: str, ego: tuple[str, ...], command: Command, tmp_path: P
 
 
 OPTIONS = [
+    (("run", "empty.net.xml"), "empty.net.xml: a file of SUMO's; give the .sumocfg that names it"),
+    (("run", "good.sumocfg", "--ego", "ego", "--ego", "ego"), "good.sumocfg: egos: ego is named twice"),
+    (("run", "highway-exit", "--ego", "any"), "egos: any: no file of the simulation names such a vehicle; the scenario's own: ego, "),
     (("run", "nowhere"), "nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: highway-exit"),
     (("run", "nowhere.yaml"), "nowhere.yaml: no such scenario"),
     (("run", "nowhere.sumocfg", "--ego", "any"), "nowhere.sumocfg: no such file"),

@@ -13,7 +13,7 @@ from sumo_mcts import assets, plugins, records
 from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names, whole
 from sumo_mcts.experiments import drive, folder, workers
 from sumo_mcts.experiments.drive import Driven
-from sumo_mcts.experiments.experiment import Episode, Plan, episodes, load, shard, with_ego
+from sumo_mcts.experiments.experiment import Episode, Plan, all_egos, episodes, load, shard, with_ego
 from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.experiments.worth import Bar, Worth
 from sumo_mcts.model.kernel import COMPILING, is_compiled
@@ -294,7 +294,7 @@ def _rehearse(plan: Plan, egos: Egos, crew: Crew, tell: Watch, decide: bool) -> 
     for case in plan.cases:
         configs = [with_ego(config, egos[case.name][0]) if case.name in egos else config for config in case.configs.values()]
         for config in {_kind(config): config for config in configs}.values():
-            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0], decide), crew)
+            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0], decide, all_egos(plan, egos)), crew)
             if problem:
                 raise ConfigError(f"{plan.origin}: scenarios: {case.name}: {problem}")
 

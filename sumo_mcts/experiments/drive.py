@@ -40,7 +40,9 @@ class Driven(NamedTuple):
 def drive(episode: Episode, bar: Bar) -> Driven:
     """Drive an episode. Whatever fails is its outcome; but OSError and MemoryError are raised where it is the machine that fails."""
     try:
-        result = run_episode(episode.config, episode.seed, sumo_options=without_outputs(episode.config.sumo), variant=episode.variant)
+        result = run_episode(
+            episode.config, episode.seed, sumo_options=without_outputs(episode.config.sumo), variant=episode.variant, measured=episode.measured
+        )
     except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
         if of_machine(error):
             raise
@@ -79,10 +81,10 @@ def of_machine(error: BaseException) -> bool:
     return isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in _EXHAUSTED)
 
 
-def rehearse(config: ScenarioConfig, seed: int | None, decide: bool = True) -> str:
+def rehearse(config: ScenarioConfig, seed: int | None, decide: bool = True, measured: Sequence[str] = ()) -> str:
     """Start a scenario, up to the first decision where that is soon, and `decide` once, so that the search is compiled. Returns what is wrong with the input,
     "" if nothing. Raises as `drive` does."""
-    loop = Loop(config, seed, sumo_options=without_outputs(config.sumo))
+    loop = Loop(config, seed, sumo_options=without_outputs(config.sumo), measured=measured)
     try:
         loop.start()
         Driver(config, loop.world.road, loop.world.physics, 0, loop.oracles)  # plugins check their options

@@ -145,6 +145,7 @@ class Episode(NamedTuple):
     variant: str
     seed: int | None
     config: ScenarioConfig
+    measured: tuple[str, ...] = ()  # the egos of all episodes: SUMO keeps to those that it is told first in a process
 
 
 def load(path: Path, *, allow_plugins: bool = False) -> Plan:
@@ -166,7 +167,15 @@ def load(path: Path, *, allow_plugins: bool = False) -> Plan:
 def episodes(plan: Plan, egos: Mapping[str, Sequence[str]]) -> list[Episode]:
     """Every episode of an experiment, all scenarios and variants of a seed before those of the next. `egos`: the chosen ones of each user's network."""
     longest = max(len(case.seeds) for case in plan.cases)
-    return [episode for k in range(longest) for case in plan.cases if k < len(case.seeds) for episode in _of_seed(case, case.seeds[k], egos.get(case.name))]
+    found = [episode for k in range(longest) for case in plan.cases if k < len(case.seeds) for episode in _of_seed(case, case.seeds[k], egos.get(case.name))]
+    measured = all_egos(plan, egos)
+    return [episode._replace(measured=measured) for episode in found]
+
+
+def all_egos(plan: Plan, egos: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """The ids of all egos of an experiment."""
+    own = {ego.id for case in plan.cases if case.name not in egos for scenario in case.configs.values() for ego in scenario.egos}
+    return tuple(sorted(own.union(*egos.values())))
 
 
 def with_ego(scenario: ScenarioConfig, ego: str) -> ScenarioConfig:

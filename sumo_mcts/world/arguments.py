@@ -1,7 +1,7 @@
 """SUMO's command line for a scenario: the scenario's files and options, the user's further options, and what the referee needs."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -26,8 +26,9 @@ _UNSAVED = {"save-state.times": "", "save-state.period": "-1"}
 Options = dict[str, str]
 
 
-def sumo_arguments(config: ScenarioConfig, seed: int | None, cast: Cast, folder: Path, extra: Sequence[str]) -> list[str]:
+def sumo_arguments(config: ScenarioConfig, seed: int | None, cast: Cast, folder: Path, extra: Sequence[str], measured: Iterable[str] = ()) -> list[str]:
     """The command line, without the program's name. Files that SUMO reads or writes for us lie in `folder`; `extra` is written by the user as it stands.
+    `measured`: vehicles whose TTC, DRAC and PET SUMO tells.
 
     Raises ConfigError where a file is missing or an option contradicts what the referee needs.
     """
@@ -42,7 +43,7 @@ def sumo_arguments(config: ScenarioConfig, seed: int | None, cast: Cast, folder:
         options["seed"] = str(seed)
     _refuse("sumo.options", {full_name(key) for key in sumo.options}, ())
     _refuse("options after --", given, _OURS)
-    own = {**options, **ssm_options([ego.id for ego in config.egos], folder), **REFEREE_OPTIONS}
+    own = {**options, **ssm_options(measured, folder), **REFEREE_OPTIONS}
     return [*_flat({key: value for key, value in own.items() if key not in given}), *extra]
 
 
@@ -87,10 +88,12 @@ def sumo_home() -> str:
     return str(Path(sumo.__file__).parent)
 
 
-def ssm_options(egos: Sequence[str], folder: Path) -> Options:
-    """Options that equip the egos with SUMO's surrogate safety device, as the referee reads it."""
-    return {
-        "device.ssm.explicit": ",".join(egos), "device.ssm.measures": "TTC DRAC PET", "device.ssm.thresholds": "3.0 3.0 2.0",
+def ssm_options(vehicles: Iterable[str], folder: Path) -> Options:
+    """Options that equip vehicles with SUMO's surrogate safety device, as the referee reads it; none for none. In a process SUMO keeps to those that it was
+    first given, whatever later simulations ask for."""
+    named = ",".join(sorted(set(vehicles)))
+    return {} if not named else {
+        "device.ssm.explicit": named, "device.ssm.measures": "TTC DRAC PET", "device.ssm.thresholds": "3.0 3.0 2.0",
         "device.ssm.range": "60", "device.ssm.extratime": "5", "device.ssm.file": str(folder / "ssm.xml"),
     }  # fmt: skip
 

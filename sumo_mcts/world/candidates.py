@@ -52,7 +52,7 @@ def candidates(
         while len(found) < count and not simulation.finished and time.monotonic() < give_up and simulation.time < last:
             simulation.step()
             for vehicle in sumo.simulation.getDepartedIDList():
-                found.append(_look(vehicle, simulation.time, until))
+                found.append(_look(vehicle, float(sumo.vehicle.getDeparture(vehicle)), until))
                 if enough is not None and enough(found[-1]):
                     return found
     return found[:count]
@@ -72,7 +72,8 @@ def require_named(egos: Iterable[str], others: Iterable[str]) -> None:
     for ego in egos:
         if known.isdisjoint({ego, *(ego[: at.start()] for at in _MADE.finditer(ego))}):
             near = get_close_matches(ego, known, NAMED, 0.5)
-            listed = f"; `sumo-mcts run {option('configuration-file')}` lists candidates" if option("configuration-file") else ""
+            of_file = option("configuration-file")
+            listed = f"; `sumo-mcts run {of_file}` lists candidates" if of_file else f"; the scenario's own: {', '.join(others)}" if others else ""
             raise ConfigError(f"egos: {ego}: no file of the simulation names such a vehicle" + (f"; near: {', '.join(near)}" if near else listed))
 
 

@@ -521,6 +521,28 @@ def test_a_draw_of_egos() -> None:
     assert choose(scenario, Egos(ids=("other",))) == ("other",)
 
 
+MEASURED = """
+import sys
+import libsumo
+from sumo_mcts import config
+from sumo_mcts.episode import Loop
+for ego in ("ego", "other"):
+    scene = config.build({"name": "x", "sumo": {"sumocfg": sys.argv[1]}, "egos": [{"id": ego}]}, "x")
+    loop = Loop(scene, None, measured=sys.argv[2:])
+    loop.start()
+    loop.scenes()
+    print(libsumo.vehicle.getParameter(ego, "has.ssm.device"))
+    loop.finish()
+"""
+
+
+@pytest.mark.parametrize(("measured", "found"), [((), ["true", "false"]), (("ego", "other"), ["true", "true"])])
+def test_sumo_measures_whom_it_was_told_first_in_a_process(measured: tuple[str, ...], found: list[str]) -> None:
+    """So every episode of a batch names the egos of all; should the first row ever be true, true, that is not needed any more."""
+    done = subprocess.run([sys.executable, "-c", MEASURED, str(GOOD), *measured], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == found
+
+
 def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as refused:
         run_batch(write(tmp_path, network("[ego, nobody]")), tmp_path / "out", jobs=1)

@@ -82,6 +82,7 @@ def test_egos_of_a_network_are_an_episode_each(tmp_path: Path) -> None:
     found = plan(tmp_path, text)
     assert keys(found, {"mine": ("other", "ego")}) == ["mine--a--own--other", "mine--b--own--other", "mine--a--own--ego", "mine--b--own--ego"]
     assert {episode.seed for episode in episodes(found, {"mine": ("other", "ego")})} == {None}  # the file's own
+    assert {episode.measured for episode in episodes(found, {"mine": ("other", "ego")})} == {("ego", "other")}
 
 
 def test_egos_of_a_scenario_file_share_an_episode(tmp_path: Path) -> None:
