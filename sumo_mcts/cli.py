@@ -65,11 +65,11 @@ def run(
             commands.check_folder(out)
             commands.check_no_batch(out)
         if scenario.endswith(".sumocfg") and not ego:
-            _list_candidates(scenario, seed, tuple(context.args), as_json, say)
+            _list_candidates(scenario, seed, _sumo_options(context), as_json, say)
             return
         with say.progress("starting SUMO") as note:
-            config = commands.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, tuple(context.args), allow_plugins=allow_plugins)
-            result = commands.run(config, scenario, seed, gui, tuple(context.args), note)
+            config = commands.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, _sumo_options(context), allow_plugins=allow_plugins)
+            result = commands.run(config, scenario, seed, gui, _sumo_options(context), note)
         if out is not None:
             with say.progress("drawing") as note:
                 written = commands.write(result, out, sys.argv[1:], note)
@@ -105,7 +105,7 @@ def forecast(
         from sumo_mcts import commands
 
         with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
-            options = tuple(context.args)
+            options = _sumo_options(context)
             result = commands.forecasts(scenario, tuple(ego or ()), ego_until, overrides, seeds, options, note, allow_plugins=allow_plugins)
     typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.forecast_table(result))
     for problem in result["problems"]:
@@ -459,6 +459,13 @@ def _usage_status(error: BaseException) -> int:
         context = getattr(error, "ctx", None)
         typer.echo(f"error: {' '.join(message().split()).rstrip('.')}; see {context.command_path if context else 'sumo-mcts'} --help", err=True)
     return INVALID
+
+
+def _sumo_options(context: typer.Context) -> tuple[str, ...]:
+    """What SUMO is to be told. Raises BadParameter where it begins with a word that is no option, which was meant for somebody else."""
+    if context.args and not context.args[0].startswith("-"):
+        raise typer.BadParameter(f"{context.args[0]}: unexpected; options for SUMO follow --")
+    return tuple(context.args)
 
 
 def _list_candidates(scenario: str, seed: int | None, sumo_options: tuple[str, ...], as_json: bool, say: "_Voice") -> None:

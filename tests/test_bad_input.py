@@ -126,6 +126,8 @@ def test_sumocfgs(name: str, ego: tuple[str, ...], command: Command, tmp_path: P
 
 
 OPTIONS = [
+    (("run", "highway-exit", "stray"), "stray: unexpected; options for SUMO follow --"),
+    (("run", "good.sumocfg", "--ego", "--planner", "mcts"), "mcts: unexpected; options for SUMO follow --"),
     (("run", "empty.net.xml"), "empty.net.xml: a file of SUMO's; give the .sumocfg that names it"),
     (("run", "good.sumocfg", "--ego", "ego", "--ego", "ego"), "good.sumocfg: egos: ego is named twice"),
     (("run", "highway-exit", "--ego", "any"), "egos: any: no file of the simulation names such a vehicle; the scenario's own: ego, "),
