@@ -291,10 +291,11 @@ def _rehearse(plan: Plan, egos: Egos, crew: Crew, tell: Watch, decide: bool) -> 
     """Start every scenario once with every planner, in one process: wrong input ends the batch here, and the search is compiled for all that `decide`.
     Raises ConfigError."""
     tell(_before("starting SUMO" if is_compiled() else COMPILING))
+    measured = all_egos(plan, egos)
     for case in plan.cases:
         configs = [with_ego(config, egos[case.name][0]) if case.name in egos else config for config in case.configs.values()]
         for config in {_kind(config): config for config in configs}.values():
-            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0], decide, all_egos(plan, egos)), crew)
+            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0], decide, measured), crew)
             if problem:
                 raise ConfigError(f"{plan.origin}: scenarios: {case.name}: {problem}")
 
