@@ -285,18 +285,22 @@ class Referee:
     # --- braking of others ---
 
     def _note_imposed_braking(self, before: Frame, frame: Frame, known: Ints) -> None:
-        """Looks at the agents that brake beyond the smallest threshold."""
+        braking = self.braking_for_ego(before, frame, known)
+        if braking:
+            self._imposed.append((frame.time, max(decel for _, decel in braking)))
+
+    def braking_for_ego(self, before: Frame, frame: Frame, known: Ints) -> list[tuple[str, float]]:
+        """Who brakes for the ego in this step beyond the smallest threshold, and with how many m/s2."""
         if not len(known):
-            return
+            return []
         was = np.append(before.agents.v, 0.0)[known]  # a newcomer (-1) finds the 0
         decel = np.where(known >= 0, (was - frame.agents.v) / self._step, 0.0)
         braking = np.flatnonzero((decel > IMPOSED[0] + _EPS) & ~frame.agents.person)
         if len(braking) == 0:
-            return
+            return []
         stretches = self._body(frame.ego) + self._coming(frame)
-        strengths = [float(decel[i]) for i in braking if frame.leader[i] == frame.ego.id or self._in_the_way(frame, int(i), float(was[i]), stretches)]
-        if strengths:
-            self._imposed.append((frame.time, max(strengths)))
+        for_ego = [i for i in braking if frame.leader[i] == frame.ego.id or self._in_the_way(frame, int(i), float(was[i]), stretches)]
+        return [(frame.agents.ids[i], float(decel[i])) for i in for_ego]
 
     def _body(self, ego: EgoState) -> list[_Stretch]:
         """The lanes under the ego: that of its front, those that its rear has not left, and during a lane change both."""
