@@ -18,7 +18,6 @@ BEFORE = 1.0  # m before a line where somebody stops, as late as possible,
 CLOSER = 0.5  # m nearer than that where it waits for others: SUMO's drivers do so 0.1 m before the line
 STOPS = 5.0  # m/s2 beyond which nobody stops for red or for who has the right of way: a little more than they brake with
 AT_SIGN = 9.0  # m/s2 likewise at a stop sign, and at the end of a lane, where everybody stops
-MOVES = 1.0  # m/s above which the acceleration of late tells how somebody drives on
 MOST_HABIT = 4.0  # m/s2 that it tells at most
 HARD = 4.5  # m/s2 with which an agent is taken to brake where it is taken to brake for no reason
 
@@ -141,7 +140,7 @@ def _step_all(xs: Floats, vs: Floats, polite: Bools, c: _Course, d: Drivers, nom
             a = _free(q, c, i, at[i], x[i], v[i], liked[i])
             if not math.isinf(gap):
                 a = min(a, _follow(q, v[i], gap, leader_v, a))
-            if t == 0 and i > 0 and fading > 0.0 and v[i] > MOVES:
+            if t == 0 and i > 0 and fading > 0.0 and v[i] > STANDING:
                 habit[i] = min(max(d.trend[i] - a, -MOST_HABIT), MOST_HABIT)
             a += habit[i]
             habit[i] *= 1.0 if d.cruises[i] else fading

@@ -91,6 +91,14 @@ def test_what_a_driver_does_otherwise_than_expected_goes_on_and_fades(v: float, 
     assert (np.diff(speeds) / step)[moving] == pytest.approx((free + habit)[:-1][moving], abs=1e-6)
 
 
+def test_who_rolls_to_a_stand_is_expected_to_do_so() -> None:
+    """However slow it is: what it stops for may be nothing that the map tells, as in a junction without lanes."""
+    _, forecast = predicted(lanes_east(3, 900.0), Agent("a", "a_2", 50.0, 0.8), trend=[-2.0])
+    assert forecast.v[0, :6, 0].max() <= 0.8 and forecast.v[0, 1:4, 0].min() < 0.5
+    _, forecast = predicted(lanes_east(3, 900.0), Agent("a", "a_2", 50.0, 0.8), trend=[1.5])
+    assert forecast.v[0, 5, 0] > 2.0
+
+
 def test_who_keeps_closer_than_the_model_is_expected_to_go_on_doing_so() -> None:
     pair = Agent("a", "a_2", 100.0, 10.0), Agent("b", "a_2", 114.0, 10.0)
     _, forecast = predicted(lanes_east(3, 900.0), *pair, trend=[0.0, 0.0])
