@@ -264,6 +264,9 @@ class PredictionConfig(_Section):
         2.0,
         description="time after which 1/e is left of an agent's accelerating otherwise than the model has it (nothing fades of who keeps its speed); 0: none",
     )
+    room_on_foot_m: NonNegative = Field(
+        0.4, description="room around whoever is on foot, who may turn or stop at any time; at most half of what is between them and the ego now"
+    )
     hypotheses: int = Field(
         4,
         ge=1,

@@ -16,6 +16,7 @@ from sumo_mcts.model.local import State, ego_state
 from sumo_mcts.model.others import TrafficParams
 from sumo_mcts.model.paths import LANES
 from sumo_mcts.model.predictor import Heard, Oracles, Predictor, Question, checked
+from sumo_mcts.model.room import with_room
 from sumo_mcts.model.route import RouteMap, is_rest_of, route_map
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import Told, predict, times_of
@@ -47,7 +48,7 @@ from sumo_mcts.scene import (
     Scene,
     Signals,
 )
-from sumo_mcts.sensing import aside_m, with_room
+from sumo_mcts.sensing import aside_m, room_m
 
 SEARCHING = ("mcts", "paper")  # planners that search a forecast
 FORECASTING = (*SEARCHING, "idm", "random", "exhaustive")  # planners that read one
@@ -271,7 +272,7 @@ class Driver:
         return steps * ply + config.cost.claim_s + self._traffic.step
 
     def _forecast(self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float, most: int = 1) -> Forecast:
-        """What the predictor `name` says, with room for the sensor's errors."""
+        """What the predictor `name` says, with room for the sensor's errors and for who is on foot."""
         params = self._traffic._replace(interacting=name != "constant_velocity")
         stood_s = scene.time - self._stood.get(state.node, math.inf)
         nominal, lanes = self._nominal(scene.time), _ego_lanes(route, state)
@@ -282,7 +283,7 @@ class Driver:
             found = foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, most)
         else:
             found = predict(self._road, scene, lanes, nominal, params, seconds, self._told(scene, name, seconds), stood_s)
-        return with_room(found, scene, self._config.sensor)
+        return with_room(found, scene, room_m(self._config.sensor), self._config.prediction.room_on_foot_m)
 
     def _told(self, scene: Scene, name: str, seconds: float) -> Told:
         """What the oracle `name` tells, if it is one."""

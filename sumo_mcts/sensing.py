@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.config import SensorConfig
-from sumo_mcts.model.geometry import Box, box_distance, nearest
+from sumo_mcts.model.geometry import nearest
 from sumo_mcts.model.others import TrafficParams
 from sumo_mcts.model.paths import LEAVES_FROM
 from sumo_mcts.model.traffic import Told, predict
-from sumo_mcts.scene import STANDING, Agents, Bools, EgoState, Floats, Forecast, RoadMap, Scene
+from sumo_mcts.scene import STANDING, Agents, Bools, EgoState, Floats, RoadMap, Scene
 
 SMOOTHING_S = 1.0  # of the error of an acceleration, which is told from speeds
 PLAIN_VIEW = 0.5  # share of an agent in view from which it is expected to be seen
@@ -117,15 +117,9 @@ def aside_m(sensor: SensorConfig) -> float:
     return max(LEAVES_FROM, SURE * sensor.position_error_m)
 
 
-def with_room(forecast: Forecast, scene: Scene, sensor: SensorConfig) -> Forecast:
-    """The forecast with boxes longer at either end by what may be the error of a position, or half of what is between them and the ego now."""
-    if not sensor.position_error_m:
-        return forecast
-    ego, half_length, half_width = scene.ego, forecast.half_length, forecast.half_width
-    own = Box(ego.x, ego.y, math.cos(ego.heading), math.sin(ego.heading), ego.length / 2, ego.width / 2)
-    away = [box_distance(own, Box(*map(float, each))) for each in np.column_stack([forecast.pose[0, 0], half_length, half_width])]
-    room = np.minimum(SURE * sensor.position_error_m, 0.5 * np.array(away))
-    return forecast._replace(half_length=half_length + room, s=forecast.s + room)  # s is that of the front
+def room_m(sensor: SensorConfig) -> float:
+    """m before and behind an agent within which its ends surely are."""
+    return SURE * sensor.position_error_m
 
 
 def is_faulty(sensor: SensorConfig) -> bool:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import Agent, agents_at, ego_at, lane, straight_road
-from helpers_model import PHYSICS, forecast_of, lanes_east, scenario, scene_of, task_of
+from helpers_model import PHYSICS, lanes_east, scenario, scene_of
 from hypothesis import given
 from hypothesis import strategies as st
 from naive import Box
@@ -17,7 +17,7 @@ from sumo_mcts.config import SensorConfig
 from sumo_mcts.driver import Driver, streams
 from sumo_mcts.episode import Loop, run_episode
 from sumo_mcts.scene import RoadMap, Scene
-from sumo_mcts.sensing import Senses, matched, moved_on, share_in_view, with_errors, with_room
+from sumo_mcts.sensing import Senses, matched, moved_on, share_in_view, with_errors
 from sumo_mcts.world.simulation import import_libsumo
 
 PERIOD = 0.5
@@ -158,22 +158,7 @@ def test_pedestrians_have_errors_but_no_lane() -> None:
     assert (found.x[0], found.y[0], found.v[0], found.lane[0]) == pytest.approx((1000.4, 7.8, 1.5, -1))
 
 
-def test_plans_leave_room_for_the_errors_but_not_more_than_there_is() -> None:
-    """Half of what is between a vehicle and the ego is left: else it would be in contact with whom it stands beside."""
-    sensor = SensorConfig(position_error_m=0.3)
-    ego = ego_at(ROAD, "a_1", 1000.0)
-    ahead, close, inside = (Agent(name, "a_1", 1000.0 + gap + 5.0) for name, gap in (("ahead", 20.0), ("close", 0.5), ("inside", -1.0)))
-    scene = scene_of(ego, ROAD, ahead, close, inside)
-    forecast = forecast_of(task_of(ROAD, ego), scene)
-    found = with_room(forecast, scene, sensor)
-    assert found.half_length - forecast.half_length == pytest.approx([0.6, 0.25, 0.0])
-    rear, front = found.s - 2.0 * found.half_length, found.s
-    assert (forecast.s - 2.0 * forecast.half_length - rear)[0, 0] == pytest.approx([0.6, 0.25, 0.0]), "along the lane as in the plane"
-    assert (front - forecast.s)[0, 0] == pytest.approx([0.6, 0.25, 0.0])
-    assert with_room(forecast, scene, SensorConfig(speed_error_mps=1.0)) is forecast
-
-
-def test_the_planner_is_given_this_room() -> None:
+def test_plans_leave_room_for_the_errors() -> None:
     scene = at(0.0, passing(0.0, 10.0), Agent("ahead", "a_1", 1060.0, 10.0))
     config = scenario("sensor.position_error_m=0.3", "planner.iterations=20")
     thought = Driver(config, ROAD, PHYSICS, 0).decide(scene)

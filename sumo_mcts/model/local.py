@@ -41,7 +41,7 @@ class Local(NamedTuple):
     ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
-    trait: Floats  # [N, 8] HALF_LENGTH .. BIT below
+    trait: Floats  # [N, 9] HALF_LENGTH .. ON_FOOT below
     reach: Floats  # [T, N, 4] least and greatest x, least and greatest y of what counts of an agent's box: just before, then, and in what it claims
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
@@ -59,8 +59,9 @@ class Local(NamedTuple):
 X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
 # Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass;
 # its row among those that the search moves (model/react.py), -1: the table has it; the node of the lane beside into which its box reaches
-# while it changes lanes (-1: none), and the last forecast time at which it does; and its bit among the followers, -1: it is too far away to be one.
-HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT = range(8)
+# while it changes lanes (-1: none), and the last forecast time at which it does; its bit among the followers, -1: it is too far away to be one; and 1
+# where it is on foot.
+HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, ON_FOOT = range(9)
 # Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, what the agent drives until it enters the stretch (m), and 1 where
 # both lead into the same lane.
 NODE_OF, STRETCH_END, WHO, ENTERS, MERGES = range(5)
@@ -148,7 +149,7 @@ def build_local(
         _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
         np.column_stack([
             forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields[hypothesis], _slots(forecast, node, scene, reactive),
-            *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt), bits,
+            *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt), bits, _on_foot(scene.agents, len(bits)),
         ]),
         _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width, forecast.dt, claim_s),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, behind), first, float(route.limit[state.node]),
@@ -248,6 +249,11 @@ def _reaching_in(road: RoadMap, agents: Agents, lane: Ints, half_width: Floats, 
     on_it = np.where((lane == first).all(axis=0), times, np.argmax(lane != first, axis=0))
     until = np.minimum(np.floor(seconds / dt), on_it - 1).astype(np.int32)
     return np.where((beside >= 0) & (seconds > 0.0), lane_node[beside], -1), until
+
+
+def _on_foot(agents: Agents, count: int) -> Bools:
+    """[N] who is on foot, of the `count` agents of a forecast; nobody where that is one of whom nobody sees (evaluation/inevitable.py)."""
+    return agents.person if agents.ids else np.zeros(count, np.bool_)
 
 
 def _reach(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) -> Floats:

@@ -193,6 +193,18 @@ def test_whom_a_first_look_leaves_out_would_not_have_mattered(seed: int) -> None
         assert seen == all_of_them
 
 
+@pytest.mark.parametrize(("who", "v", "contact"), [("", 0.0, False), ("", 0.5, True), ("a_0", 0.0, True)])
+def test_who_is_on_foot_walks_round_an_ego_that_stands(who: str, v: float, contact: bool) -> None:
+    """Else it would set off where all that is left is to stand still, only to be met a little later."""
+    ahead = Agent("ahead", who, v=1.0, length=0.4, width=0.5, x=100.1, heading=math.pi, s=100.3)
+    task, local, state = view(lanes_east(1), "a_0", 100.0, v, ahead)
+    met = meet(local, task.ego, task.cost, state, NOBODY, local.followers, 0)
+    assert met.contact == contact
+    if not contact:
+        free = meet(local, task.ego, task.cost, state._replace(s=80.0), NOBODY, local.followers, 0)
+        assert met.rate > free.rate, "though it is dearer than to stand elsewhere"
+
+
 # --- the end of a lane that leads nowhere ---
 
 
