@@ -21,12 +21,11 @@ from measure import span
 
 from sumo_mcts import assets, config
 from sumo_mcts.episode import run_episode
-from sumo_mcts.evaluation.referee import Referee
+from sumo_mcts.evaluation.referee import IMPOSED, Referee
 from sumo_mcts.scene import Floats
 from sumo_mcts.world.clone import in_copy
 from sumo_mcts.world.simulation import Simulation
 
-LIMITS = (2.0, 3.0, 4.0)  # m/s2
 MARGIN = 1.0  # m/s2; drivers dawdle at random, and other numbers are drawn where a vehicle is missing
 EPS = 1e-6
 SCENES = ("unprotected-left-turn-varied", "highway-exit-varied", "straight-line-varied")
@@ -123,8 +122,8 @@ class Braking:
 def table_row(scene: str, rows: list[dict[str, Any]]) -> str:
     """Episodes with braking beyond 2, 3 and 4 m/s2 that counts as imposed (ego:twin), and of them those in which the ego causes it."""
     sides = {side: [row["braking"] for row in rows if row["side"] == side] for side in ("ego", "twin")}
-    counts = {side: [sum(any(decel > limit + EPS for _, _, decel, _ in braking) for braking in found) for limit in LIMITS] for side, found in sides.items()}
-    caused = {side: [sum(causes(braking, limit) for braking in found) for limit in LIMITS] for side, found in sides.items()}
+    counts = {side: [sum(any(decel > limit + EPS for _, _, decel, _ in braking) for braking in found) for limit in IMPOSED] for side, found in sides.items()}
+    caused = {side: [sum(causes(braking, limit) for braking in found) for limit in IMPOSED] for side, found in sides.items()}
     pairs = [" ".join(f"{mine}:{twins}" for mine, twins in zip(of["ego"], of["twin"], strict=True)) for of in (counts, caused)]
     n = len(sides["ego"])
     return f"| {scene} | {n} | {pairs[0]} | {pairs[1]} | {', '.join(f'{caused[side][-1]}/{n} {span(caused[side][-1], n)}' for side in sides)} |"
