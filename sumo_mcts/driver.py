@@ -283,7 +283,8 @@ class Driver:
             found = foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, most)
         else:
             found = predict(self._road, scene, lanes, nominal, params, seconds, self._told(scene, name, seconds), stood_s)
-        return with_room(found, scene, room_m(self._config.sensor), self._config.prediction.room_on_foot_m)
+        on_foot = 0.0 if name == "clone" else self._config.prediction.room_on_foot_m  # a copy knows where people walk
+        return with_room(found, scene, room_m(self._config.sensor), on_foot)
 
     def _told(self, scene: Scene, name: str, seconds: float) -> Told:
         """What the oracle `name` tells, if it is one."""

@@ -17,7 +17,7 @@ from sumo_mcts.config import SensorConfig
 from sumo_mcts.driver import Driver, streams
 from sumo_mcts.episode import Loop, run_episode
 from sumo_mcts.scene import RoadMap, Scene
-from sumo_mcts.sensing import Senses, matched, moved_on, share_in_view, with_errors
+from sumo_mcts.sensing import Senses, matched, moved_on, room_m, share_in_view, with_errors
 from sumo_mcts.world.simulation import import_libsumo
 
 PERIOD = 0.5
@@ -158,7 +158,8 @@ def test_pedestrians_have_errors_but_no_lane() -> None:
     assert (found.x[0], found.y[0], found.v[0], found.lane[0]) == pytest.approx((1000.4, 7.8, 1.5, -1))
 
 
-def test_plans_leave_room_for_the_errors() -> None:
+def test_plans_leave_room_for_errors_of_position() -> None:
+    assert room_m(SensorConfig(speed_error_mps=1.0)) == 0.0
     scene = at(0.0, passing(0.0, 10.0), Agent("ahead", "a_1", 1060.0, 10.0))
     config = scenario("sensor.position_error_m=0.3", "planner.iterations=20")
     thought = Driver(config, ROAD, PHYSICS, 0).decide(scene)

@@ -17,7 +17,7 @@ from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, build_local, ego_state
 from sumo_mcts.model.route import Indices, RouteMap, route_map
 from sumo_mcts.model.traffic import Scripted
-from sumo_mcts.scene import Bools, EgoState, Floats, Forecast, RoadMap, Scene
+from sumo_mcts.scene import Agents, Bools, EgoState, Floats, Forecast, RoadMap, Scene
 
 BEFORE_S = 3.0  # s before the contact from which a way out is looked for
 HORIZON_S = 8.0  # s that a way out has to last: as far as planners look
@@ -55,7 +55,7 @@ class Hindsight:
 
     def note(self, scene: Scene) -> None:
         """To be called with the take-over and after every step."""
-        self._scenes.append(scene)
+        self._scenes.append(scene._replace(agents=Agents._make(column[:0] for column in scene.agents)))  # the futures have everybody
 
     def inevitable(self) -> bool | None:
         """Whether no motion from BEFORE_S ago (the take-over, if that is later) was free of contacts.

@@ -17,6 +17,7 @@ from sumo_mcts.model.local import (
     DRIVEN,
     EAST,
     ENTERS,
+    GOES_ROUND,
     GONE,
     HALF_LENGTH,
     HALF_WIDTH,
@@ -25,7 +26,6 @@ from sumo_mcts.model.local import (
     NODE,
     NODE_OF,
     NORTH,
-    ON_FOOT,
     POLITE,
     REACTS,
     SIN,
@@ -62,7 +62,7 @@ MOVE_UP = 4.0  # m/s as if driven with this
 SIGHT = 80.0  # m beyond which an agent is not looked at
 TAKEN = 2.5  # m/s by which a careful driver has to slow down for a lane change of the ego that costs as much as a second in its way,
 TAKEN_SHARE = 0.2  # or this share of its speed, where that is more: on motorways nobody keeps a careful driver's distance
-ROUND = 0.1  # share of a claim that it costs to stand in the way of somebody on foot
+WAY_ROUND = 0.1  # share of a claim that it costs to stand in the way of somebody on foot: a whole one would be dearer than a contact
 RUN_UP = 0.1  # by how much dearer, at the horizon, a lane is that the route leaves if the ego cannot get as fast any more as those it has to move between
 
 TermFunction = Callable[[float, int, float, float, float, float, float, float], float]
@@ -161,24 +161,24 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
                 rate += c.claim
         if not near:
             continue
-        close = _close(local, c, state, box, wide, Box(bx, by, bc, bs, length, local.trait[i, HALF_WIDTH]), v, at, now, i, moved)
-        if math.isinf(close):
+        nearness = _nearness(local, c, state, box, wide, Box(bx, by, bc, bs, length, local.trait[i, HALF_WIDTH]), v, at, now, i, moved)
+        if math.isinf(nearness):
             return Meeting(True, rate, once, gap, leader_v, followers)
-        rate += close
+        rate += nearness
     if local.node[state.node, INTERNAL] > 0.0:
         rate += _in_the_way(local, p, c, state, now)
     return Meeting(False, rate + _headway(c, gap, state.v), once, gap, leader_v, followers)
 
 
 @inlined
-def _close(local: Local, c: CostParams, state: State, box: Box, wide: Box, other: Box, v: float, at: int, now: int, i: int, moved: bool) -> float:
-    """Cost per second of being close to agent i, whose box is `other`; inf: contact. Who is on foot walks round an ego that stands."""
-    goes_round = local.trait[i, ON_FOOT] > 0.0 and state.v == 0.0
+def _nearness(local: Local, c: CostParams, state: State, box: Box, wide: Box, other: Box, v: float, at: int, now: int, i: int, moved: bool) -> float:
+    """Cost per second of how near agent i is, whose box is `other`; inf: contact."""
+    round_it = local.trait[i, GOES_ROUND] > 0.0 and state.v == 0.0 and state.a == 0.0  # with a it may have come to its stand in this step
     if _touch(local, state, wide, other, v, at, i):
-        return ROUND * c.claim if goes_round else math.inf
+        return WAY_ROUND * c.claim if round_it else math.inf
     if moved:
         return 0.0
-    return (ROUND if goes_round else 1.0) * (_late(local, c, state, box, now, i) + _claim(local, c, state, box, now, i))
+    return (WAY_ROUND if round_it else 1.0) * (_late(local, c, state, box, now, i) + _claim(local, c, state, box, now, i))
 
 
 @kernel

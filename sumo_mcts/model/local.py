@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.paths import Ahead, Areas, ahead_of, areas_of, leads_to
 from sumo_mcts.model.route import LENGTH, UPSTREAM_VIEW, Indices, RouteMap, lane_pose, stop_ahead
-from sumo_mcts.scene import GREEN, YELLOW, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
+from sumo_mcts.scene import GREEN, STANDING, YELLOW, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
 BACK = UPSTREAM_VIEW  # m of the route behind the ego where followers are seen: as far as on the lanes that lead into it
 VIEW = 400.0  # m of the route ahead that a search may see
@@ -41,7 +41,7 @@ class Local(NamedTuple):
     ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
-    trait: Floats  # [N, 9] HALF_LENGTH .. ON_FOOT below
+    trait: Floats  # [N, 9] HALF_LENGTH .. GOES_ROUND below
     reach: Floats  # [T, N, 4] least and greatest x, least and greatest y of what counts of an agent's box: just before, then, and in what it claims
     duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
     first: int  # first node of the window
@@ -60,8 +60,8 @@ X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
 # Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass;
 # its row among those that the search moves (model/react.py), -1: the table has it; the node of the lane beside into which its box reaches
 # while it changes lanes (-1: none), and the last forecast time at which it does; its bit among the followers, -1: it is too far away to be one; and 1
-# where it is on foot.
-HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, ON_FOOT = range(9)
+# where it is on foot and walks round the ego, which stands.
+HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, GOES_ROUND = range(9)
 # Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, what the agent drives until it enters the stretch (m), and 1 where
 # both lead into the same lane.
 NODE_OF, STRETCH_END, WHO, ENTERS, MERGES = range(5)
@@ -149,7 +149,7 @@ def build_local(
         _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
         np.column_stack([
             forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields[hypothesis], _slots(forecast, node, scene, reactive),
-            *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt), bits, _on_foot(scene.agents, len(bits)),
+            *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt), bits, _goes_round(scene.agents, len(bits), state),
         ]),
         _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width, forecast.dt, claim_s),
         _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, behind), first, float(route.limit[state.node]),
@@ -251,9 +251,9 @@ def _reaching_in(road: RoadMap, agents: Agents, lane: Ints, half_width: Floats, 
     return np.where((beside >= 0) & (seconds > 0.0), lane_node[beside], -1), until
 
 
-def _on_foot(agents: Agents, count: int) -> Bools:
-    """[N] who is on foot, of the `count` agents of a forecast; nobody where that is one of whom nobody sees (evaluation/inevitable.py)."""
-    return agents.person if agents.ids else np.zeros(count, np.bool_)
+def _goes_round(agents: Agents, count: int, state: State) -> Bools:
+    """Trait GOES_ROUND of the `count` agents of a forecast, which are those of the scene, or nobody in it (evaluation/inevitable.py)."""
+    return agents.person if agents.ids and state.v < STANDING else np.zeros(count, np.bool_)
 
 
 def _reach(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) -> Floats:

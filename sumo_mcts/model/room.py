@@ -13,15 +13,17 @@ def with_room(forecast: Forecast, scene: Scene, error: float, on_foot: float) ->
 
     By no more than half of what is between a box and the ego now: else it would be in contact with whom it stands beside.
     """
-    aside = np.where(scene.agents.person, on_foot, 0.0)
-    along = aside + error
+    sideways = np.where(scene.agents.person, on_foot, 0.0)
+    along = sideways + error
     concerned = np.flatnonzero(along)
     if not len(concerned):
         return forecast
     most = np.zeros(len(along))
     most[concerned] = 0.5 * _away(scene.ego, np.column_stack([forecast.pose[0, 0], forecast.half_length, forecast.half_width])[concerned])
-    along, aside = np.minimum(along, most), np.minimum(aside, most)
-    return forecast._replace(half_length=forecast.half_length + along, half_width=forecast.half_width + aside, s=forecast.s + along)  # s is that of the front
+    along, sideways = np.minimum(along, most), np.minimum(sideways, most)
+    return forecast._replace(
+        half_length=forecast.half_length + along, half_width=forecast.half_width + sideways, s=forecast.s + along,  # s is that of the front
+    )  # fmt: skip
 
 
 def _away(ego: EgoState, boxes: Floats) -> Floats:

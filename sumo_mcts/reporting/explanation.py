@@ -123,7 +123,7 @@ def closest(cycle: CycleRecord) -> Floats:
 
     Boxes in the plane: on a bridge above the ego somebody comes near too. Without a plan: as it is now.
     """
-    forecast, ego, plan = cycle.forecast, cycle.ego, cycle.decision.plan
+    forecast, ego, plan, seen = cycle.forecast, cycle.ego, cycle.decision.plan, cycle.agents
     hypotheses, times, agents = forecast.pose.shape[:3]
     own = np.array([[ego.x, ego.y, math.cos(ego.heading), math.sin(ego.heading)]])
     if plan is not None and len(plan.time):
@@ -132,7 +132,7 @@ def closest(cycle: CycleRecord) -> Floats:
     result = np.full((hypotheses, agents, 2), np.inf)
     for h in range(hypotheses):
         for i in range(agents):
-            size = float(forecast.half_length[i]), float(forecast.half_width[i])
+            size = float(seen.length[i]) / 2, float(seen.width[i]) / 2  # without the room that the forecast leaves
             gaps = [_gap(own[t], (ego.length / 2, ego.width / 2), forecast.pose[h, t, i], size) for t in range(len(own)) if forecast.valid[h, t, i]]
             there = np.flatnonzero(forecast.valid[h, : len(own), i])
             if gaps:

@@ -7,7 +7,7 @@ from unittest import mock
 import naive
 import numpy as np
 import pytest
-from helpers import Lane, build, edge, edges, ego_at, lights
+from helpers import Agent, Lane, agents_at, build, edge, edges, ego_at, lights
 from helpers_model import PHYSICS, WIDTH, lanes_east, road_with_light, scenario, scene_of
 
 from sumo_mcts.driver import Physics, ego_params
@@ -168,6 +168,18 @@ def test_unknown_where_the_ego_goes_nobody_knows_where() -> None:
     assert hindsight(road, ego_at(road, "a_0", 100.0, d=0.8)).inevitable() is None
     changing = ego_at(road, "a_0", 100.0, d=0.8)._replace(changing=0.25, change_from=0, change_to=1)
     assert hindsight(road, changing).inevitable() is False
+
+
+def test_the_futures_say_who_is_there_whoever_is_in_view() -> None:
+    """Scenes have those within 100 m, in another order; futures everybody who holds a script, also who has still to depart."""
+    road = lanes_east(2)
+    ego = ego_at(road, "a_0", 100.0, 10.0)
+    cars = Car(130.0, -1.6), Car(500.0, -1.6, 5.0), Car(520.0, 1.6, 5.0, begin=60.0)
+    asked = hindsight(road, ego, *cars)
+    answer = asked.inevitable()
+    asked.note(asked._scenes[0]._replace(agents=agents_at(road, Agent("near", "a_0", 130.0), Agent("walks", "", x=140.0, y=9.0))))
+    asked._scenes.popleft()
+    assert asked.inevitable() == answer
 
 
 # --- the search against a slow and obvious one ---

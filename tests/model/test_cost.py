@@ -2,6 +2,7 @@
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
 from sumo_mcts.driver import Physics, mcts_params
 from sumo_mcts.evaluation.ways import can_meet
-from sumo_mcts.model.cost import RUN_UP, TAKEN, _late, meet, place_is_free, step_passability, terminal
+from sumo_mcts.model.cost import RUN_UP, TAKEN, WAY_ROUND, _late, meet, place_is_free, step_passability, terminal
 from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.geometry import Box
 from sumo_mcts.model.local import ENTERS, WHO, Local, State, _fill_upstream, _levels, apart, chain_gap, follows, upstream_of
@@ -193,16 +194,34 @@ def test_whom_a_first_look_leaves_out_would_not_have_mattered(seed: int) -> None
         assert seen == all_of_them
 
 
-@pytest.mark.parametrize(("who", "v", "contact"), [("", 0.0, False), ("", 0.5, True), ("a_0", 0.0, True)])
-def test_who_is_on_foot_walks_round_an_ego_that_stands(who: str, v: float, contact: bool) -> None:
+def on_foot(ahead: float, v: float = 0.0, who: str = "") -> tuple[Task, Local, State]:
+    """Somebody comes towards an ego that drives at v, `ahead` m before its front."""
+    walker = Agent("walker", who, v=1.0, length=0.4, width=0.5, x=100.0 + ahead, heading=math.pi, s=100.2 + ahead)
+    return view(lanes_east(1), "a_0", 100.0, v, walker)
+
+
+def test_who_is_on_foot_walks_round_an_ego_that_stands() -> None:
     """Else it would set off where all that is left is to stand still, only to be met a little later."""
-    ahead = Agent("ahead", who, v=1.0, length=0.4, width=0.5, x=100.1, heading=math.pi, s=100.3)
-    task, local, state = view(lanes_east(1), "a_0", 100.0, v, ahead)
+    task, local, state = on_foot(0.1)
     met = meet(local, task.ego, task.cost, state, NOBODY, local.followers, 0)
-    assert met.contact == contact
-    if not contact:
-        free = meet(local, task.ego, task.cost, state._replace(s=80.0), NOBODY, local.followers, 0)
-        assert met.rate > free.rate, "though it is dearer than to stand elsewhere"
+    assert not met.contact and met.rate == pytest.approx(WAY_ROUND * task.cost.claim)
+    task, local, state = on_foot(1.0)
+    moving, standing = (meet(local, task.ego, task.cost, state._replace(v=v), NOBODY, local.followers, 0).rate for v in (0.2, 0.0))
+    assert moving > 0.0 and standing == pytest.approx(WAY_ROUND * moving), "and so where somebody is going to come"
+
+
+@pytest.mark.parametrize(
+    ("now", "then"),
+    [
+        ({"v": 0.5}, {}),
+        ({"v": 5.0}, {"v": 0.0, "a": 0.0}),  # it drives, and plans to stop in somebody's way
+        ({}, {"v": 0.0, "a": -2.0}),  # it has come to its stand in this step: with ballistic steps of a second it may have come metres
+        ({"who": "a_0"}, {}),
+    ],
+)
+def test_but_nobody_walks_round_an_ego_that_drives_and_no_vehicle_does(now: dict[str, Any], then: dict[str, float]) -> None:
+    task, local, state = on_foot(0.1, **now)
+    assert meet(local, task.ego, task.cost, state._replace(**then), NOBODY, local.followers, 0).contact
 
 
 # --- the end of a lane that leads nowhere ---

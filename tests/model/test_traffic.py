@@ -96,7 +96,8 @@ def test_who_rolls_to_a_stand_is_expected_to_do_so() -> None:
     _, forecast = predicted(lanes_east(3, 900.0), Agent("a", "a_2", 50.0, 0.8), trend=[-2.0])
     assert forecast.v[0, :6, 0].max() <= 0.8 and forecast.v[0, 1:4, 0].min() < 0.5
     _, forecast = predicted(lanes_east(3, 900.0), Agent("a", "a_2", 50.0, 0.8), trend=[1.5])
-    assert forecast.v[0, 5, 0] > 2.0
+    without = predicted(lanes_east(3, 900.0), Agent("a", "a_2", 50.0, 0.8), params=traffic_params()._replace(persistence=0.0), trend=[1.5])[1]
+    assert 2.0 < forecast.v[0, 5, 0] < without.v[0, 5, 0] - 0.3
 
 
 def test_who_keeps_closer_than_the_model_is_expected_to_go_on_doing_so() -> None:

@@ -51,7 +51,7 @@ def judged(cycle: CycleRecord, h: int, i: int) -> list[tuple[float, float]]:
         own: Floats = np.array([ego.x, ego.y, math.cos(ego.heading), math.sin(ego.heading)])
         if t > 0:
             own = plan.pose[int(np.argmin(np.abs(plan.time - seconds)))]
-        other = box(*forecast.pose[h, t, i], forecast.half_length[i], forecast.half_width[i])
+        other = box(*forecast.pose[h, t, i], cycle.agents.length[i] / 2, cycle.agents.width[i] / 2)
         found.append((box(*own, ego.length / 2, ego.width / 2).distance(other), seconds))
     return found
 
