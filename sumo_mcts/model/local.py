@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sumo_mcts.model.kernel import kernel, making_arrays
 from sumo_mcts.model.paths import Ahead, Areas, ahead_of, areas_of, leads_to
 from sumo_mcts.model.route import LENGTH, UPSTREAM_VIEW, Indices, RouteMap, lane_pose, stop_ahead
-from sumo_mcts.scene import GREEN, STANDING, YELLOW, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
+from sumo_mcts.scene import GREEN, YELLOW, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
 BACK = UPSTREAM_VIEW  # m of the route behind the ego where followers are seen: as far as on the lanes that lead into it
 VIEW = 400.0  # m of the route ahead that a search may see
@@ -27,6 +27,7 @@ SIDEWAYS = 1.2  # m/s with which a vehicle moves to the centre line: a lane in 3
 TURNED = 0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
 FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
 MOST_FOLLOWERS = 63  # bits of a mask
+CRAWLS = 1.0  # m/s below which people may take the ego for one that stops for them
 CHAIN = 250.0  # m beyond its end over which one lane is followed into the next
 
 
@@ -60,7 +61,7 @@ X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
 # Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass;
 # its row among those that the search moves (model/react.py), -1: the table has it; the node of the lane beside into which its box reaches
 # while it changes lanes (-1: none), and the last forecast time at which it does; its bit among the followers, -1: it is too far away to be one; and 1
-# where it is on foot and walks round the ego, which stands.
+# where it is on foot and walks round the ego, which crawls at most, once it stands.
 HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, GOES_ROUND = range(9)
 # Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, what the agent drives until it enters the stretch (m), and 1 where
 # both lead into the same lane.
@@ -253,7 +254,7 @@ def _reaching_in(road: RoadMap, agents: Agents, lane: Ints, half_width: Floats, 
 
 def _goes_round(agents: Agents, count: int, state: State) -> Bools:
     """Trait GOES_ROUND of the `count` agents of a forecast, which are those of the scene, or nobody in it (evaluation/inevitable.py)."""
-    return agents.person if agents.ids and state.v < STANDING else np.zeros(count, np.bool_)
+    return agents.person if agents.ids and state.v < CRAWLS else np.zeros(count, np.bool_)
 
 
 def _reach(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) -> Floats:
