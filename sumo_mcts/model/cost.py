@@ -198,7 +198,7 @@ def _headway(c: CostParams, gap: float, v: float) -> float:
     return c.headway * missing * missing
 
 
-@kernel
+@inlined
 def _touch(local: Local, state: State, box: Box, other: Box, v: float, at: int, i: int) -> bool:
     """Whether the ego's box touches that of agent i, who drives at v and is where it was to be at forecast time `at`."""
     close = box.half_length + other.half_length + box.half_width + other.half_width + 0.5 * (state.v + v) * local.dt
@@ -351,7 +351,7 @@ def _late(local: Local, c: CostParams, state: State, box: Box, now: int, i: int)
     return c.claim * 0.5
 
 
-@kernel
+@inlined
 def _touches(local: Local, box: Box, at: int, i: int) -> bool:
     """Whether the ego's box, where it is now, meets that of agent i at forecast time `at`."""
     length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
