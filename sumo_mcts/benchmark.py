@@ -47,7 +47,7 @@ loop.start()
 warm_up(scene, loop.world.road, loop.world.physics)
 driver = Driver(scene, loop.world.road, loop.world.physics, streams(0).search)
 loop.apply({ego: driver.decide(known).decision for ego, known in loop.scenes().items()})
-loop.finish()
+loop.close()
 """
 
 
@@ -98,7 +98,7 @@ def _quantiles(quantity: str, times: Sequence[float], limits: tuple[float | None
 
 def _starts(share: float) -> list[Row]:
     """--help, warm start, and with an empty cache the first compilation. The warm start comes last: it finds what was compiled."""
-    rows = [_row(Budget("--help", "s", 0.5), _fastest(["-m", "sumo_mcts.cli", "--help"], 3))]
+    rows = [_row(Budget("--help", "s", 0.5), _fastest(["-m", "sumo_mcts", "--help"], 3))]
     if share >= 1.0:
         with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as empty:
             rows.append(_row(Budget("first compilation", "s", 30.0), _seconds(["-c", FIRST_DECISION], {"XDG_CACHE_HOME": empty})))

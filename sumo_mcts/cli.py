@@ -1,18 +1,21 @@
 """The front door: commands, no logic. Heavy imports wait until a command needs them, so that --help is quick."""
 
-import _thread
 import datetime
 import json
 import math
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
+
+from sumo_mcts import ending
+from sumo_mcts.ending import FAILED, INVALID, OK
+from sumo_mcts.errors import ConfigError
+from sumo_mcts.supervisor import results_are_out, supervised
 
 if TYPE_CHECKING:
     from sumo_mcts.experiments.batch import Progress
@@ -21,8 +24,6 @@ app = typer.Typer(
     add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
     help="Monte-Carlo tree search drives an ego vehicle through SUMO traffic.",
 )  # fmt: skip
-
-OK, FAILED, INVALID, INTERRUPTED = 0, 1, 2, 130
 
 Scenario = Annotated[str, typer.Argument(help="A built-in name, a scenario .yaml, or any .sumocfg with --ego.")]
 Until = Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")]  # noqa: UP045
@@ -57,7 +58,7 @@ def run(
               "planner.enforce_deadline": enforce_deadline or None,
               "episode.time_limit_s": time_limit, "episode.stop_time_s": time_limit}  # fmt: skip
     overrides = (*(assign or ()), *(f"{key}={value}" for key, value in chosen.items() if value is not None))
-    with _plain_errors():
+    with ending.told(typer.Exit):
         from sumo_mcts import commands
 
         say = _Voice(quiet=quiet or as_json)
@@ -67,21 +68,24 @@ def run(
         if scenario.endswith(".sumocfg") and not ego:
             _list_candidates(scenario, seed, _sumo_options(context), as_json, say)
             return
-        with say.progress("starting SUMO") as note:
-            config = commands.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, _sumo_options(context), allow_plugins=allow_plugins)
-            result = commands.run(config, scenario, seed, gui, _sumo_options(context), note)
-        if out is not None:
-            with say.progress("drawing") as note:
-                written = commands.write(result, out, sys.argv[1:], note)
-        if as_json:
-            typer.echo(json.dumps(commands.document(result), allow_nan=False))
-        elif not quiet:
-            typer.echo(commands.summary(result))
+        with ExitStack() as stack:
+            with say.progress("starting SUMO") as note:
+                config = commands.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, _sumo_options(context), allow_plugins=allow_plugins)
+                result = stack.enter_context(commands.run(config, scenario, seed, gui, _sumo_options(context), note))
             if out is not None:
-                typer.echo("\n".join(f"  {path}" for path in written))
-    failures = commands.failures(result)
-    for failure in failures:
-        typer.echo(f"error: {failure}", err=True)
+                with say.progress("drawing") as note:
+                    written = commands.write(result, out, sys.argv[1:], note)
+            if as_json:
+                typer.echo(json.dumps(commands.document(result), allow_nan=False))
+            elif not quiet:
+                typer.echo(commands.summary(result))
+                if out is not None:
+                    typer.echo("\n".join(f"  {path}" for path in written))
+            failures = commands.failures(result)
+            for failure in failures:
+                ending.tell(f"error: {failure}")
+            if gui:
+                results_are_out(FAILED if failures else OK)
     if failures:
         raise typer.Exit(FAILED)
 
@@ -101,7 +105,7 @@ def forecast(
 ) -> None:
     """Measure every forecast, oracles too, against what then happened. Options after -- go to SUMO."""
     overrides = (*(assign or ()), *([f"planner.name={planner}"] if planner is not None else []))
-    with _plain_errors():
+    with ending.told(typer.Exit):
         from sumo_mcts import commands
 
         with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
@@ -109,7 +113,7 @@ def forecast(
             result = commands.forecasts(scenario, tuple(ego or ()), ego_until, overrides, seeds, options, note, allow_plugins=allow_plugins)
     typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.forecast_table(result))
     for problem in result["problems"]:
-        typer.echo(f"error: {problem}", err=True)
+        ending.tell(f"error: {problem}")
     if result["problems"]:
         raise typer.Exit(FAILED)
 
@@ -133,7 +137,7 @@ def regret(
     quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of the progress.")] = False,
 ) -> None:
     """Measure how near planners come to the optimum of a reference problem, in states from episodes driven by planner mcts."""
-    with _plain_errors():
+    with ending.told(typer.Exit):
         from sumo_mcts import commands
         from sumo_mcts.regret import Asked
 
@@ -146,7 +150,7 @@ def regret(
             result = commands.regret(tuple(scenarios or ()), egos, ego_until, tuple(assign or ()), plan, out, note, allow_plugins=allow_plugins)
     typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.regret_table(result))
     for problem in result["problems"]:
-        typer.echo(f"error: {problem}", err=True)
+        ending.tell(f"error: {problem}")
     if result["problems"]:
         raise typer.Exit(FAILED)
 
@@ -168,7 +172,7 @@ def render(
     quiet: Silent = False,
 ) -> None:
     """Draw a recorded episode from above."""
-    with _plain_errors():
+    with ending.told(typer.Exit):
         from sumo_mcts import recorded
 
         _write_recorded(folder, episode, recorded.format_of(form, out, recorded.PICTURES), out, quiet)
@@ -183,7 +187,7 @@ def export(
     quiet: Silent = False,
 ) -> None:
     """Write a recorded episode for other programs: every vehicle in every decision period, as the planner saw them."""
-    with _plain_errors():
+    with ending.told(typer.Exit):
         from sumo_mcts import recorded
 
         _write_recorded(folder, episode, recorded.format_of(form, out, recorded.TABLES), out, quiet)
@@ -200,7 +204,7 @@ def explain(
     as_json: AsJson = False,
 ) -> None:
     """Tell why the ego did what it did at a moment of a recorded episode."""
-    with _plain_errors():
+    with ending.told(typer.Exit):
         from sumo_mcts import recorded
         from sumo_mcts.records import json_text
 
@@ -253,28 +257,22 @@ def batch(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Drive an experiment: scenarios x variants x seeds. Goes on where it was interrupted."""
-    with _plain_errors():
+    with ending.told(typer.Exit):
         from sumo_mcts import commands
-        from sumo_mcts.config import ConfigError
-        from sumo_mcts.experiments.batch import BatchError
 
-        try:
-            if dry_run:
-                typer.echo(commands.batch_listing(experiment, out, shard, fresh, allow_plugins))
-                return
-            if out is None:
-                raise ConfigError("batch: --out: a folder for rows and traces has to be given")
-            commands.check_folder(out)
-            with _BatchVoice(quiet) as voice:
-                rows = commands.batch(experiment, out, jobs, scheduler, shard, fresh, allow_plugins, sys.argv[1:], voice.tell)
-        except BatchError as error:
-            typer.echo(f"error: {error}", err=True)
-            raise typer.Exit(FAILED) from None
+        if dry_run:
+            typer.echo(commands.batch_listing(experiment, out, shard, fresh, allow_plugins))
+            return
+        if out is None:
+            raise ConfigError("batch: --out: a folder for rows and traces has to be given")
+        commands.check_folder(out)
+        with _BatchVoice(quiet) as voice:
+            rows = commands.batch(experiment, out, jobs, scheduler, shard, fresh, allow_plugins, sys.argv[1:], voice.tell)
     failed = [row for row in rows if row["outcome"] == "error"]
     if not quiet:
         typer.echo(f"{commands.batch_summary(rows)}\n{out}: {len(rows)} rows")
     if failed:
-        typer.echo(f"error: {len(failed)} of {len(rows)} rows have outcome error, the first: {failed[0]['key']}: {failed[0]['error']}", err=True)
+        ending.tell(f"error: {len(failed)} of {len(rows)} rows have outcome error, the first: {failed[0]['key']}: {failed[0]['error']}")
         raise typer.Exit(FAILED)
 
 
@@ -324,7 +322,7 @@ AsList = Annotated[bool, typer.Option("--json", help="A list of {name, descripti
 @app.command()
 def scenarios(as_json: AsList = False) -> None:
     """The built-in scenarios."""
-    with _plain_errors():
+    with ending.told(typer.Exit):
         from sumo_mcts import commands
 
         _tell_built_in(commands.scenarios(), as_json)
@@ -333,7 +331,7 @@ def scenarios(as_json: AsList = False) -> None:
 @app.command()
 def experiments(as_json: AsList = False) -> None:
     """The built-in experiments, for `batch`."""
-    with _plain_errors():
+    with ending.told(typer.Exit):
         from sumo_mcts import commands
 
         _tell_built_in(commands.experiments(), as_json)
@@ -355,7 +353,7 @@ def report(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Tables and one page with figures and replays, over the episodes of output folders."""
-    with _plain_errors():
+    with ending.told(typer.Exit):
         from sumo_mcts import commands
 
         if out is not None:
@@ -397,7 +395,7 @@ def bench(
     quick: Annotated[bool, typer.Option("--quick", help="A tenth of the repetitions.")] = False,
 ) -> None:
     """Measure the budgets of docs/measures.md on this machine."""
-    with _plain_errors():
+    with ending.told(typer.Exit):
         from sumo_mcts import benchmark
 
         with _Voice(quiet=as_json).progress("measuring") as note:
@@ -414,51 +412,29 @@ def _bench_line(quantity: str, value: float, unit: str, budget: float | None, ok
 
 
 def main() -> None:
-    """Entry point of the command."""
-    interrupted = False
+    """Run the command line in this process."""
+    sys.exit(status())
 
-    def interrupt(*_: object) -> None:
-        nonlocal interrupted
-        interrupted = True
-        raise KeyboardInterrupt
 
-    signal.signal(signal.SIGINT, interrupt)
-    sys.unraisablehook = _interrupt_again
+def status() -> int:
+    """Run the command line in this process; its exit status."""
+    return ending.ended(_command_line)
+
+
+def _command_line() -> object:
+    """Run the command line; typer's own errors become one line."""
     try:
-        status = app(standalone_mode=False)
-    except (Exception, KeyboardInterrupt) as error:
-        if not interrupted:
-            status = _usage_status(error)
-    if interrupted:  # whatever numba made of it half-way through a compilation
-        status = INTERRUPTED
-        typer.echo("interrupted", err=True)
-    sys.exit(status)
-
-
-def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
-    """An interrupt that came in a finalizer or a callback from compiled code ends nothing: another one follows, once that is over."""
-
-    def later() -> None:
-        time.sleep(0.02)
-        _thread.interrupt_main()
-
-    if unraisable.exc_type is KeyboardInterrupt:
-        _thread.start_new_thread(later, ())
-    else:
-        sys.__unraisablehook__(unraisable)
-
-
-def _usage_status(error: BaseException) -> int:
-    """Wrong usage in one line. Whatever else happened goes on: it is a bug, and its traceback is wanted."""
-    message = getattr(error, "format_message", None)  # typer's exceptions are click's, or its own, by version
-    if message is None:
-        raise error
-    if not sys.argv[1:]:
-        typer.echo(message(), err=True)  # the help
-    else:
+        return app(standalone_mode=False)
+    except Exception as error:
+        message = getattr(error, "format_message", None)  # typer's exceptions are click's, or its own, by version
+        if message is None:
+            raise
         context = getattr(error, "ctx", None)
-        typer.echo(f"error: {' '.join(message().split()).rstrip('.')}; see {context.command_path if context else 'sumo-mcts'} --help", err=True)
-    return INVALID
+        command = context.command_path if context else "sumo-mcts"
+        if not sys.argv[1:]:
+            typer.echo(message(), err=True)  # the help
+            return INVALID
+        raise ConfigError(f"{' '.join(message().split()).rstrip('.')}; see {command} --help") from None
 
 
 def _sumo_options(context: typer.Context) -> tuple[str, ...]:
@@ -481,21 +457,6 @@ def _list_candidates(scenario: str, seed: int | None, sumo_options: tuple[str, .
         typer.echo(f"  {c.id:30s} {c.vclass:12s} departs {c.depart_s:9.1f} s  {c.edges:4d} edges {c.length_m:8.0f} m  {c.why_not}")
     if len(found) == commands.LISTED:
         typer.echo("  (the first that depart; --ego takes any other id too)")
-
-
-@contextmanager
-def _plain_errors() -> Iterator[None]:
-    """Wrong input ends in one line and status 2."""
-    from sumo_mcts.config import ConfigError
-
-    try:
-        yield
-    except ConfigError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(INVALID) from None
-    except OSError as error:
-        typer.echo(f"error: {error.filename or ''}: {error.strerror or error}", err=True)
-        raise typer.Exit(INVALID) from None
 
 
 class _Voice:
@@ -531,4 +492,4 @@ def _nothing(text: str) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(supervised(status))

@@ -4,7 +4,7 @@ import tempfile
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -15,7 +15,7 @@ import yaml
 from sumo_mcts import assets, config, records
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.driver import cost_params, make_planner, make_predictor
-from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.episode import EpisodeResult, open_episode
 from sumo_mcts.experiments import folder as batch_folder
 from sumo_mcts.experiments import workers
 from sumo_mcts.experiments.batch import SHARDS, Progress, built_in, listed, run_batch
@@ -85,12 +85,15 @@ def list_candidates(sumocfg: str, seed: int | None, sumo_options: Sequence[str])
     return sorted(found, key=lambda c: not c.suitable)[:LISTED]
 
 
-def run(scenario: ScenarioConfig, origin: str, seed: int | None, gui: bool, sumo_options: Sequence[str], note: Note) -> EpisodeResult:
-    """One episode; the default seed is 0, but a .sumocfg keeps its own. `origin` stands in error messages. Raises ConfigError."""
+@contextmanager
+def run(scenario: ScenarioConfig, origin: str, seed: int | None, gui: bool, sumo_options: Sequence[str], note: Note) -> Iterator[EpisodeResult]:
+    """One episode, while SUMO is still there; the default seed is 0, but a .sumocfg keeps its own. `origin` stands in error messages. Raises ConfigError."""
     if seed is None and scenario.sumo.sumocfg is None:
         seed = 0
-    with _named(origin, scenario.sumo.sumocfg):
-        return run_episode(scenario, seed, gui=gui, sumo_options=sumo_options, progress=note)
+    with ExitStack() as stack:
+        with _named(origin, scenario.sumo.sumocfg):
+            result = stack.enter_context(open_episode(scenario, seed, gui=gui, sumo_options=sumo_options, progress=note))
+        yield result
 
 
 def forecasts(

@@ -12,6 +12,8 @@ from typing import Annotated, Any, Literal, SupportsIndex
 import yaml
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema, field_validator, model_validator
 
+from sumo_mcts.errors import ConfigError as ConfigError  # noqa: PLC0414  # for those who look for it here
+
 SCHEMA_VERSION = 1
 CROWD_ID = "crowd_"
 
@@ -29,10 +31,6 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Part = Annotated[float, Field(ge=0, le=1000)]
 CrowdSize = Annotated[int, Field(ge=0, le=500)]
-
-
-class ConfigError(Exception):
-    """Wrong input, in one line that names the file, the key and what is allowed."""
 
 
 def _or_plugin(builtin: tuple[str, ...], group: str) -> tuple[AfterValidator, WithJsonSchema]:

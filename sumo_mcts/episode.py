@@ -69,6 +69,24 @@ def run_episode(
     `variant` is what rows and keys call it; default planner-prediction-effort. `measured`: egos of later episodes in this process, since SUMO measures
     TTC, DRAC and PET of nobody who was not named when it was first started; of others they are None.
     """
+    episode = open_episode(config, seed, gui=gui, sumo_options=sumo_options, progress=progress, variant=variant, watch=watch, measured=measured)
+    with episode as result:
+        return result
+
+
+@contextlib.contextmanager
+def open_episode(
+    config: ScenarioConfig,
+    seed: int | None = None,
+    *,
+    gui: bool = False,
+    sumo_options: Sequence[str] = (),
+    progress: Progress | None = None,
+    variant: str | None = None,
+    watch: Watch | None = None,
+    measured: Sequence[str] = (),
+) -> Iterator[EpisodeResult]:
+    """The same, while SUMO is still there: it is closed at the end of the context, for which a window may take its time."""
     require_scenario("run_episode", config)
     seed = None if seed is None else whole("seed", seed, 0)
     began = time.perf_counter()
@@ -89,14 +107,13 @@ def run_episode(
             loop.apply(decisions)
             if progress is not None:
                 progress(_news(scenes))
+        name, wall = variant or default_variant(config), time.perf_counter() - began
+        full = [completed(row, config, seed, name, recorders[row["ego"]], loop.world.period, wall) for row in loop.rows()]
+        road, setting = loop.world.road, _setting(config, seed, loop)
+        traces = [recorders[row["ego"]].trace(row["key"], config.name, row["outcome"], road, setting) for row in full]
+        yield EpisodeResult(tuple(full), tuple(trace for trace in traces if trace is not None), _manifest(config, seed, loop), road)
     finally:
-        rows = loop.finish()
-    name = variant or default_variant(config)
-    wall = time.perf_counter() - began
-    full = [completed(row, config, seed, name, recorders[row["ego"]], loop.world.period, wall) for row in rows]
-    road, setting = loop.world.road, _setting(config, seed, loop)
-    traces = [recorders[row["ego"]].trace(row["key"], config.name, row["outcome"], road, setting) for row in full]
-    return EpisodeResult(tuple(full), tuple(trace for trace in traces if trace is not None), _manifest(config, seed, loop), road)
+        loop.close()
 
 
 def _searches(config: ScenarioConfig) -> bool:
@@ -221,13 +238,16 @@ class Loop:
         """End an ego's episode with outcome `error`."""
         self._fail(next(ego for ego in self._egos if ego.id == vehicle), message)
 
-    def finish(self) -> tuple[Row, ...]:
-        """Close SUMO; one row an ego, as far as states tell."""
+    def rows(self) -> tuple[Row, ...]:
+        """One row an ego, as far as states tell."""
+        return tuple(ego.row() for ego in self._egos)
+
+    def close(self) -> None:
+        """Close SUMO."""
         if self._simulation is not None:
             self._simulation.close()
             self._simulation = None
         self._folder.cleanup()
-        return tuple(ego.row() for ego in self._egos)
 
     @property
     def oracles(self) -> Oracles:

@@ -152,7 +152,7 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
     def close(self) -> None:
         """End the episode and SUMO."""
         if self._loop is not None:
-            self._loop.finish()
+            self._loop.close()
             self._loop = None
         if DriveEnv._at_the_wheel is self:
             DriveEnv._at_the_wheel = None
@@ -200,7 +200,7 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
     def _end(self, loop: Loop) -> Row:
         """Close SUMO; the whole row."""
         period = loop.world.period
-        (row,) = loop.finish()
+        (row,) = loop.rows()
         self.close()
         whole = completed(row, self._config, self._seed, NAME, self._recorder, period, time.perf_counter() - self._began)
         return {**whole, "planner": NAME}

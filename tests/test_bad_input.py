@@ -279,7 +279,7 @@ def test_any_ego(command: Command) -> None:
 
 
 def start(*words: str, **environment: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "sumo_mcts.cli", *words]
+    command = [sys.executable, "-m", "sumo_mcts", *words]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, **environment})
 
 

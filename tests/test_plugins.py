@@ -67,7 +67,7 @@ def python(folder: Path, *words: str, status: int = 0) -> str:
 
 
 def episode(folder: Path, *words: str) -> dict[str, Any]:
-    (row,) = json.loads(python(folder, "-m", "sumo_mcts.cli", "run", *words, "--json"))["episodes"]
+    (row,) = json.loads(python(folder, "-m", "sumo_mcts", "run", *words, "--json"))["episodes"]
     return dict(row)
 
 
@@ -87,7 +87,7 @@ def test_the_worked_example_drives(examples: Path) -> None:
     by_code = ("--planner", "courteous.planner:Steady", "--prediction", "courteous.predictor:Lively", "--set", "cost.term=courteous.cost:keep_right")
     same = episode(examples, "scene.yaml", *by_code, "--set", "traffic.vary=0", "--allow-plugins")
     assert same["trace_digest"] == row["trace_digest"]
-    assert "runs only with --allow-plugins" in python(examples, "-m", "sumo_mcts.cli", "run", "scene.yaml", *by_code, status=2)
+    assert "runs only with --allow-plugins" in python(examples, "-m", "sumo_mcts", "run", "scene.yaml", *by_code, status=2)
 
 
 @pytest.mark.slow

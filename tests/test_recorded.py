@@ -120,7 +120,7 @@ def test_the_pictures_are_pictures_of_the_episode(without_sumo: tuple[Path, str]
 
 
 def test_plain_python_takes_the_identical_decision(recorded: Path) -> None:
-    words = [sys.executable, "-m", "sumo_mcts.cli", "explain", recorded, "--at", "6", "--replan"]
+    words = [sys.executable, "-m", "sumo_mcts", "explain", recorded, "--at", "6", "--replan"]
     done = subprocess.run(words, capture_output=True, text=True, check=True, env={**os.environ, "NUMBA_DISABLE_JIT": "1"})
     assert done.stdout.endswith("taken again with the same settings: the identical decision\n")
 

@@ -344,7 +344,7 @@ def test_the_lanes_of_sumo_are_found_again() -> None:
             assert np.abs(truth.d[~same]) == pytest.approx(np.full((~same).sum(), 1.6), abs=0.2)  # half-way through a change
             compared += len(same)
             loop.apply({"ego": driver.decide(scenes["ego"]).decision})
-        loop.finish()
+        loop.close()
         assert compared > 100
 
 
@@ -363,7 +363,7 @@ def test_the_referee_is_told_the_truth() -> None:
         assert true == pytest.approx({name: vehicles.getPosition(name)[0] - half[name] for name in true}, abs=1e-9)
         assert scene.ego == frame.ego
     finally:
-        loop.finish()
+        loop.close()
 
 
 def test_an_episode_with_noise_and_its_digest() -> None:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from sumo_mcts import assets, plugins, records
 from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names, whole
+from sumo_mcts.errors import FailedError, of_machine
 from sumo_mcts.experiments import drive, folder, workers
 from sumo_mcts.experiments.drive import Driven
 from sumo_mcts.experiments.experiment import Episode, Plan, all_egos, episodes, load, shard, with_ego
@@ -28,7 +29,7 @@ NEWS_S = 0.5  # between two words about the progress
 _T = TypeVar("_T")
 
 
-class BatchError(Exception):
+class BatchError(FailedError):
     """A batch that could not go on: what is done is kept, and the same command goes on. One line."""
 
 
@@ -187,7 +188,7 @@ class _Batch:
         except BaseException as error:  # a worker answers whatever happens to an episode: this is about the workers
             if isinstance(error, KeyboardInterrupt | SystemExit):
                 raise
-            if drive.of_machine(error):
+            if of_machine(error):
                 raise _exhausted(f"episode {episode.keys[0]}", error) from None
             raise _lost(error) from None
         _kept(self._out, lambda: self._keep(driven))

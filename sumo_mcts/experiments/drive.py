@@ -1,6 +1,5 @@
 """What a worker of a batch does: look whether a scenario can start, choose egos in a network, drive an episode."""
 
-import errno
 import math
 import sys
 import tempfile
@@ -14,6 +13,7 @@ from sumo_mcts import records
 from sumo_mcts.config import ConfigError, ScenarioConfig, digest
 from sumo_mcts.driver import Driver, forecast_label, warm_up
 from sumo_mcts.episode import Loop, check_edges, run_episode
+from sumo_mcts.errors import of_machine
 from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode
 from sumo_mcts.experiments.worth import Bar, is_worth
 from sumo_mcts.records import Row
@@ -24,9 +24,6 @@ from sumo_mcts.world.roadmap import known_roadmap
 
 AMONG = 4  # egos are drawn from the first suitable vehicles: so many times as many, and
 AMONG_LEAST = 100  # no fewer than these
-
-# The disk, the quota, open files, the memory: whatever meets one of these tells nothing about its episode, and the next one would meet it too.
-_EXHAUSTED = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO})
 
 
 class Driven(NamedTuple):
@@ -76,11 +73,6 @@ def _prediction(config: ScenarioConfig) -> str | None:
         return None
 
 
-def of_machine(error: BaseException) -> bool:
-    """Whether an error is about the machine, so that an episode says nothing by it."""
-    return isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in _EXHAUSTED)
-
-
 def rehearse(config: ScenarioConfig, seed: int | None, decide: bool = True, measured: Sequence[str] = ()) -> str:
     """Start a scenario, up to the first decision where that is soon, and `decide` once, so that the search is compiled. Returns what is wrong with the input,
     "" if nothing. Raises as `drive` does."""
@@ -97,7 +89,7 @@ def rehearse(config: ScenarioConfig, seed: int | None, decide: bool = True, meas
             raise
         return " ".join((str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}").split())
     finally:
-        loop.finish()
+        loop.close()
     return ""
 
 

@@ -7,19 +7,26 @@ import math
 import os
 import re
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from sumo_mcts.config import ConfigError
+from sumo_mcts.supervisor import doing
 
 # What each shared library that libsumo asks for is called in Debian and Ubuntu.
 _PACKAGES = {"libGL.so": "libgl1", "libX11.so": "libx11-6", "libXext.so": "libxext6", "libXrender.so": "libxrender1", "libatomic.so": "libatomic1"}
 
 _QUIET = {"verbose": "false", "no-step-log": "true", "duration-log.disable": "true", "no-warnings": "true"}
-_WINDOW = {"start": "true", "quit-on-end": "true", "delay": "60", "window-size": "1200,800"}
+_WINDOW = {"start": "true", "quit-on-end": "true", "window-size": "1200,800"}
+WINDOW_DELAY_MS = 250.0  # for each simulated second, as SUMO's option `delay` means it: four times real time
+
+WINDOW_DELAY_MOST_MS = 60_000.0
+WAKING_STEPS = 3
 
 _GZIP = b"\x1f\x8b"  # how a packed file begins
 TYPES_WITHIN = 1 << 24  # bytes of a file in which types of vehicles are looked for
@@ -55,17 +62,23 @@ class Simulation:
 
     def __init__(self, arguments: Sequence[str], *, gui: bool = False) -> None:
         """`arguments` as on SUMO's command line, without the program's name. Raises ConfigError with SUMO's own message."""
-        self._libsumo = import_libsumo()
+        self._libsumo, self._gui = import_libsumo(), gui
         self._log = _temporary_file()
+        # With a delay of its own SUMO's window never closes (seen with 10 ms and more, SUMO 1.28): we wait in its place.
+        arguments, delay_ms = delay_taken_out(arguments) if gui else (list(arguments), 0.0)
+        self._pace = _Pace(delay_ms / 1000.0)
         given = option_names(arguments)
-        own = {"error-log": str(self._log), **_QUIET, **(_WINDOW if gui else {})}
+        own = {"error-log": str(self._log), **_QUIET, **({**_WINDOW, "delay": "0"} if gui else {})}
         further = [part for name, value in own.items() if name not in given for part in (f"--{name}", value)]
+        source = _source(arguments)
+        doing(f"SUMO, reading {source},")
         try:
             with _display_open() if gui else contextlib.nullcontext(), _muted(self._log):
                 self._start(["sumo-gui" if gui else "sumo", *arguments, *further])
         except ConfigError:
             self._log.unlink(missing_ok=True)
             raise
+        doing(f"the simulation of {source}")
 
     def _start(self, command: list[str]) -> None:
         try:
@@ -82,6 +95,7 @@ class Simulation:
 
     def step(self) -> None:
         """One step. Raises SimulationError with SUMO's own message."""
+        self._pace.wait(self.time)
         try:
             self._libsumo.simulationStep()
         except Exception as error:  # libsumo.FatalTraCIError does not derive from TraCIException
@@ -110,8 +124,17 @@ class Simulation:
     def close(self) -> None:
         """End the simulation; its output files are complete afterwards."""
         with _muted():
+            if self._gui:
+                self._wake_window()
             self._libsumo.close()
         self._log.unlink(missing_ok=True)
+        doing("")
+
+    def _wake_window(self) -> None:
+        """Steps right before the closing, through which the window's thread would sleep otherwise (SUMO 1.28): it waits for the thread for ever."""
+        with contextlib.suppress(Exception):  # libsumo's exceptions share no base
+            for _ in range(WAKING_STEPS):
+                self._libsumo.simulationStep()
 
     def _reason(self, error: Exception) -> str:
         """Why SUMO failed, in one line: the exception often says no more than `Process Error`."""
@@ -121,6 +144,44 @@ class Simulation:
             text = ""
         first = text[text.find("Error: ") :].removeprefix("Error: ") if "Error: " in text else str(error)
         return " ".join(_END_OF_ERROR.split(first)[0].split())
+
+
+class _Pace:
+    """Keeps a simulation from running faster than a person can watch."""
+
+    def __init__(self, per_second: float) -> None:
+        """`per_second`: wall time for each simulated second, s; 0: as fast as it goes."""
+        self._per_second = per_second
+        self._simulated = self._wall = math.nan  # at the step before, s
+
+    def wait(self, simulated: float) -> None:
+        """Wait until the step that begins at this simulation time (s) is due."""
+        if self._per_second <= 0.0:
+            return
+        if not math.isnan(self._wall):
+            time.sleep(max(0.0, self._wall + (simulated - self._simulated) * self._per_second - time.monotonic()))
+        self._simulated, self._wall = simulated, time.monotonic()
+
+
+def delay_taken_out(arguments: Sequence[str]) -> tuple[list[str], float]:
+    """SUMO's arguments without its option `delay`, and the delay in ms for each simulated second. Raises ConfigError."""
+    left, given = [], str(WINDOW_DELAY_MS)
+    words = iter(arguments)
+    for word in words:
+        name, assigned, value = word.lstrip("-").partition("=")
+        if word.startswith("-") and not _is_number(word) and full_name(name) == "delay":
+            given = value if assigned else next(words, "")
+        else:
+            left.append(word)
+    if not _is_number(given) or not 0.0 <= float(given) <= WINDOW_DELAY_MOST_MS:
+        raise ConfigError(f"delay: milliseconds for each simulated second, from 0 to {WINDOW_DELAY_MOST_MS:g}, got {given!r}")
+    return left, float(given)
+
+
+def _source(arguments: Sequence[str]) -> str:
+    """The file that SUMO's arguments name first: the configuration, or the network."""
+    named = dict(pairwise(arguments))
+    return named.get("--configuration-file") or named.get("--net-file") or "its files"
 
 
 def _temporary_file() -> Path:

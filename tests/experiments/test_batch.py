@@ -51,7 +51,7 @@ def on_disk(out: Path) -> list[dict[str, Any]]:
 
 def start(experiment: Path, out: Path, jobs: int, **more: Any) -> subprocess.Popen[str]:
     """The command in a group of processes of its own, with its temporary files beside the experiment."""
-    words = [sys.executable, "-m", "sumo_mcts.cli", "batch", str(experiment), "--out", str(out), "--jobs", str(jobs)]
+    words = [sys.executable, "-m", "sumo_mcts", "batch", str(experiment), "--out", str(out), "--jobs", str(jobs)]
     environment = {**os.environ, "TMPDIR": str(experiment.parent)}
     return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment, **more)
 
@@ -532,7 +532,7 @@ for ego in ("ego", "other"):
     loop.start()
     loop.scenes()
     print(libsumo.vehicle.getParameter(ego, "has.ssm.device"))
-    loop.finish()
+    loop.close()
 """
 
 

@@ -79,7 +79,7 @@ def test_a_lost_scheduler_is_told_in_one_line(tmp_path: Path) -> None:
 
         with Client(address, timeout=30) as client:
             client.wait_for_workers(1, timeout=30)
-        words = [sys.executable, "-m", "sumo_mcts.cli", "batch", str(many), "--out", str(out), "--scheduler", address]
+        words = [sys.executable, "-m", "sumo_mcts", "batch", str(many), "--out", str(out), "--scheduler", address]
         batch = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
         until = time.monotonic() + 60.0
         while len(read_rows(out)) < 2 and time.monotonic() < until:

@@ -91,7 +91,7 @@ def test_a_copy_tells_what_sumo_then_does(name: str, begin: int, side: int, step
                     moved = max(moved, float(np.hypot(*(copy.pose[at, :2] - copy.pose[0, :2]))))
         assert k > 5 and moved > 20.0
     finally:
-        loop.finish()
+        loop.close()
 
 
 def test_it_depends_on_what_the_ego_does() -> None:
@@ -107,7 +107,7 @@ def test_it_depends_on_what_the_ego_does() -> None:
         stopping = loop.copied(scene, Follow(np.zeros(50), 0), 0.2, 26)
         assert max(float(np.abs(going[i].v - stopping[i].v).max()) for i in going) > 2.0
     finally:
-        loop.finish()
+        loop.close()
 
 
 def test_states_between_steps_lie_on_a_line_and_end_with_the_vehicle() -> None:

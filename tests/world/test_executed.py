@@ -234,7 +234,8 @@ def test_a_way_out_is_one_in_sumo(name: str, seed: int) -> None:
         ego, (x, y, c, n) = scenes["ego"].ego, pose_of(local, p, state)
         assert math.dist((ego.x, ego.y), (x, y)) < 0.12, k  # whoever stands goes sideways a little slower in SUMO
         assert abs(math.remainder(ego.heading - math.atan2(n, c), 2.0 * math.pi)) < 0.04, k
-    assert loop.finish()[0]["outcome"] in (None, "arrived")
+    loop.close()
+    assert loop.rows()[0]["outcome"] in (None, "arrived")
 
 
 @pytest.mark.parametrize(("types", "expected"), [('<vType id="t"/>', False), ('<vType id="t" actionStepLength="1.0"/>', True)])

@@ -79,7 +79,7 @@ def test_runs_and_shows_the_plan(display: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("display_name", [None, ":4711"])
 def test_no_display_is_one_line(display_name: str | None, tmp_path: Path) -> None:
     began = time.monotonic()
-    result = run(["-m", "sumo_mcts.cli", "run", "highway-exit", "--gui", "--quiet", "--out", str(tmp_path / "out")], display_name)
+    result = run(["-m", "sumo_mcts", "run", "highway-exit", "--gui", "--quiet", "--out", str(tmp_path / "out")], display_name)
     assert result.returncode == 2
     assert result.stdout == ""
     assert len(result.stderr.splitlines()) == 1

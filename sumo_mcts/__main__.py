@@ -1,0 +1,20 @@
+"""Entry point of the command `sumo-mcts`, and of `python -m sumo_mcts`."""
+
+import sys
+
+from sumo_mcts.supervisor import supervised
+
+
+def _command() -> int:
+    from sumo_mcts.cli import status  # noqa: PLC0415  # takes a while: the supervisor answers signals meanwhile
+
+    return status()
+
+
+def main() -> None:
+    """Run the command line in a supervised process."""
+    sys.exit(supervised(_command))
+
+
+if __name__ == "__main__":
+    main()
