@@ -252,6 +252,7 @@ def batch(
     scheduler: Annotated[Optional[str], typer.Option(metavar="tcp://...", help="Drive on the workers of this dask.distributed scheduler.")] = None,  # noqa: UP045
     shard: Annotated[str, typer.Option(metavar="I/N", help="Drive only this part of N; a folder of its own for each.")] = "1/1",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would be driven, and what is done already.")] = False,
+    episode_timeout: Annotated[float, typer.Option(metavar="S", help="An episode that takes longer (wall time) is ended, with outcome error.")] = 3600.0,
     fresh: Annotated[bool, typer.Option("--fresh", help="Remove what an earlier batch left in the folder.")] = False,
     allow_plugins: AllowPlugins = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
@@ -267,7 +268,7 @@ def batch(
             raise ConfigError("batch: --out: a folder for rows and traces has to be given")
         commands.check_folder(out)
         with _BatchVoice(quiet) as voice:
-            rows = commands.batch(experiment, out, jobs, scheduler, shard, fresh, allow_plugins, sys.argv[1:], voice.tell)
+            rows = commands.batch(experiment, out, jobs, scheduler, shard, fresh, allow_plugins, episode_timeout, sys.argv[1:], voice.tell)
     failed = [row for row in rows if row["outcome"] == "error"]
     if not quiet:
         typer.echo(f"{commands.batch_summary(rows)}\n{out}: {len(rows)} rows")

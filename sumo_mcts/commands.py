@@ -295,13 +295,15 @@ def batch(
     shard: str,
     fresh: bool,
     allow_plugins: bool,
+    episode_timeout: float,
     command: Sequence[str],
     watch: Callable[[Progress], None],
 ) -> list[dict[str, Any]]:
     """The rows of an experiment, driven into a folder as far as they are not there yet. Raises ConfigError and BatchError."""
     return run_batch(
-        experiment, out, jobs=jobs, scheduler=scheduler, shard=_shard(shard), fresh=fresh, allow_plugins=allow_plugins, command=command, watch=watch
-    )
+        experiment, out, jobs=jobs, scheduler=scheduler, shard=_shard(shard), fresh=fresh, allow_plugins=allow_plugins, episode_timeout_s=episode_timeout,
+        command=command, watch=watch,
+    )  # fmt: skip
 
 
 def batch_listing(experiment: str, out: Path | None, shard: str, fresh: bool, allow_plugins: bool) -> str:

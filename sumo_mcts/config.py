@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import re
 from collections.abc import Iterable, Iterator
 from importlib import metadata
@@ -456,6 +457,13 @@ def whole(key: str, value: object, least: int) -> int:
     if number is None or number < least:
         raise ConfigError(f"{key}: a whole number from {least} on, got {value!r}")
     return number
+
+
+def positive(key: str, value: object) -> float:
+    """A number above 0, as a program hands it over. Raises ConfigError."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
+        raise ConfigError(f"{key}: a number greater than 0, got {value!r:.60}")
+    return float(value)
 
 
 def require_scenario(function: str, config: object) -> None:

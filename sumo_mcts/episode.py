@@ -14,6 +14,7 @@ import numpy as np
 from sumo_mcts import plugins, records
 from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, digest, require_scenario, whole
 from sumo_mcts.driver import SEARCHING, Driver, as_seen, ego_params, forecast_label, reads_forecast, streams, warm_up
+from sumo_mcts.errors import of_machine
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import COLLISION, Goal, Referee
@@ -329,6 +330,8 @@ class Loop:
         except ConfigError:
             raise
         except Exception as error:  # libsumo's exceptions share no base
+            if of_machine(error):
+                raise
             self._fail(ego, f"{type(error).__name__}: {error}")
 
     def _wait(self, ego: _Ego, simulation: Simulation) -> None:
@@ -494,6 +497,8 @@ def _decide(loop: Loop, scenes: Mapping[str, Scene], drivers: Mapping[str, Drive
         try:
             thought = drivers[ego].decide(scene)
         except Exception as error:  # whatever a planner may do
+            if of_machine(error):
+                raise
             loop.fail(ego, f"{type(error).__name__}: {error}")
             continue
         recorders[ego].note(scene, thought)

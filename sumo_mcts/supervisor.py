@@ -67,10 +67,11 @@ def die_with_parent() -> None:
 
 
 class _Child:
-    """What a supervised process knows of its supervision."""
+    """What this process knows of its supervision, if it is supervised."""
 
     pipe: int | None = None  # to the parent
     scratch: Path | None = None
+    asked_at = -AGAIN_S  # when a signal asked for the end, s
 
 
 def doing(what: str) -> None:
@@ -88,13 +89,11 @@ def results_are_out(status: int) -> None:
 @contextmanager
 def heeding(act: Callable[[int], None]) -> Iterator[None]:
     """Have `act` called with the number of each signal that asks for the end; the parent learns that it is being heeded."""
-    last = -AGAIN_S
 
     def heed(number: int, _: object) -> None:
-        nonlocal last
         _report("!")
-        if time.monotonic() - last >= AGAIN_S:
-            last = time.monotonic()
+        if time.monotonic() - _Child.asked_at >= AGAIN_S:
+            _Child.asked_at = time.monotonic()
             act(number)
 
     before = {number: signal.signal(number, heed) for number in _watched()}
@@ -211,6 +210,7 @@ class _Watch:
 
     def _ended(self, code: int) -> int:
         """The child ended by itself, or was ended by somebody else."""
+        self._listen()
         if code >= 0:
             return code
         if self._result is not None:

@@ -45,6 +45,20 @@ def crash_or_drive(episode: Episode, bar: Bar) -> Driven:
     return drive(episode, bar)
 
 
+def hang_or_drive(episode: Episode, bar: Bar) -> Driven:
+    """Stop the process, as nothing but its death ends, where the environment's HANG is the key."""
+    if episode.keys[0] == os.environ["HANG"]:
+        os.kill(os.getpid(), signal.SIGSTOP)
+    return drive(episode, bar)
+
+
+def die_for_want_of_memory_or_drive(episode: Episode, bar: Bar) -> Driven:
+    """End the process as a system without memory does where the environment's STARVE is the key."""
+    if episode.keys[0] == os.environ["STARVE"]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return drive(episode, bar)
+
+
 def exhaust_or_drive(episode: Episode, bar: Bar) -> Driven:
     """Drive with no file left to open where the environment's EXHAUST is the key."""
     if episode.keys[0] != os.environ["EXHAUST"]:

@@ -12,6 +12,7 @@ import pytest
 from sumo_mcts import assets, config, records
 from sumo_mcts.driver import Driver, Thought
 from sumo_mcts.episode import run_episode
+from sumo_mcts.pilot import Pilot
 from sumo_mcts.records import ROW_KEYS
 from sumo_mcts.reporting import birdseye
 from sumo_mcts.scene import Scene
@@ -168,6 +169,19 @@ def test_a_planner_that_raises_is_an_outcome(monkeypatch: pytest.MonkeyPatch) ->
     assert row["outcome"] == "error"
     assert "as planned" in row["error"]
     assert set(row) == set(ROW_KEYS)
+
+
+@pytest.mark.parametrize("shortage", [MemoryError(), OSError(11, "Resource temporarily unavailable"), RuntimeError("can't start new thread")])
+def test_a_shortage_of_the_machine_is_no_outcome(shortage: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    def starve(*_: object) -> None:
+        raise shortage
+
+    scene = config.load(assets.scenario_path("straight-line"), ("planner.name=constant",))
+    for where, what in ((Driver, "decide"), (Pilot, "before_step")):
+        with monkeypatch.context() as patch:
+            patch.setattr(where, what, starve)
+            with pytest.raises(type(shortage)):
+                run_episode(scene, 1)
 
 
 def test_an_ego_that_never_comes_is_an_error() -> None:

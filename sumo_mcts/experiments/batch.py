@@ -5,12 +5,13 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from sumo_mcts import assets, plugins, records
-from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names, whole
+from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names, positive, whole
 from sumo_mcts.errors import FailedError, of_machine
 from sumo_mcts.experiments import drive, folder, workers
 from sumo_mcts.experiments.drive import Driven
@@ -25,6 +26,7 @@ TRIES = 2  # of an episode whose worker dies
 WHOLE = (1, 1)  # the only shard
 SHARDS = "i/n with i from 1 to n, as in 2/8"  # what is allowed
 NEWS_S = 0.5  # between two words about the progress
+EPISODE_TIMEOUT_S = 3600.0  # of wall time, for an episode
 
 _T = TypeVar("_T")
 
@@ -66,6 +68,7 @@ def run_batch(
     shard: tuple[int, int] = WHOLE,
     fresh: bool = False,
     allow_plugins: bool = False,
+    episode_timeout_s: float = EPISODE_TIMEOUT_S,
     command: Sequence[str] = (),
     watch: Watch | None = None,
 ) -> list[Row]:
@@ -77,10 +80,12 @@ def run_batch(
     shard: (i, n) drives only the i-th of n parts; each part has a folder of its own.
     fresh: remove what `out` holds of an earlier batch, whichever it was, and of its report. Otherwise what is done there is not done again.
     allow_plugins: run code that the experiment or its scenarios name as module:name.
+    episode_timeout_s: an episode that takes longer (wall time, s) is ended, and its outcome is `error`.
     command: goes into the manifest. watch: is told the progress, about twice a second.
 
     Every row is on the disk as soon as its episode ends, so a batch may be interrupted in any way and called again. The rows are the same with
-    any number of workers, except for times. An episode whose worker dies is driven once more, then its outcome is `error`.
+    any number of workers, except for times. An episode whose worker dies is driven once more, then its outcome is `error`; where the worker was killed
+    from outside, as a system without memory does, the next call drives it again.
 
     In a script call it under `if __name__ == "__main__":`, since the worker processes import the script.
 
@@ -89,6 +94,7 @@ def run_batch(
     plan, out = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins), Path(out)
     tell = watch or _nobody
     count = workers.cores() if jobs is None else whole("jobs", jobs, 1)
+    patience = positive("episode_timeout_s", episode_timeout_s)
     with folder.only_here(out):
         wanted = _manifest(plan, shard, command)
         manifest = _begun(out, wanted, fresh)
@@ -101,8 +107,9 @@ def run_batch(
             if not is_compiled():
                 _prepared(plan, tell, manifest["egos"])
             found = _part(plan, manifest["egos"], shard)
-        with _crew(scheduler, count) as crew:
-            return _Batch(out, found, plan.experiment.traces, tell).run(crew)
+        with workers.local(count, patience) if scheduler is None else workers.cluster(scheduler) as crew:
+            drive_one = drive.drive if scheduler is None else partial(drive.drive_within, patience)
+            return _Batch(out, found, plan.experiment.traces, tell, drive_one).run(crew)
 
 
 def listed(
@@ -130,9 +137,9 @@ class _Batch:
     def __init__(self, out: Path, found: Sequence[Episode], traces: str, tell: Watch, drive_one: Drive = drive.drive) -> None:
         self._out, self._all, self._tell, self._drive = out, found, tell, drive_one
         self._worth = Worth(traces)
-        self._rows = folder.done(out, found)
+        self._rows = [row for row in folder.done(out, found) if not drive.of_shortage(row)]
         known = {row["key"] for row in self._rows}
-        self._waiting = deque(episode for episode in found if episode.keys[0] not in known)
+        self._waiting = deque(episode for episode in found if not known.issuperset(episode.keys))
         self._flying: dict[Future[Driven], Episode] = {}
         self._deaths: Counter[tuple[str, ...]] = Counter()
         self._began, self._before = time.monotonic(), len(found) - len(self._waiting)
@@ -184,7 +191,10 @@ class _Batch:
             if self._deaths[episode.keys] < TRIES:
                 self._waiting.append(episode)
                 return
-            driven = Driven(drive.failed(episode, f"{' '.join(str(error).split())}, in each of {TRIES} tries"), {}, {})
+            said = f"{' '.join(str(error).split())}, in each of {TRIES} tries"
+            driven = Driven(drive.failed(episode, said, shortage=getattr(error, "shortage", False)), {}, {})
+        except workers.SilentWorkerError as error:
+            driven = Driven(drive.failed(episode, str(error)), {}, {})
         except BaseException as error:  # a worker answers whatever happens to an episode: this is about the workers
             if isinstance(error, KeyboardInterrupt | SystemExit):
                 raise
@@ -319,10 +329,6 @@ def _asked(plan: Plan, name: str, future: "Future[_T]", crew: Crew) -> _T:
 
 def _part(plan: Plan, egos: Egos, part: tuple[int, int]) -> list[Episode]:
     return shard(episodes(plan, egos), *part)
-
-
-def _crew(scheduler: str | None, count: int) -> AbstractContextManager[Crew]:
-    return workers.local(count) if scheduler is None else workers.cluster(scheduler)
 
 
 def _told(error: BaseException) -> str:

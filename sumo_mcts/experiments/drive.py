@@ -1,6 +1,7 @@
 """What a worker of a batch does: look whether a scenario can start, choose egos in a network, drive an episode."""
 
 import math
+import signal
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ from sumo_mcts.world.roadmap import known_roadmap
 
 AMONG = 4  # egos are drawn from the first suitable vehicles: so many times as many, and
 AMONG_LEAST = 100  # no fewer than these
+SHORTAGE = "shortage of the machine"  # how the errors begin that say nothing about their episode
 
 
 class Driven(NamedTuple):
@@ -54,9 +56,26 @@ def drive(episode: Episode, bar: Bar) -> Driven:
     return Driven(rows, {trace.key: records.trace_bytes(trace) for trace in traces}, maps)
 
 
-def failed(episode: Episode, message: str) -> tuple[Row, ...]:
+def drive_within(seconds: float, episode: Episode, bar: Bar) -> Driven:
+    """The same in a process that the system ends after `seconds`, whatever it is doing then, where the system can do that."""
+    if not hasattr(signal, "setitimer"):
+        return drive(episode, bar)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        return drive(episode, bar)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def of_shortage(row: Row) -> bool:
+    """Whether a row tells of a shortage of the machine, so that its episode is driven again."""
+    return str(row["error"] or "").startswith(SHORTAGE)
+
+
+def failed(episode: Episode, message: str, *, shortage: bool = False) -> tuple[Row, ...]:
     """The rows of an episode of which nothing but an error is known."""
     config = episode.config
+    message = f"{SHORTAGE}: {message}; the same command drives it again" if shortage else message
     known = {
         "scenario": config.name, "variant": episode.variant, "planner": config.planner.name, "seed": episode.seed, "outcome": "error", "error": message,
         "prediction": _prediction(config), "config_digest": digest(config), "redrawn": None,

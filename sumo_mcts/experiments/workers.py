@@ -1,6 +1,5 @@
 """Who drives the episodes of a batch, behind `concurrent.futures.Executor`: processes of this machine, or a dask cluster."""
 
-import ctypes
 import logging
 import multiprocessing
 import os
@@ -20,12 +19,13 @@ from multiprocessing.context import SpawnProcess
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 from sumo_mcts import records
-from sumo_mcts.config import ConfigError
+from sumo_mcts.errors import ConfigError, in_one_line
 from sumo_mcts.experiments.experiment import DECIDING
+from sumo_mcts.supervisor import die_with_parent
 
 PATIENCE_S = 3.0  # for a worker that was told to end, before it is killed
 LONGEST = 200  # tasks of one process, then a new one takes over: it grows by 4 MB in a hundred episodes
-ANSWER_S = 10.0  # for a scheduler
+ANSWER_S = 20.0  # for a scheduler, whatever it is asked
 AHEAD = 2  # episodes handed out for each worker: one that it drives, and the next
 
 _P = ParamSpec("_P")
@@ -34,7 +34,15 @@ _Task = tuple[Future[Any], tuple[Callable[..., Any], tuple[Any, ...], dict[str, 
 
 
 class DeadWorkerError(Exception):
-    """The process that was at work is gone."""
+    """The process that was at work is gone. `shortage`: it was killed from outside, as a system without memory does."""
+
+    def __init__(self, message: str, *, shortage: bool = False) -> None:
+        super().__init__(message)
+        self.shortage = shortage
+
+
+class SilentWorkerError(Exception):
+    """The process that was at work gave no answer in time, and was ended."""
 
 
 class Crew(NamedTuple):
@@ -57,9 +65,9 @@ def here() -> Iterator[Crew]:
 
 
 @contextmanager
-def local(count: int) -> Iterator[Crew]:
-    """`count` processes of this machine. They end with the context, whatever they are doing."""
-    pool = LocalPool(count)
+def local(count: int, patience_s: float | None = None) -> Iterator[Crew]:
+    """`count` processes of this machine. They end with the context, whatever they are doing. `patience_s`: how long a task may take, s."""
+    pool = LocalPool(count, patience_s=patience_s)
     try:
         yield Crew(pool, lambda: AHEAD * count, DeadWorkerError)
     finally:
@@ -68,23 +76,44 @@ def local(count: int) -> Iterator[Crew]:
 
 @contextmanager
 def cluster(address: str) -> Iterator[Crew]:
-    """The workers of a dask.distributed scheduler. Raises ConfigError where there are none such, or other versions than here."""
+    """The workers of a dask.distributed scheduler. Raises ConfigError where there are none such, or other versions than here.
+
+    A scheduler that is there and answers nothing is given up after ANSWER_S, then and later.
+    """
     try:
         from distributed import Client
         from distributed.scheduler import KilledWorker
     except ImportError:
         raise ConfigError("--scheduler: needs dask.distributed: pip install 'sumo-mcts[cluster]'") from None
-    try:
-        client: Any = Client(address, timeout=ANSWER_S, set_as_default=False)  # type: ignore[no-untyped-call]
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"--scheduler {address}: no scheduler answers: {' '.join(str(error).split())}") from None
-    with _unheard("distributed"), client:
-        _check_workers(client, address)
-        executor = client.get_executor(pure=False)
+    with _unheard("distributed"):
         try:
-            yield Crew(executor, lambda: AHEAD * max(1, len(client.nthreads())), KilledWorker)
+            client: Any = _answer(lambda: Client(address, timeout=ANSWER_S, set_as_default=False))  # type: ignore[no-untyped-call]
+        except (OSError, ValueError) as error:
+            raise ConfigError(f"--scheduler {address}: no scheduler answers: {in_one_line(error)}") from None
+        try:
+            _check_workers(client, address)
+            executor = client.get_executor(pure=False)
+            yield Crew(executor, lambda: AHEAD * max(1, len(_answer(client.nthreads))), KilledWorker)
         finally:
-            executor.shutdown(wait=False)
+            with suppress(OSError):
+                _answer(client.close)
+
+
+def _answer(ask: Callable[[], _T]) -> _T:
+    """What a call to a scheduler returns. Raises TimeoutError where nothing comes within ANSWER_S, whatever time limits the library has."""
+    answer: Future[_T] = Future()
+
+    def wait() -> None:
+        try:
+            answer.set_result(ask())
+        except BaseException as error:
+            answer.set_exception(error)
+
+    threading.Thread(target=wait, daemon=True).start()
+    try:
+        return answer.result(ANSWER_S)
+    except TimeoutError as error:
+        raise TimeoutError(f"no answer within {ANSWER_S:g} s") from error
 
 
 @contextmanager
@@ -103,11 +132,11 @@ def _unheard(package: str) -> Iterator[None]:
 
 def _check_workers(client: Any, address: str) -> None:
     """Raise ConfigError where a worker could not give our results. One SUMO runs in a process, so a worker has to have one thread."""
-    threads = client.nthreads()
+    threads = _answer(client.nthreads)
     if any(count != 1 for count in threads.values()):
         raise ConfigError(f"--scheduler {address}: a worker has {max(threads.values())} threads; start them with --nthreads 1 (and --nworkers N)")
     here = records.versions()
-    for worker, there in client.run(records.versions).items():
+    for worker, there in _answer(lambda: client.run(records.versions)).items():
         for name in DECIDING:
             if there[name] != here[name]:
                 raise ConfigError(f"--scheduler {address}: {name} is {there[name]} on worker {worker}, {here[name]} here")
@@ -129,8 +158,9 @@ class LocalPool(Executor):
     `ProcessPoolExecutor` fails all tasks with one, and does not tell which it was.
     """
 
-    def __init__(self, count: int, longest: int = LONGEST) -> None:
-        self._longest = longest
+    def __init__(self, count: int, longest: int = LONGEST, patience_s: float | None = None) -> None:
+        """`longest`: tasks of one process; `patience_s`: how long a task may take, s."""
+        self._longest, self._patience_s = longest, patience_s
         self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
         self._scratch = tempfile.TemporaryDirectory(prefix="sumo_mcts-", ignore_cleanup_errors=True)
         self._workers: dict[int, _Worker] = {}  # at work or waiting for it
@@ -148,7 +178,7 @@ class LocalPool(Executor):
             return [worker.process.pid or 0 for worker in self._workers.values()]
 
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
-        """Hand out a task; its future raises DeadWorkerError where the process is gone before it is done."""
+        """Hand out a task; its future raises DeadWorkerError where the process is gone before it is done, SilentWorkerError where it takes too long."""
         if self._ending:
             raise RuntimeError("the pool has been shut down")
         future: Future[_T] = Future()
@@ -187,13 +217,13 @@ class LocalPool(Executor):
     def _tend(self, number: int) -> None:
         """Give one worker its tasks, one at a time."""
         if sys.platform != "win32":
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited: Ctrl-C is for the main process alone
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})  # inherited: they are for the main process alone
         while (task := self._tasks.get()) is not None:
             future, call = task
             if future.set_running_or_notify_cancel():
                 try:
-                    done, value = self._worker(number).ask(call)
-                except DeadWorkerError as error:
+                    done, value = self._worker(number).ask(call, self._patience_s)
+                except (DeadWorkerError, SilentWorkerError) as error:
                     self._bury(number)
                     done, value = False, error
                 except Exception as error:  # what cannot be pickled
@@ -230,14 +260,18 @@ class _Worker:
         self.process.start()
         theirs.close()  # so that the pipe ends with the process
 
-    def ask(self, call: object) -> tuple[bool, Any]:
-        """Whether the call returned, and its value or exception. Raises DeadWorkerError."""
+    def ask(self, call: object, patience_s: float | None) -> tuple[bool, Any]:
+        """Whether the call returned, and its value or exception. Raises DeadWorkerError, and SilentWorkerError after `patience_s`; None: never."""
         try:
             self._pipe.send(call)
+            if not self._pipe.poll(patience_s):
+                self.process.kill()  # it may be stopped, or in code that heeds nothing else
+                raise SilentWorkerError(f"no end within {patience_s:g} s (--episode-timeout)")
             answer: tuple[bool, Any] = self._pipe.recv()
         except (EOFError, OSError):
             self.process.join(PATIENCE_S)
-            raise DeadWorkerError(f"the worker died ({_cause(self.process.exitcode)})") from None
+            code = self.process.exitcode
+            raise DeadWorkerError(f"the worker died ({_cause(code)})", shortage=code == -signal.SIGKILL) from None
         self.answered += 1
         return answer
 
@@ -261,7 +295,7 @@ def _cause(code: int | None) -> str:
 def _work(pipe: Connection, scratch: str) -> None:
     """What a worker process does: answer calls until nobody is there any more. Its temporary files lie in `scratch`, so that others can remove them."""
     tempfile.tempdir = scratch
-    _die_with_the_parent()
+    die_with_parent()
     try:
         while True:
             fn, args, kwargs = pipe.recv()
@@ -272,9 +306,3 @@ def _work(pipe: Connection, scratch: str) -> None:
             pipe.send(answer)
     except (EOFError, OSError):  # nobody is
         pass
-
-
-def _die_with_the_parent() -> None:
-    """A parent that is killed closes the pipe, which is not looked at in the middle of a task; on Linux the kernel sees to it."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG

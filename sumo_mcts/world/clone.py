@@ -20,6 +20,7 @@ import numpy as np
 from sumo_mcts.config import ConfigError
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.scene import Floats
+from sumo_mcts.supervisor import WORDS, die_with_parent
 from sumo_mcts.world.observe import LANE, POSE, POSITION, SPEED, THERE
 from sumo_mcts.world.simulation import SimulationError, option
 
@@ -60,10 +61,10 @@ def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # other threads, if any, are not needed there
             child = os.fork()
-    except OSError as error:
+    except OSError:  # a shortage of the machine
         os.close(ours)
         os.close(theirs)
-        raise SimulationError(f"the simulation cannot be copied: {error.strerror}") from None
+        raise
     if child == 0:
         _live(work, theirs)
     try:
@@ -102,7 +103,9 @@ def _live(work: Callable[[], Floats], pipe: int) -> NoReturn:
     status = 1
     try:
         try:
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            for number in WORDS:
+                signal.signal(number, signal.SIG_DFL)
+            die_with_parent()
             _let_go(pipe)
             answer, status = np.ascontiguousarray(work(), np.float64).tobytes(), 0
         except BaseException as error:  # into the answer: nobody above may go on

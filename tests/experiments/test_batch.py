@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers_batch import SMALL, crash_or_drive, exhaust_or_drive, timeless, write
+from helpers_batch import SMALL, crash_or_drive, die_for_want_of_memory_or_drive, exhaust_or_drive, hang_or_drive, timeless, write
 
 from sumo_mcts import assets, cli, config, plugins, records, run_batch
 from sumo_mcts.config import ConfigError, digest
@@ -293,6 +293,30 @@ def test_an_episode_that_takes_its_worker_along(whole: Reference, tmp_path: Path
     tries = {episode.keys[0]: len(list(starts.glob(f"{episode.keys[0]}.*"))) for episode in found}
     assert tries == {key: 2 if key == crashing else 1 for key in tries}  # who was in flight beside it was not disturbed
     assert len(on_disk(tmp_path / "out")) == 4
+
+
+def test_an_episode_without_an_end_is_ended_and_recorded(whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HANG", "highway-exit--constant--0")
+    found, out = episodes(load(write(tmp_path)), {}), tmp_path / "out"
+    with local(2, 15.0) as crew:
+        rows = _Batch(out, found, "worth", lambda _: None, hang_or_drive).run(crew)
+    (row,) = [row for row in rows if row["outcome"] == "error"]
+    assert (row["key"], row["error"]) == ("highway-exit--constant--0", "no end within 15 s (--episode-timeout)")
+    others = [row for row in whole[1] if row["key"] != "highway-exit--constant--0"]
+    assert timeless([row for row in rows if row["outcome"] != "error"]) == timeless(others)
+
+
+def test_an_episode_that_the_system_killed_is_driven_again_by_the_next_call(whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STARVE", "highway-exit--constant--0")
+    found, out = episodes(load(write(tmp_path)), {}), tmp_path / "out"
+    with local(1) as crew:
+        rows = _Batch(out, found, "worth", lambda _: None, die_for_want_of_memory_or_drive).run(crew)
+    (row,) = [row for row in rows if row["outcome"] == "error"]
+    assert row["error"] == "shortage of the machine: the worker died (SIGKILL), in each of 2 tries; the same command drives it again"
+    assert len(on_disk(out)) == len(whole[1])
+    with local(1) as crew:
+        rows = _Batch(out, found, "worth", lambda _: None).run(crew)
+    assert timeless(rows) == timeless(whole[1]) == timeless(on_disk(out))
 
 
 def test_a_worker_without_room_ends_the_batch_and_no_row_is_spoilt(whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

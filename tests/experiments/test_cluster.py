@@ -14,7 +14,8 @@ from helpers_batch import SMALL, timeless, write
 
 from sumo_mcts import run_batch
 from sumo_mcts.config import ConfigError
-from sumo_mcts.experiments.batch import Progress
+from sumo_mcts.experiments import workers
+from sumo_mcts.experiments.batch import BatchError, Progress
 from sumo_mcts.experiments.workers import cluster
 from sumo_mcts.records import read_rows
 
@@ -95,6 +96,47 @@ def test_a_lost_scheduler_is_told_in_one_line(tmp_path: Path) -> None:
     assert told.splitlines()[-1].endswith("; what is done is kept, and the same command goes on")
     assert all(line.startswith(("starting SUMO", "compiling")) or " episodes, " in line for line in told.splitlines()[:-1])
     assert 2 <= len(read_rows(out)) < 400
+
+
+def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "ANSWER_S", 3.0)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        began = time.monotonic()
+        with pytest.raises(ConfigError, match=rf"--scheduler {address}: no scheduler answers: "), cluster(address):
+            pass
+    assert time.monotonic() - began < 20.0
+
+
+def test_a_scheduler_that_is_stopped_on_the_way_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "ANSWER_S", 5.0)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    crew = [dask(tmp_path, "scheduler", "--host", "127.0.0.1", "--port", str(port)), dask(tmp_path, "worker", address, "--nthreads", "1", "--no-nanny")]
+    stopped: list[float] = []
+
+    def stop(at: Progress) -> None:
+        if at.done >= 1 and not stopped:
+            stopped.append(time.monotonic())
+            crew[0].send_signal(signal.SIGSTOP)
+
+    try:
+        with pytest.raises(BatchError, match="the workers are lost"):
+            run_batch(write(tmp_path, SMALL.replace("0..1", "0..49")), tmp_path / "out", scheduler=address, watch=stop)
+        assert time.monotonic() - stopped[0] < 60.0
+    finally:
+        for process in crew:
+            process.kill()
+            process.wait()
+
+
+def test_an_episode_without_an_end_ends_its_process() -> None:
+    code = "from sumo_mcts.experiments import drive; drive.drive = lambda *_: __import__('ctypes').PyDLL(None).sleep(60); drive.drive_within(1.0, None, None)"
+    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=30).returncode == -signal.SIGALRM
 
 
 def test_a_worker_with_threads_is_refused(address: str, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import time
 import pytest
 from helpers_batch import die, echo, raise_value_error
 
-from sumo_mcts.experiments.workers import DeadWorkerError, LocalPool, local
+from sumo_mcts.experiments.workers import DeadWorkerError, LocalPool, SilentWorkerError, local
 
 
 def test_answers_exceptions_and_deaths() -> None:
@@ -60,3 +60,21 @@ def test_a_process_does_not_grow_old() -> None:
     with LocalPool(1, longest=2) as pool:
         pids = [pool.submit(os.getpid).result(30) for _ in range(4)]
     assert pids[0] == pids[1] != pids[2] == pids[3]
+
+
+def test_a_stopped_process_is_given_up() -> None:
+    with LocalPool(1, patience_s=10.0) as pool:
+        assert pool.submit(echo, 1).result(30) == 1
+        (pid,) = pool.pids()
+        os.kill(pid, signal.SIGSTOP)
+        with pytest.raises(SilentWorkerError, match=r"no end within 10 s \(--episode-timeout\)"):
+            pool.submit(echo, 2).result(30)
+        assert pool.submit(echo, 3).result(30) == 3
+        assert pool.pids() != [pid]
+
+
+def test_a_process_killed_from_outside_is_a_shortage_and_one_that_crashes_is_none() -> None:
+    for number, shortage in ((signal.SIGKILL, True), (signal.SIGSEGV, False)):
+        with LocalPool(1) as pool, pytest.raises(DeadWorkerError, match=number.name) as death:
+            pool.submit(signal.raise_signal, number).result(30)
+        assert death.value.shortage == shortage

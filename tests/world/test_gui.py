@@ -1,5 +1,6 @@
 """SUMO's window on a virtual display: it runs, follows the ego, shows the plan; without a display one line."""
 
+import json
 import logging
 import os
 import shutil
@@ -12,6 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+
+from sumo_mcts.records import read_rows
+
+SUMOCFG = Path(__file__).parents[1] / "bad_inputs" / "good.sumocfg"
 
 EPISODE = """
 import faulthandler
@@ -87,3 +92,16 @@ def test_no_display_is_one_line(display_name: str | None, tmp_path: Path) -> Non
     assert "xvfb-run" in result.stderr
     assert not (tmp_path / "out").exists()
     assert time.monotonic() - began < 30
+
+
+@pytest.mark.parametrize("delay", ["0", "100"])
+def test_the_window_closes_once_the_results_are_out(delay: str, display: str, tmp_path: Path) -> None:
+    """A user's own network too, whatever delay its configuration asks for; with one that SUMO keeps by itself its window would stay for ever."""
+    words = ["-m", "sumo_mcts", "run", str(SUMOCFG), "--ego", "ego", "--planner", "constant", "--gui", "--json", "--out", str(tmp_path / "out")]
+    began = time.monotonic()
+    result = run([*words, "--", "--delay", delay], display)
+    assert time.monotonic() - began < 60.0
+    assert (result.returncode, result.stderr) == (0, "")
+    (row,) = json.loads(result.stdout)["episodes"]
+    assert (row["outcome"], row["ego"]) == ("arrived", "ego")
+    assert [row["key"] for row in read_rows(tmp_path / "out")] == [row["key"]]
