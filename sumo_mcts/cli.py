@@ -18,6 +18,8 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.supervisor import results_are_out, supervised
 
 if TYPE_CHECKING:
+    from sumo_mcts import commands
+    from sumo_mcts.episode import EpisodeResult
     from sumo_mcts.experiments.batch import Progress
 
 app = typer.Typer(
@@ -48,6 +50,7 @@ def run(
     time_limit: Annotated[Optional[float], typer.Option(metavar="S", help="Seconds after departure until the episode is a timeout.")] = None,  # noqa: UP045
     assign: Assignments = None,
     out: Annotated[Optional[Path], typer.Option(help="Folder for rows, traces and pictures.")] = None,  # noqa: UP045
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw nothing into --out; `render` can do so later.")] = False,
     gui: Annotated[bool, typer.Option("--gui", help="Watch in SUMO's window.")] = False,
     allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
@@ -63,8 +66,7 @@ def run(
 
         say = _Voice(quiet=quiet or as_json)
         if out is not None:
-            commands.check_folder(out)
-            commands.check_no_batch(out)
+            commands.check_run_folder(out)
         if scenario.endswith(".sumocfg") and not ego:
             _list_candidates(scenario, seed, _sumo_options(context), as_json, say)
             return
@@ -72,15 +74,12 @@ def run(
             with say.progress("starting SUMO") as note:
                 config = commands.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, _sumo_options(context), allow_plugins=allow_plugins)
                 result = stack.enter_context(commands.run(config, scenario, seed, gui, _sumo_options(context), note))
-            if out is not None:
+            kept = _kept_and_told(result, out, as_json, quiet)
+            if out is not None and kept is not None:
                 with say.progress("drawing") as note:
-                    written = commands.write(result, out, sys.argv[1:], note)
-            if as_json:
-                typer.echo(json.dumps(commands.document(result), allow_nan=False))
-            elif not quiet:
-                typer.echo(commands.summary(result))
-                if out is not None:
-                    typer.echo("\n".join(f"  {path}" for path in written))
+                    drawn = [] if no_pictures else commands.draw(kept.result, out, note)
+                if not (quiet or as_json):
+                    typer.echo("\n".join(f"  {path}" for path in (*drawn, *kept.files)))
             failures = commands.failures(result)
             for failure in failures:
                 ending.tell(f"error: {failure}")
@@ -88,6 +87,25 @@ def run(
                 results_are_out(FAILED if failures else OK)
     if failures:
         raise typer.Exit(FAILED)
+
+
+def _kept_and_told(result: "EpisodeResult", out: Path | None, as_json: bool, quiet: bool) -> "commands.Kept | None":
+    """What was kept of a run in a folder, if there is one; the result is told in any case."""
+    from sumo_mcts import commands
+
+    kept = None
+    try:
+        if out is not None:
+            kept = commands.keep(result, out, sys.argv[1:])
+    finally:
+        told = result if kept is None else kept.result
+        if as_json:
+            typer.echo(json.dumps(commands.document(told), allow_nan=False))
+        elif not quiet:
+            typer.echo(commands.summary(told))
+    for remark in kept.remarks if kept is not None and not quiet else ():
+        ending.tell(remark)
+    return kept
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": False})

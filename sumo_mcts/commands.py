@@ -1,8 +1,9 @@
 """What the commands do, as plain functions: no printing, no exit codes."""
 
+import os
 import tempfile
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
@@ -12,13 +13,14 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from sumo_mcts import assets, config, records
+from sumo_mcts import assets, config, records, run_key
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.driver import cost_params, make_planner, make_predictor
 from sumo_mcts.episode import EpisodeResult, open_episode
 from sumo_mcts.experiments import folder as batch_folder
 from sumo_mcts.experiments import workers
 from sumo_mcts.experiments.batch import SHARDS, Progress, built_in, listed, run_batch
+from sumo_mcts.experiments.statistics import REDRAWN, TRAFFIC_DIGEST
 from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.forecast_error import compare
 from sumo_mcts.model.kernel import COMPILING, is_compiled
@@ -30,6 +32,7 @@ from sumo_mcts.world.roadmap import known_roadmap
 
 LISTED = 25  # candidates shown
 SEARCHED = 100_000  # vehicles looked at for `--ego any`
+PATIENCE_S = 20.0  # for another run that writes into the same folder
 REPLAYS = 50  # episodes that a report lists, and replays
 _SCENES = ("unprotected-left-turn", "highway-exit", "straight-line")
 REGRET_SCENES = (*_SCENES, *(f"{name}-scripted" for name in _SCENES))
@@ -90,10 +93,27 @@ def run(scenario: ScenarioConfig, origin: str, seed: int | None, gui: bool, sumo
     """One episode, while SUMO is still there; the default seed is 0, but a .sumocfg keeps its own. `origin` stands in error messages. Raises ConfigError."""
     if seed is None and scenario.sumo.sumocfg is None:
         seed = 0
+    own = _own(scenario, origin)
     with ExitStack() as stack:
         with _named(origin, scenario.sumo.sumocfg):
-            result = stack.enter_context(open_episode(scenario, seed, gui=gui, sumo_options=sumo_options, progress=note))
-        yield result
+            variant = run_key.variant_of(scenario, own, sumo_options)
+            episode = open_episode(scenario, seed, gui=gui, sumo_options=sumo_options, progress=note, variant=variant)
+            result = stack.enter_context(episode)
+            further = {REDRAWN: result.manifest["redrawn"], TRAFFIC_DIGEST: run_key.traffic(scenario, sumo_options)}
+            manifest = {**result.manifest, **run_key.inputs(scenario, own, sumo_options)}
+        result = result._replace(rows=tuple({**row, **further} for row in result.rows), manifest=manifest)
+        yield run_key.keyed(result, scenario.name, named=run_key.is_named(scenario, own))
+
+
+def _own(scenario: ScenarioConfig, origin: str) -> ScenarioConfig | None:
+    """The scenario behind a name or file as it is without what else was asked for; None: it cannot stand alone."""
+    try:
+        if not origin.endswith(".sumocfg"):
+            return config.load(assets.scenario_path(origin), allow_plugins=True)
+        data = {"name": scenario.name, "sumo": {"sumocfg": scenario.sumo.sumocfg}, "egos": [{"id": scenario.egos[0].id}]}
+        return config.build(data, origin)
+    except ConfigError:
+        return None
 
 
 def forecasts(
@@ -235,7 +255,7 @@ def _regret_file(out: Path | None, rows: list[Row]) -> Iterator[Callable[[Row], 
         yield rows.append
         return
     out.mkdir(parents=True, exist_ok=True)
-    with (out / "regret.jsonl").open("w", encoding="utf-8") as file:
+    with records.naming(out / "regret.jsonl"), (out / "regret.jsonl").open("w", encoding="utf-8") as file:
 
         def keep(row: Row) -> None:
             rows.append(row)
@@ -338,29 +358,70 @@ def failures(result: EpisodeResult) -> list[str]:
     return [f"{row['scenario']}: ego {row['ego']}: {row['error']}" for row in result.rows if row["outcome"] == "error"]
 
 
-def write(result: EpisodeResult, out: Path, command: Sequence[str], note: Note) -> list[Path]:
-    """Manifest, rows, traces and pictures into a folder; returns the files a person wants to open."""
+class Kept(NamedTuple):
+    """What was kept of a run."""
+
+    result: EpisodeResult  # under the keys that it has in the folder
+    remarks: tuple[str, ...]  # for a person: what was replaced, or renamed
+    files: tuple[Path, ...]  # what a person wants to open
+
+
+def keep(result: EpisodeResult, out: Path, command: Sequence[str]) -> Kept:
+    """Map, traces, manifests and rows into a folder, and nothing of what is there lost. Raises OSError, ConfigError where another run does not finish."""
+    manifest = {**result.manifest, "command": ["sumo-mcts", *command]}
+    with batch_folder.only_here(out, PATIENCE_S):
+        there = {row["key"]: row for row in records.read_rows(out)}
+        result, remarks = _placed(result, out, there)
+        if result.traces and result.road is not None:
+            records.save_map(out, result.road)
+        (out / records.TRACES).mkdir(exist_ok=True)
+        for trace in result.traces:
+            records.save_trace(out / records.TRACES / f"{trace.key}.npz", trace)
+        batch_folder.drop_traces(out, {row["key"] for row in result.rows} - {trace.key for trace in result.traces})
+        for row in result.rows:
+            records.write_manifest_of(out, row["key"], manifest)
+            if records.put_row(out, row):
+                remarks.append(f"{out}: {row['key']}: its earlier row is replaced")
+                _drop_pictures(out, row, there[row["key"]])
+        records.write_csv(out)
+        records.write_manifest(out, manifest)
+    return Kept(result, tuple(remarks), (out / records.TABLE, out / records.MANIFEST))
+
+
+def _placed(result: EpisodeResult, out: Path, there: Mapping[str, Row]) -> tuple[EpisodeResult, list[str]]:
+    """The result under keys under which the folder holds nothing else, `there` being its rows by key, and what to say of that: another scenario of the same
+    name, which has other settings or files of its own, keeps its rows."""
+    identity, first = result.manifest["identity"], result.rows[0]
+    of_name = (records.read_manifest_of(out, key).get("identity") for key, row in there.items() if row["scenario"] == first["scenario"])
+    known = next((each for each in of_name if each), identity)
+    untold = [row for row in result.rows if row["key"] in there and not records.read_manifest_of(out, row["key"])]
+    if known == identity and all(there[row["key"]].get("config_digest") == row["config_digest"] for row in untold):
+        return result, []
+    name = f"{first['scenario']}.{identity[:8]}"
+    said = f"{out}: holds another scenario {first['scenario']}, of other settings or files; this one is kept as {name}"
+    return run_key.keyed(result, name, named=run_key.tells_ego(first)), [said]
+
+
+def _drop_pictures(out: Path, row: Row, before: Row) -> None:
+    """Remove the pictures of an earlier row, unless they show the same drive."""
+    if row["trace_digest"] != before.get("trace_digest"):
+        for form in ("png", "gif", "mp4"):
+            (out / records.FIGURES / f"{row['key']}.{form}").unlink(missing_ok=True)
+
+
+def draw(result: EpisodeResult, out: Path, note: Note) -> list[Path]:
+    """A storyboard and an animation of each ego's drive into a folder; the files. Raises OSError."""
     from sumo_mcts.reporting import birdseye  # loads matplotlib, which takes a while
 
-    out.mkdir(parents=True, exist_ok=True)
-    records.write_manifest(out, {**result.manifest, "command": ["sumo-mcts", *command]})
-    for row in result.rows:
-        records.append_row(out, row)
-    records.write_csv(out)
-    if result.traces and result.road is not None:
-        records.save_map(out, result.road)
-    (out / records.TRACES).mkdir(exist_ok=True)
-    (out / "figures").mkdir(exist_ok=True)
+    (out / records.FIGURES).mkdir(exist_ok=True)
     shown = []
     for trace in result.traces:
-        records.save_trace(out / records.TRACES / f"{trace.key}.npz", trace)
-        picture, film = out / "figures" / f"{trace.key}.png", out / "figures" / f"{trace.key}.gif"
+        picture, film = (out / records.FIGURES / f"{trace.key}.{form}" for form in ("png", "gif"))
         note("drawing the storyboard")
         birdseye.storyboard(trace, picture)
-        note("drawing the animation")
-        birdseye.animation(trace, film)
+        birdseye.animation(trace, film, note=note)
         shown += [picture, film]
-    return [*shown, out / "episodes.csv", out / "manifest.json"]
+    return shown
 
 
 # --- report ---
@@ -444,8 +505,15 @@ def check_folder(folder: Path) -> None:
         raise ConfigError(f"--out {folder}: {existing} {'cannot be written' if existing.is_dir() else error.strerror}") from None
 
 
-def check_no_batch(folder: Path) -> None:
-    """Raise ConfigError where a batch was begun: its rows and manifest are of one experiment."""
+def check_run_folder(folder: Path) -> None:
+    """Raise ConfigError now where a run could not be kept later: also where a batch was begun, whose rows and manifest are of one experiment."""
+    check_folder(folder)
+    for name in (records.ROWS, records.TABLE, records.MANIFEST):
+        if os.path.lexists(folder / name) and not (folder / name).is_file():
+            raise ConfigError(f"--out {folder}: {name}: is not a file; take another --out")
+    for name in (records.TRACES, records.MAPS, records.MANIFESTS, records.FIGURES):
+        if os.path.lexists(folder / name) and not (folder / name).is_dir():
+            raise ConfigError(f"--out {folder}: {name}: is not a folder; take another --out")
     if batch_folder.holds_batch(folder):
         raise ConfigError(f"--out {folder}: holds a batch; take another --out")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_mcts.config import ConfigError
-from sumo_mcts.records import MAPS, TRACES, Trace, TraceError, load_map, load_trace, read_rows, scenario_of
+from sumo_mcts.records import FIGURES, MAPS, TRACES, Row, Trace, TraceError, load_map, load_trace, read_rows, require_fit, scenario_of
 from sumo_mcts.scene import RoadMap
 
 PICTURES, TABLES = ("png", "gif", "mp4"), ("csv", "fcd")
@@ -30,7 +30,7 @@ def choices(folder: Path) -> list[Choice]:
     keys = sorted(path.stem for path in (folder / TRACES).glob("*.npz"))
     if not keys:
         raise ConfigError(f"{folder}: no recorded episode: {TRACES}/*.npz is what `run --out` and `batch --out` leave")
-    outcomes = {row["key"]: row["outcome"] for row in read_rows(folder)}
+    outcomes = {row["key"]: row["outcome"] for row in _rows(folder)}
     return [Choice(key, outcomes.get(key, "")) for key in keys]
 
 
@@ -41,10 +41,18 @@ def chosen(folder: Path, episode: str | None) -> str | None:
         return keys[0] if len(keys) == 1 else None
     if episode in keys:
         return episode
-    if any(row["key"] == episode for row in read_rows(folder)):
+    if any(row["key"] == episode for row in _rows(folder)):
         raise ConfigError(f"{folder}: --episode {episode}: it was run, but its trace was not kept; an experiment keeps all of them with traces: all")
     near = get_close_matches(episode, keys, NAMED, 0.4) or keys[:NAMED]
     raise ConfigError(f"{folder}: --episode {episode}: no such episode; close to it: {', '.join(near)}")
+
+
+def _rows(folder: Path) -> list[Row]:
+    """The rows of a folder; none where they cannot be read, since traces can be read without."""
+    try:
+        return read_rows(folder)
+    except OSError:
+        return []
 
 
 def trace_of(folder: Path, key: str) -> Trace:
@@ -64,14 +72,19 @@ def trace_of(folder: Path, key: str) -> Trace:
 
 
 def map_of(folder: Path, trace: Trace) -> RoadMap:
-    """The roads that a trace refers to. Raises ConfigError where they are not there."""
+    """The roads that a trace refers to. Raises ConfigError where they are not there, or not those that it refers to."""
     path = folder / MAPS / f"{trace.setting.map}.npz"
     if not path.is_file():
         raise ConfigError(f"{path}: no such file; {trace.key} refers to its lanes by the numbers that they have there")
     try:
-        return load_map(folder, trace.setting.map)
+        road = load_map(folder, trace.setting.map)
     except TraceError as error:
         raise ConfigError(str(error)) from None
+    try:
+        require_fit(trace, road)
+    except TraceError as error:
+        raise ConfigError(f"{folder / TRACES / trace.key}.npz: {error}") from None
+    return road
 
 
 def format_of(wanted: str | None, out: Path | None, allowed: Sequence[str]) -> str:
@@ -89,14 +102,14 @@ def format_of(wanted: str | None, out: Path | None, allowed: Sequence[str]) -> s
 
 def write(folder: Path, key: str, form: str, out: Path | None, note: Note) -> Path:
     """Draw or export an episode; the file. Raises ConfigError, OSError."""
-    path = out or folder / ("figures" if form in PICTURES else "exports") / f"{key}{SUFFIXES.get(form, f'.{form}')}"
+    path = out or folder / (FIGURES if form in PICTURES else "exports") / f"{key}{SUFFIXES.get(form, f'.{form}')}"
     note("reading the trace")
     trace = trace_of(folder, key)
     match form:
         case "png" | "gif":
             from sumo_mcts.reporting import birdseye
 
-            note("drawing")
+            note("drawing the storyboard" if form == "png" else "drawing the film")
             birdseye.storyboard(trace, path) if form == "png" else birdseye.animation(trace, path, note=note)
         case "mp4":
             from sumo_mcts.reporting.film import EncoderError, film
@@ -116,6 +129,7 @@ def write(folder: Path, key: str, form: str, out: Path | None, note: Note) -> Pa
 def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Sequence[str], note: Note, *, allow_plugins: bool = False) -> dict[str, Any]:
     """Why the ego did what it did at a moment (simulation time, s); `again`: with the decision taken once more, by code that the trace names only where
     that is allowed. Raises ConfigError."""
+    from sumo_mcts.driver import PlannerError
     from sumo_mcts.model.kernel import COMPILING, is_compiled
     from sumo_mcts.reporting import explanation
 
@@ -128,7 +142,13 @@ def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Se
         raise ConfigError(f"{folder}: --episode {key}: --replan: the trace does not hold the scenario it was recorded with")
     if not is_compiled():
         note(COMPILING)
-    return {**told, "replan": explanation.explain_again(trace, map_of(folder, trace), cycle, overrides, allow_plugins=allow_plugins)}
+    road = map_of(folder, trace)
+    try:
+        return {**told, "replan": explanation.explain_again(trace, road, cycle, overrides, allow_plugins=allow_plugins)}
+    except TraceError as error:
+        raise ConfigError(f"{folder / TRACES / key}.npz: {error}") from None
+    except PlannerError as error:
+        raise ConfigError(f"{folder}: --episode {key}: --replan: the planner fails: {error}") from None
 
 
 def _map_if_there(folder: Path, trace: Trace) -> RoadMap | None:

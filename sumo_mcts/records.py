@@ -1,6 +1,7 @@
 """What an episode leaves behind: rows (JSON Lines, CSV), a manifest, and a trace of every cycle (npz, no pickle)."""
 
 import csv
+import errno
 import functools
 import hashlib
 import io
@@ -9,23 +10,28 @@ import math
 import os
 import platform
 import re
-from collections.abc import Iterator, Mapping, Sequence
+import stat
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import metadata
 from itertools import pairwise
 from pathlib import Path
 from types import UnionType
-from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import IO, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts import records_check
 from sumo_mcts.scene import Agents, Answers, Bools, Decision, EgoState, Floats, Forecast, Ints, Memory, RoadMap, Signals
 
 SCHEMA_VERSION = 1
 
 MANIFEST, ROWS, TABLE = "manifest.json", "episodes.jsonl", "episodes.csv"
-TRACES, MAPS = "traces", "maps"
+TRACES, MAPS, MANIFESTS, FIGURES = "traces", "maps", "manifests", "figures"
+LONGEST_LINE = 1 << 20  # bytes; a longer line is no row
+LARGEST_MANIFEST = 1 << 26  # bytes
 
 # The row, in the order of docs/measures.md.
 ROW_KEYS = (
@@ -117,41 +123,68 @@ def episode_key(scenario: str, variant: str, seed: int | None, ego: str | None =
 
 def append_row(folder: Path, row: Mapping[str, Any]) -> None:
     """Add a row to episodes.jsonl; on disk when this returns. Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    line = json_text({**row_defaults(), **row}, indent=None) + "\n"
-    with (folder / ROWS).open("a+b") as file:
-        # A killed process may have left half a line: it must not swallow this one.
-        if file.tell() and _last_byte(file) != b"\n":
-            line = "\n" + line
-        file.write(line.encode())
-        file.flush()
-        os.fsync(file.fileno())
+    line = _line(row)
+    with naming(folder / ROWS):
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / ROWS).open("a+b", buffering=0) as file:
+            # A killed process may have left half a line: it must not swallow this one.
+            if file.tell() and _last_byte(file) != b"\n":
+                line = b"\n" + line
+            _append_whole(file, line)
+
+
+def put_row(folder: Path, row: Mapping[str, Any]) -> bool:
+    """Add a row to episodes.jsonl, or put it in the place of those with the same key, and whether it did that; on disk when this returns, and all other lines
+    as they were. Raises OSError."""
+    if all(known["key"] != row["key"] for known in read_rows(folder)):
+        append_row(folder, row)
+        return False
+    line = _line(row)
+    with opened(folder / ROWS) as file, written_whole(folder / ROWS) as unfinished, unfinished.open("wb") as copy:
+        for part, whole in _parts(file):
+            known = _parsed(part) if whole else None
+            if known is None or known["key"] != row["key"]:
+                copy.write(part)
+            else:
+                copy.write(line)
+                line = b""  # once
+    return True
 
 
 def read_rows(folder: Path) -> list[Row]:
-    """The rows of episodes.jsonl, without lines that are no whole row, as a killed process leaves one; none where there is no file."""
+    """The rows of episodes.jsonl, without lines that are no whole row, as a killed process leaves one; none where there is no file. Raises OSError."""
     return rows_and_torn(folder)[0]
 
 
 def rows_and_torn(folder: Path) -> tuple[list[Row], int]:
     """The same, and how many lines are left out."""
-    parsed = [_parsed(line) for line in _lines(folder)]
-    rows = [row for row in parsed if row is not None]
-    return rows, len(parsed) - len(rows)
+    rows, torn, long = [], 0, False
+    try:
+        with opened(folder / ROWS) as file:
+            for part, whole in _parts(file):
+                row = _parsed(part) if whole else None
+                if row is not None:
+                    rows.append(row)
+                elif part.strip() and not (long and not whole):  # of a line that is too long the first part counts
+                    torn += 1
+                long = not whole
+    except FileNotFoundError:
+        pass
+    return rows, torn
 
 
 def write_csv(folder: Path) -> None:
-    """episodes.csv from episodes.jsonl: unknown is an empty cell. Raises OSError."""
-    rows = read_rows(folder)
+    """episodes.csv from episodes.jsonl: a row a key, the last one; unknown is an empty cell. Raises OSError."""
+    rows = list({row["key"]: row for row in read_rows(folder)}.values())
     further = dict.fromkeys(key for row in rows for key in row if key not in ROW_KEYS)
     write_table(folder / TABLE, (*ROW_KEYS, *further), rows)
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:
-    """Rows as CSV: unknown is an empty cell. Raises OSError."""
+    """Rows as CSV: unknown is an empty cell, and no text begins as a formula does. Raises OSError."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
-    writer.writeheader()
+    writer.writerow({column: _cell(column) for column in columns})
     writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
     write_whole(path, text.getvalue().encode(errors="backslashreplace"))
 
@@ -163,11 +196,20 @@ def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
     """manifest.json; None where it is damaged. Raises OSError where there is none, or it cannot be read."""
+    return _read_json(folder / MANIFEST)
+
+
+def write_manifest_of(folder: Path, key: str, manifest: Mapping[str, Any]) -> None:
+    """manifests/KEY.json: what one episode was run with. Raises OSError."""
+    write_whole(folder / MANIFESTS / f"{key}.json", (json_text({"schema_version": SCHEMA_VERSION, **manifest}) + "\n").encode())
+
+
+def read_manifest_of(folder: Path, key: str) -> dict[str, Any]:
+    """What one episode was run with; empty where nothing, or nothing that can be read, tells."""
     try:
-        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (ValueError, RecursionError):
-        return None
-    return found if isinstance(found, dict) else None
+        return _read_json(folder / MANIFESTS / f"{key}.json") or {}
+    except OSError:
+        return {}
 
 
 def versions() -> dict[str, str | None]:
@@ -197,17 +239,44 @@ def write_whole(path: Path, content: bytes) -> None:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Names a file to write, which in the end takes the place of `path`, unless something was raised; creates the folder. Raises OSError."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Names a file to write, which in the end takes the place of `path`, unless something was raised; creates the folder. Raises OSError that names `path`."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    with naming(path, temporary):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            yield temporary
+            with temporary.open("r+b") as file:
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+        _sync_folder(path.parent)
+
+
+@contextmanager
+def naming(path: Path, temporary: Path | None = None) -> Iterator[None]:
+    """Every OSError names a file: this one where it names none, or the one that was to take its place; a disk that is full names none by itself."""
     try:
-        yield temporary
-        with temporary.open("r+b") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    _sync_folder(path.parent)
+        yield
+    except OSError as error:
+        if error.errno is None:  # of a library, in its own words
+            raise OSError(errno.EIO, " ".join(str(error).split()), str(path)) from None
+        if error.filename is None or str(error.filename) == str(temporary):
+            error.filename = str(path)
+            error.filename2 = None
+        raise
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[IO[bytes]]:
+    """A file for reading. Raises OSError that names it, also where it is a folder, a pipe or a device, which may never end."""
+    with naming(path):
+        number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        if not stat.S_ISREG(os.fstat(number).st_mode):
+            os.close(number)
+            raise OSError(errno.EINVAL, "not a file", str(path))
+        with os.fdopen(number, "rb") as file:
+            yield file
 
 
 def _sync_folder(folder: Path) -> None:
@@ -228,31 +297,64 @@ def _safe(part: str) -> str:
     return f"{readable}-{hashlib.sha256(part.encode(errors='backslashreplace')).hexdigest()[:8]}"
 
 
-def _last_byte(file: io.BufferedRandom) -> bytes:
+def _line(row: Mapping[str, Any]) -> bytes:
+    """A row as a line of episodes.jsonl."""
+    return (json_text({**row_defaults(), **row}, indent=None) + "\n").encode()
+
+
+def _append_whole(file: io.FileIO, content: bytes) -> None:
+    """Add to the end of a file without a buffer, for good and wholly, or leave it as it was: a full disk may take half of it."""
+    end = file.seek(0, os.SEEK_END)
+    try:
+        while content:
+            content = content[file.write(content) :]
+        os.fsync(file.fileno())
+    except OSError:
+        os.ftruncate(file.fileno(), end)
+        raise
+
+
+def _last_byte(file: IO[bytes]) -> bytes:
     file.seek(-1, os.SEEK_END)
     return file.read(1)
 
 
-def _lines(folder: Path) -> list[str]:
-    """The lines of episodes.jsonl that are not empty."""
-    path = folder / ROWS
-    if not path.exists():
-        return []
-    return [line for line in path.read_text(encoding="utf-8", errors="replace").split("\n") if line.strip()]
+def _read_json(path: Path) -> dict[str, Any] | None:
+    """The mapping in a file; None where it holds none. Raises OSError where it cannot be read."""
+    with opened(path) as file:
+        content = file.read(LARGEST_MANIFEST + 1)
+    try:
+        found = json.loads(content) if len(content) <= LARGEST_MANIFEST else None
+    except (ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
 
 
-def _parsed(line: str) -> Row | None:
+def _parts(file: IO[bytes]) -> Iterator[tuple[bytes, bool]]:
+    """The lines of a file, each with whether it is a whole one: a line longer than LONGEST_LINE comes in parts."""
+    whole = True
+    while part := file.readline(LONGEST_LINE):
+        ends = len(part) < LONGEST_LINE or part.endswith(b"\n")
+        yield part, whole and ends
+        whole = ends
+
+
+def _parsed(line: bytes) -> Row | None:
     """The row that a line holds; None where it is no whole one."""
     try:
-        row = json.loads(line)
+        row = json.loads(line.decode(errors="replace"))
     except (ValueError, RecursionError):  # numbers of too many digits, and brackets without end, too
         return None
     return row if isinstance(row, dict) and all(isinstance(row.get(key), str) and row[key] for key in WHOLE) else None
 
 
 def _cell(value: Any) -> Any:
+    """What stands in a table: nothing where unknown, and an apostrophe before a text that spreadsheets would take for a formula."""
     if value is None:
         return ""
+    if isinstance(value, str):
+        text = value.replace("\r", "\n")  # which is put into quotes; a carriage return is not, and would end the line
+        return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\n")) else text
     return json.dumps(value) if isinstance(value, bool | list | dict) else value
 
 
@@ -278,6 +380,7 @@ def _plain(value: Any) -> Any:
 # --- traces and maps: every field of the tuples becomes a column over all cycles ---
 
 _FORMAT = 5
+MOST_BYTES = 1 << 30  # of a trace or map, unpacked: five times what an hour in dense traffic takes
 Columns = dict[str, NDArray[Any]]
 
 _SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}
@@ -296,8 +399,8 @@ def trace_bytes(trace: Trace) -> bytes:
 
 
 def load_trace(path: Path) -> Trace:
-    """Read a trace. Raises TraceError where the file is broken or of another format, OSError where it cannot be read."""
-    trace: Trace = _load(path, Trace, "trace")
+    """Read a trace. Raises TraceError where the file is broken, of another format or holds numbers that make no sense, OSError where it cannot be read."""
+    trace: Trace = _load(path, Trace, "trace", records_check.trace_problem)
     return trace
 
 
@@ -332,9 +435,14 @@ def map_name(road: RoadMap) -> str:
 
 
 def save_map(folder: Path, road: RoadMap) -> Path:
-    """Write the roads that traces refer to into the maps/ of a folder, once a network. Raises OSError."""
-    path = folder / MAPS / f"{map_name(road)}.npz"
-    if not path.exists():
+    """Write the roads that traces refer to into the maps/ of a folder, once a network, and again where they are damaged there. Raises OSError."""
+    name = map_name(road)
+    try:
+        whole = map_name(load_map(folder, name)) == name
+    except (TraceError, OSError):
+        whole = False
+    path = folder / MAPS / f"{name}.npz"
+    if not whole:
         write_whole(path, map_bytes(road))
     return path
 
@@ -345,9 +453,17 @@ def map_bytes(road: RoadMap) -> bytes:
 
 
 def load_map(folder: Path, name: str) -> RoadMap:
-    """Read roads from the maps/ of a folder. Raises TraceError where the file is broken, OSError where it cannot be read."""
-    road: RoadMap = _load(folder / MAPS / f"{name}.npz", RoadMap, "map")
+    """Read roads from the maps/ of a folder. Raises TraceError where the file is broken or holds numbers that make no sense, OSError where it cannot be
+    read."""
+    road: RoadMap = _load(folder / MAPS / f"{name}.npz", RoadMap, "map", records_check.map_problem)
     return road
+
+
+def require_fit(trace: Trace, road: RoadMap, numbers: Iterable[int] | None = None) -> None:
+    """Raise TraceError where decisions of a trace (default: all) hold numbers that make no sense, or lanes, edges or signals that the map does not have."""
+    problem = records_check.fit_problem(trace, road, range(len(trace.cycles)) if numbers is None else numbers)
+    if problem:
+        raise TraceError(f"{problem}; its map is {MAPS}/{trace.setting.map}.npz")
 
 
 def _columns(kind: type, value: Any) -> Columns:
@@ -362,18 +478,41 @@ def _packed(columns: Columns) -> bytes:
     return buffer.getvalue()
 
 
-def _load(path: Path, kind: type, what: str) -> Any:
-    """The value of this kind in a file; `what` it is in messages."""
+def _load(path: Path, kind: type, what: str, problem_of: Callable[[Any], str]) -> Any:
+    """The value of this kind in a file; `what` it is in messages, `problem_of` says what is wrong with its numbers."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            columns = {name: archive[name] for name in archive.files}
+        columns = _unpacked(path)
         if int(columns["format"]) != _FORMAT:
             raise TraceError(f"{path}: written in {what} format {int(columns['format'])}, this version reads {_FORMAT}")
-        return _decode(kind, 1, kind.__name__.lower(), columns)[0]
+        value = _decode(kind, 1, kind.__name__.lower(), columns)[0]
+        problem = problem_of(value)
     except (TraceError, OSError):
         raise
     except Exception as error:  # whatever unpacking damaged bytes may do: zipfile and numpy alone raise a dozen kinds
         raise TraceError(f"{path}: not a whole {what}: {' '.join(str(error).split())}") from None
+    if problem:
+        raise TraceError(f"{path}: {problem}")
+    return value
+
+
+def _unpacked(path: Path) -> Columns:
+    """The columns of a file. What it says of its sizes is looked at before room is made for them."""
+    with opened(path) as file, zipfile.ZipFile(file) as archive:
+        members = archive.infolist()
+        if sum(member.file_size for member in members) > MOST_BYTES:
+            raise ValueError(f"unpacked it has more than {MOST_BYTES:,} bytes")
+        return {member.filename.removesuffix(".npy"): _array(archive.read(member)) for member in members}
+
+
+def _array(content: bytes) -> NDArray[Any]:
+    """The array in the bytes of an .npy file."""
+    file = io.BytesIO(content)
+    version = np.lib.format.read_magic(file)
+    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+    shape, _, dtype = read_header(file)
+    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(content) - file.tell():
+        raise ValueError(f"an array of {dtype} {shape} in {len(content) - file.tell()} bytes")
+    return np.frombuffer(content, dtype, math.prod(shape), file.tell()).reshape(shape)
 
 
 def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> None:
@@ -398,22 +537,22 @@ def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> No
             _encode(annotation, [getattr(value, field) for value in values], f"{path}/{field}", columns)
 
 
-def _decode(kind: Any, count: int, path: str, columns: Columns) -> list[Any]:
+def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]:
     """`count` values of the annotated type `kind` from their columns; the mirror of _encode."""
     origin, args = get_origin(kind), get_args(kind)
     if kind in _SCALARS:
-        return _exactly(columns[path].tolist(), count, path)
+        return _exactly(_column(columns, path, _SCALARS[kind]).tolist(), count, path)
     if origin is np.ndarray:
         shapes = _decode(tuple[int, ...], count, path + "#shape", columns)
-        whole: NDArray[Any] = columns[path].astype(_element(kind))
-        return [part.reshape(shape) for part, shape in zip(_split(whole, [math.prod(shape) for shape in shapes], path), shapes, strict=True)]
+        whole: NDArray[Any] = _column(columns, path, _stored(kind, path)).astype(_element(kind))
+        return [part.reshape(shape) for part, shape in zip(_split(whole, [math.prod(_lengths(shape, path)) for shape in shapes], path), shapes, strict=True)]
     if origin is tuple:
-        lengths = _exactly(columns[path + "#count"].tolist(), count, path)
+        lengths = _exactly(_lengths(_column(columns, path + "#count", np.int32).tolist(), path), count, path)
         return [tuple(part) for part in _split(_decode(args[0], sum(lengths), path, columns), lengths, path)]
     if origin in (Union, UnionType):
-        tags = _exactly(columns[path + "#tag"].tolist(), count, path)
+        tags = _exactly(_column(columns, path + "#tag", np.int8).tolist(), count, path)
         values = {i: iter(_decode(member, tags.count(i), f"{path}/{member.__name__}", columns)) for i, member in _members(args)}
-        return [next(values[tag]) if tag in values else None for tag in tags]
+        return [None if args[tag] is type(None) else next(values[tag]) for tag in _lengths(tags, path)]
     fields = [_decode(annotation, count, f"{path}/{field}", columns) for field, annotation in get_type_hints(kind).items()]
     return [kind(*value) for value in zip(*fields, strict=True)] if fields else [kind() for _ in range(count)]
 
@@ -433,7 +572,25 @@ def _stored(kind: Any, path: str) -> type:
     return np.float32 if path.endswith(_COARSE) else _element(kind)
 
 
-def _exactly(values: list[Any], count: int, path: str) -> list[Any]:
+def _column(columns: Columns, path: str, kind: type) -> NDArray[Any]:
+    """The column of this name, if it is a row of values of this kind."""
+    column = columns.get(path)
+    if column is None:
+        raise ValueError(f"{path} is missing")
+    wanted, there = np.dtype(kind), column.dtype.newbyteorder("=")
+    if column.ndim != 1 or (there.kind if wanted.kind == "U" else there) != (wanted.kind if wanted.kind == "U" else wanted):
+        raise ValueError(f"{path} is {column.dtype} {column.shape}, not a row of {wanted.name}")
+    return column
+
+
+def _lengths(values: Sequence[int], path: str) -> Sequence[int]:
+    """The values, if they can be counts."""
+    if min(values, default=0) < 0:
+        raise ValueError(f"{path} has {min(values)} entries")
+    return values
+
+
+def _exactly(values: Sequence[Any], count: int, path: str) -> Sequence[Any]:
     if len(values) != count:
         raise ValueError(f"{path} has {len(values)} entries, not {count}")
     return values

@@ -1,12 +1,13 @@
 """One recorded decision taken again: from the trace and its map alone, without SUMO, with the recorded settings or with others."""
 
+import math
 from collections.abc import Sequence
 
 from sumo_mcts.config import ConfigError, ScenarioConfig, build, is_oracle
 from sumo_mcts.driver import Driver, Physics, Thought, prediction_label
 from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.model.traffic import Scripted
-from sumo_mcts.records import CycleRecord, Setting, Trace, scenario_of
+from sumo_mcts.records import CycleRecord, Setting, Trace, TraceError, require_fit, scenario_of
 from sumo_mcts.scene import Follow, Ints, PlannerMemory, Release, RoadMap, Scene
 
 READ = ("planner", "prediction", "ego_model", "cost", "paper", "idm", "failsafe")  # sections; what the others decide has happened before a decision
@@ -23,13 +24,20 @@ def recorded_config(setting: Setting, overrides: Sequence[str] = (), *, allow_pl
 
 
 def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> Thought:
-    """The decision of a cycle, taken again from what is recorded. Raises ConfigError where another oracle would have to be asked."""
+    """The decision of a cycle, taken again from what is recorded. Raises ConfigError where another oracle would have to be asked, TraceError where the record
+    is damaged, and PlannerError where the planner fails too often."""
+    require_fit(trace, road, range(max(cycle - 1, 0), cycle + 1))
     now, setting, before = trace.cycles[cycle], trace.setting, scenario_of(trace.setting)
+    if not (math.isfinite(setting.step) and math.isfinite(setting.change_duration)):
+        raise TraceError("trace.setting: does not say how the simulation moves vehicles")
     physics = Physics(setting.step, setting.ballistic, setting.change_duration)
     memory = now.memory if config.planner.name == before["planner"]["name"] else now.memory._replace(planner=PlannerMemory())
     driver = Driver(config, road, physics, setting.seed, _witness(now, before["prediction"]["name"], config))
     last = trace.cycles[cycle - 1] if cycle else None
-    driver.recall(now.ego, memory, None if last is None else last.decision, 0.0 if last is None else last.time)
+    try:
+        driver.recall(now.ego, memory, None if last is None else last.decision, 0.0 if last is None else last.time)
+    except (ValueError, IndexError, OverflowError, TypeError):  # what a planner makes of a memory that is none of its own
+        raise TraceError(f"trace.cycles[{cycle}].memory: is none of planner {config.planner.name}") from None
     return driver.decide(Scene(now.time, now.step, now.ego, now.agents, now.signals))
 
 

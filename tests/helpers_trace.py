@@ -52,7 +52,13 @@ def busy_trace(cycles: int = 120, others: int = 30) -> Trace:
     """As much as an episode of a minute leaves behind: forecasts of 30 agents that turn and brake, each differently."""
     rng = np.random.default_rng(1)
     trace = crossing_trace(cycles, 8, "busy--mcts--1")
-    return trace._replace(cycles=tuple(cycle._replace(forecast=_busy_forecast(rng, others)) for cycle in trace.cycles))
+    return trace._replace(cycles=tuple(cycle._replace(agents=_crowd(cycle.agents, others), forecast=_busy_forecast(rng, others)) for cycle in trace.cycles))
+
+
+def _crowd(agents: Agents, count: int) -> Agents:
+    """So many agents: the given ones, over and over."""
+    copied = Agents(*(np.resize(column, count) for column in agents))
+    return copied._replace(ids=tuple(f"car.{i:02d}" for i in range(count)))
 
 
 def _busy_forecast(rng: np.random.Generator, others: int) -> Forecast:

@@ -254,7 +254,9 @@ def test_outcomes(case: str, command: Command, tmp_path: Path) -> None:
     assert error in (row["error"] or "")
     assert answer.err.splitlines() == ([f"error: {row['scenario']}: ego {row['ego']}: {row['error']}"] if error else [])
     roads = ["maps"] if any((tmp_path / "out" / "traces").iterdir()) else []
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["episodes.csv", "episodes.jsonl", "figures", "manifest.json", *roads, "traces"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "episodes.csv", "episodes.jsonl", "figures", "manifest.json", "manifests", *roads, "traces"
+    ]  # fmt: skip
 
 
 # --- what a user without an ego in mind sees ---

@@ -25,7 +25,7 @@ TOP = Path(__file__).resolve().parent.parent
 PAGES = [TOP / "README.md", TOP / "CHANGELOG.md", TOP / "CONTRIBUTING.md", *sorted((TOP / "docs").glob("*.md"))]
 SECTIONS = config.json_schema()["properties"]
 # What a run leaves behind, and files of the reader.
-_NOT_HERE = ("out/", "traces/", "maps/", "figures/", "exports/")
+_NOT_HERE = ("manifests/", "out/", "traces/", "maps/", "figures/", "exports/")
 _FILE = re.compile(r"[\w.-]+(?:/[\w.-]+)+\.(?:py|md|yaml|json|toml|xml|gif|sumocfg)")
 
 

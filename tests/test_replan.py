@@ -142,6 +142,9 @@ def test_maps_are_written_once_and_told_by_their_roads(tmp_path: Path) -> None:
     written = first.stat().st_mtime_ns
     assert save_map(tmp_path, road) == first
     assert first.stat().st_mtime_ns == written
+    first.write_bytes(first.read_bytes()[:99])
+    save_map(tmp_path, road)
+    assert same(RoadMap, load_map(tmp_path, first.stem), road), "a damaged one is mended"
     assert save_map(tmp_path, road._replace(speed=road.speed + 1.0)) != first
     assert left_turn().traces[0].setting.map == first.stem
     assert same(RoadMap, load_map(tmp_path, first.stem), road)

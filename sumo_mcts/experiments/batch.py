@@ -244,7 +244,7 @@ def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict
         "experiment": plan.experiment.model_dump(mode="json", by_alias=True),
         "experiment_digest": plan.digest,
         "shard": f"{number}/{count}",
-        "files": _contents({path for config in configs for path in files_of(config.sumo)}),
+        "files": contents({path for config in configs for path in files_of(config.sumo)}),
         "scenarios": scenarios,
         "variants": plan.variants,
         "versions": records.versions(),
@@ -255,7 +255,7 @@ def _manifest(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> dict
     }
 
 
-def _contents(paths: Iterable[str]) -> dict[str, list[str]]:
+def contents(paths: Iterable[str]) -> dict[str, list[str]]:
     """SHA-256 of the files of each name, wherever they lie. What is missing is told when SUMO starts."""
     found: dict[str, set[str]] = {}
     for path in map(Path, paths):

@@ -1,6 +1,7 @@
 """The folder of a batch: whose it is, which rows it holds, and one more at a time."""
 
 import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,10 +20,12 @@ except ImportError:  # on Windows
 
 _LEFT_BEHIND = (ROWS, TABLE, TRACES, MAPS, "tables", "report.html", "report.md", MANIFEST)  # what --fresh removes; last what says that it may
 
+_KINDS = {"experiment": dict, "experiment_digest": str, "shard": str, "versions": dict, "plugins": list, "files": dict, "egos": dict}  # in a manifest
+
 
 @contextmanager
-def only_here(folder: Path) -> Iterator[None]:
-    """Nobody else works in the folder meanwhile, on this machine. Raises ConfigError where somebody does."""
+def only_here(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
+    """No other run or batch works in the folder meanwhile, on this machine. Raises ConfigError where one does, and goes on for so long."""
     if fcntl is None:
         yield
         return
@@ -30,7 +33,7 @@ def only_here(folder: Path) -> Iterator[None]:
     folder.mkdir(parents=True, exist_ok=True)
     number = os.open(folder, os.O_RDONLY)
     try:
-        _lock(number, folder)
+        _lock(number, folder, time.monotonic() + patience_s)
         yield
     finally:
         os.close(number)
@@ -39,12 +42,16 @@ def only_here(folder: Path) -> Iterator[None]:
                 folder.rmdir()  # only where nothing came into it
 
 
-def _lock(number: int, folder: Path) -> None:
+def _lock(number: int, folder: Path, until: float) -> None:
     """Until the descriptor is closed, or the process ends in whatever way."""
-    try:
-        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise ConfigError(f"--out {folder}: another batch is at work there") from None
+    while True:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if time.monotonic() >= until:
+                raise ConfigError(f"--out {folder}: another run or batch is at work there") from None
+        time.sleep(0.05)
 
 
 def clear(folder: Path) -> None:
@@ -80,8 +87,11 @@ def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
         return None
     ways = "take another --out, or --fresh to remove what is there"
     manifest = _manifest(folder)
+    for key, kind in _KINDS.items():
+        if (key in manifest and not isinstance(manifest[key], kind)) or key not in (*manifest, "files"):
+            raise ConfigError(f"--out {folder}: {MANIFEST}: {key}: is not what a batch writes; {ways}")
     if manifest["experiment_digest"] != wanted["experiment_digest"]:
-        name = manifest["experiment"]["name"]
+        name = manifest["experiment"].get("name")
         what = "another experiment" if name != wanted["experiment"]["name"] else f"another state of {name}"
         raise ConfigError(f"--out {folder}: holds {what}; {ways}")
     if manifest["shard"] != wanted["shard"]:

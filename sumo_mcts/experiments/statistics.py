@@ -14,7 +14,8 @@ RESAMPLES = 2000  # of a bootstrap interval
 SEED = 0  # of the resampling
 LEAST = 6  # values from which on they have an interval: of fewer even the range from smallest to largest misses the median more often than once in twenty
 TWIN = "sumo"  # the planner whose episodes are the others' twins, and their variant where `twins` adds it
-TRAFFIC_DIGEST = "traffic_digest"  # the key that rows of a batch have beyond those of `run`: what everybody but the planner goes by
+TRAFFIC_DIGEST = "traffic_digest"  # a key beyond those of every row: what everybody but the planner goes by
+REDRAWN = "redrawn"  # likewise: how often the drawn scene was thrown away
 
 Row = dict[str, Any]
 Place = tuple[str, int | None, str | None, str | None, int | None]  # scenario, seed, ego, traffic, how often it was redrawn: what a pair has in common
@@ -100,7 +101,7 @@ def some(key: str) -> Callable[[Row], bool | None]:
 
 def place(row: Row) -> Place:
     """What an episode has in common with its twin."""
-    return row["scenario"], row["seed"], row["ego"], row.get(TRAFFIC_DIGEST), row.get("redrawn")
+    return row["scenario"], row["seed"], row["ego"], row.get(TRAFFIC_DIGEST), row.get(REDRAWN)
 
 
 def pairs(ones: Iterable[Row], others: Iterable[Row]) -> list[Pair]:

@@ -1,6 +1,6 @@
 """Drawings of an episode seen from above, north up: a storyboard (PNG) and an animation (GIF). From a trace alone, without SUMO.
 
-Everything is drawn with Pillow at twice the size and scaled down. Sizes named `px` are those of the finished picture.
+Everything is drawn with Pillow at twice the size and scaled down; the roads once, under all frames. Sizes named `px` are those of the finished picture.
 """
 
 import io
@@ -43,8 +43,12 @@ AHEAD_S = 5.0  # so far ahead
 BRAKES = -1.0  # m/s2; slower changes are no braking
 STRIP = 4.4  # aspect ratio of a window on a long straight road
 FPS = 10
-GIF_BYTES = 1_500_000  # for up to 20 s, in proportion beyond
+REAL_TIME_S = 30.0  # a drive up to so long is shown in real time; a longer one so many times faster,
+FAST_S = 16.0  # ... a whole number, that it takes at most so long
+GIF_BYTES = 1_500_000  # in real time, for up to 20 s, in proportion beyond; faster twice as much. Else every second frame is left out
 HOLD_MS = 1500  # the last frame stays
+TILES = 8  # pieces of the ground that are kept while the camera moves
+PIXELS = 1e6  # how far beyond the window anything is drawn: a line is as much work as it has pixels
 
 
 class View(NamedTuple):
@@ -57,7 +61,8 @@ class View(NamedTuple):
 
     def pixels(self, points: Floats) -> Floats:
         """[K, 2] pixel positions of world positions [K, 2]."""
-        return (np.asarray(points, dtype=np.float64).reshape(-1, 2) - (self.west, self.north)) * (self.scale, -self.scale)
+        pixels: Floats = (np.asarray(points, dtype=np.float64).reshape(-1, 2) - (self.west, self.north)) * (self.scale, -self.scale)
+        return pixels.clip(-PIXELS, PIXELS)
 
 
 class Shot(NamedTuple):
@@ -83,16 +88,19 @@ def storyboard(trace: Trace, path: Path, moments: int = 6) -> None:
     columns = min(columns, len(shots))
     width = (1840 - 24 * (columns - 1)) // columns
     views = _views(shots, (width, round(width / aspect)))
-    panels = [_panel(trace.lanes, shot, view) for shot, view in zip(shots, views, strict=True)]
+    roads = roads_of(trace.lanes)
+    panels = [_panel(_ground(roads, view), shot, view) for shot, view in zip(shots, views, strict=True)]
     page = _page(trace, shots, panels, columns, views[0].scale)
     write_whole(path, _png(page.reduce(SS)))
 
 
 def animation(trace: Trace, path: Path, width: int = 720, note: Note = silent) -> None:
-    """Write a GIF of the whole episode in real time. Raises ValueError where there is no cycle, OSError where it cannot be written."""
-    content = _gif(trace, width, FPS, note)
-    if len(content) > GIF_BYTES * max(1.0, (trace.cycles[-1].time - trace.cycles[0].time) / 20.0):  # a moving camera leaves no pixel as it was
-        content = _gif(trace, width, FPS // 2, note)
+    """Write a GIF of the whole episode, a long one faster than real time. Raises ValueError where there is no cycle, OSError where it cannot be written."""
+    speed = film_speed(trace)
+    drawn = [frame.quantize(palette=_palette(), dither=Image.Dither.NONE) for frame in frames(trace, width, note)]
+    content = _gif(drawn, FPS)
+    if len(content) > GIF_BYTES * (2.0 if speed > 1 else max(1.0, _duration(trace) / 20.0)):  # a moving camera leaves no pixel as it was
+        content = _gif([*drawn[:-1:2], drawn[-1]], FPS // 2)
     write_whole(path, content)
 
 
@@ -100,7 +108,7 @@ def picture(trace: Trace, time: float, width: int = 720) -> tuple[Image.Image, V
     """One moment as an image (without text), and its view; an image pixel is SS pixels of the view."""
     shot = shot_at(trace, time)
     view = _views([shot], (width, round(width / 1.5)))[0]
-    return _panel(trace.lanes, shot, view).reduce(SS), view
+    return _panel(_ground(roads_of(trace.lanes), view), shot, view).reduce(SS), view
 
 
 # --- which moments, which window ---
@@ -244,9 +252,8 @@ def _action(decision: Decision, v: float) -> tuple[float | None, int]:
 # --- the scene ---
 
 
-def _panel(lanes: Lanes, shot: Shot, view: View, ground: Image.Image | None = None) -> Image.Image:
-    """The enlarged drawing of one moment; `ground`: the roads of this view, if they are drawn already."""
-    image = _ground(lanes, view) if ground is None else ground.copy()
+def _panel(image: Image.Image, shot: Shot, view: View) -> Image.Image:
+    """The enlarged drawing of one moment, on an image of the roads in this view."""
     draw = ImageDraw.Draw(image)
     _draw_forecast(draw, view, shot)
     _draw_tried(draw, view, shot)
@@ -263,58 +270,126 @@ def _panel(lanes: Lanes, shot: Shot, view: View, ground: Image.Image | None = No
     return image
 
 
-def _ground(lanes: Lanes, view: View) -> Image.Image:
+# --- the roads ---
+
+
+class Strokes(NamedTuple):
+    """Lines or areas of one kind. K of them."""
+
+    shapes: list[Floats]  # [K] each [P, 2] m
+    width: Floats  # [K] m
+    low: Floats  # [K, 2] corner of the box around each, m
+    high: Floats  # [K, 2]
+
+
+class Roads(NamedTuple):
+    """What is drawn of the roads, whatever the window."""
+
+    lanes: Strokes
+    route: Strokes  # lanes on the ego's way
+    junctions: Strokes  # areas
+    paint: Strokes  # lines between lanes, beside them, and where to stop
+
+
+def roads_of(lanes: Lanes) -> Roads:
+    """The roads of a trace, ready to be drawn."""
+    shapes = [lanes.points[begin:end] for begin, end in pairwise(lanes.offset.tolist())]
+    drawn = [i for i, shape in enumerate(shapes) if len(shape)]
+    on_route = [i for i in drawn if lanes.route[i]]
+    hulls, borders = _junctions(lanes, shapes), _borders(lanes, shapes)
+    return Roads(
+        _strokes([shapes[i] for i in drawn], lanes.width[drawn]),
+        _strokes([shapes[i] for i in on_route], lanes.width[on_route]),
+        _strokes(hulls, np.zeros(len(hulls))),
+        _strokes([*borders, *lanes.stop_lines.reshape(-1, 2, 2)], np.repeat([0.16, 0.45], [len(borders), len(lanes.stop_lines)])),
+    )
+
+
+def _strokes(shapes: list[Floats], width: Floats) -> Strokes:
+    boxes = np.array([(shape.min(axis=0), shape.max(axis=0)) for shape in shapes]).reshape(-1, 2, 2)
+    return Strokes(shapes, width, boxes[:, 0], boxes[:, 1])
+
+
+def _ground(roads: Roads, view: View) -> Image.Image:
     """Land, asphalt, lane borders and stop lines."""
     image = Image.new("RGB", view.size, LAND)
     draw = ImageDraw.Draw(image)
-    shapes = [lanes.points[begin:end] for begin, end in pairwise(lanes.offset.tolist())]
-    seen = [i for i, shape in enumerate(shapes) if _visible(view, shape)]
-    hulls = [view.pixels(hull) for hull in _junctions(lanes, shapes, seen)]
     for extra, colour in ((0.7, KERB), (0.1, ASPHALT)):  # 0.1: no seams between lanes
-        for hull in hulls:
+        for hull, _ in _seen(roads.junctions, view):
             _polygon(draw, hull, colour, outline=extra * view.scale)
-        for i in seen:
-            _line(draw, view.pixels(shapes[i]), lanes.width[i] + extra, colour, view)
-    for i in seen:
-        if lanes.route[i]:
-            _line(draw, view.pixels(shapes[i]), lanes.width[i], ROUTE, view)
-    _draw_borders(draw, view, lanes, shapes, seen)
-    for line in lanes.stop_lines:
-        _line(draw, view.pixels(line), 0.45, PAINT, view)
+        for line, width in _seen(roads.lanes, view):
+            _line(draw, line, width + extra, colour, view)
+    for strokes, colour in ((roads.route, ROUTE), (roads.paint, PAINT)):
+        for line, width in _seen(strokes, view):
+            _line(draw, line, width, colour, view)
     return image
 
 
-def _visible(view: View, shape: Floats) -> bool:
-    """Whether the box around a shape reaches into the window."""
-    pixels, margin = view.pixels(shape), 5.0 * view.scale
-    return bool(len(pixels)) and bool((pixels.max(axis=0) > -margin).all() and (pixels.min(axis=0) < np.array(view.size) + margin).all())
+def _seen(strokes: Strokes, view: View) -> Iterator[tuple[Floats, float]]:
+    """In whole pixels, which tiles agree about, those that reach into the window, or nearly; with their width in m."""
+    margin = 5.0  # m
+    west, south, east, north = view.west, view.north - view.size[1] / view.scale, view.west + view.size[0] / view.scale, view.north
+    inside = (strokes.high > (west - margin, south - margin)) & (strokes.low < (east + margin, north + margin))
+    for i in np.flatnonzero(inside.all(axis=1)).tolist():
+        yield np.floor(view.pixels(strokes.shapes[i]) + 1e-6), float(strokes.width[i])
 
 
-def _junctions(lanes: Lanes, shapes: list[Floats], seen: list[int]) -> list[Floats]:
+class _Ground:
+    """The roads under a camera that moves by whole pixels: drawn once, in tiles of the window's size, as far as they are seen."""
+
+    def __init__(self, roads: Roads, view: View) -> None:
+        self._roads, self._origin = roads, view
+        self._tiles: dict[tuple[int, int], Image.Image] = {}
+
+    def under(self, view: View) -> Image.Image:
+        """The image of a view of the same scale and size."""
+        wide, tall = view.size
+        x, y = round((view.west - self._origin.west) * view.scale), round((self._origin.north - view.north) * view.scale)
+        image = Image.new("RGB", view.size)
+        for column in range(x // wide, -(-(x + wide) // wide)):
+            for row in range(y // tall, -(-(y + tall) // tall)):
+                image.paste(self._tile(column, row), (column * wide - x, row * tall - y))
+        return image
+
+    def _tile(self, column: int, row: int) -> Image.Image:
+        here = column, row
+        if here not in self._tiles:
+            west, north, scale, size = self._origin
+            self._tiles[here] = _ground(self._roads, View(west + column * size[0] / scale, north - row * size[1] / scale, scale, size))
+        self._tiles[here] = self._tiles.pop(here)  # the one used last stands last
+        if len(self._tiles) > TILES:
+            del self._tiles[next(iter(self._tiles))]
+        return self._tiles[here]
+
+
+def _junctions(lanes: Lanes, shapes: list[Floats]) -> list[Floats]:
     """The area of each junction: the hull of the lanes inside it."""
     inside: dict[str, list[Floats]] = defaultdict(list)
-    for i in seen:
-        if lanes.internal[i]:
+    for i, shape in enumerate(shapes):
+        if lanes.internal[i] and len(shape):
             half = lanes.width[i] / 2
-            inside[lanes.lane_ids[i].rsplit("_", 2)[0]] += [_beside(shapes[i], half), _beside(shapes[i], -half)]
+            inside[lanes.lane_ids[i].rsplit("_", 2)[0]] += [_beside(shape, half), _beside(shape, -half)]
     return [_hull(np.concatenate(sides)) for sides in inside.values()]
 
 
-def _draw_borders(draw: ImageDraw.ImageDraw, view: View, lanes: Lanes, shapes: list[Floats], seen: list[int]) -> None:
+def _borders(lanes: Lanes, shapes: list[Floats]) -> list[Floats]:
     """Broken lines between the lanes of an edge, a solid one to the left of it."""
     places = [lane_id.rpartition("_") for lane_id in lanes.lane_ids]
     top: dict[str, int] = defaultdict(int)
     for edge, _, index in places:
-        top[edge] = max(top[edge], int(index) if index.isdigit() else 0)
-    for i in seen:
-        if lanes.internal[i]:
+        top[edge] = max(top[edge], int(index) if index.isdecimal() else 0)
+    found: list[Floats] = []
+    for i, (edge, _, index) in enumerate(places):
+        if lanes.internal[i] or not index.isdecimal() or not len(shapes[i]):
             continue
-        edge, _, index = places[i]
-        if index.isdigit() and int(index) > 0:
-            for dash in _dashes(_beside(shapes[i], -lanes.width[i] / 2), 3.0, 4.5):
-                _line(draw, view.pixels(dash), 0.16, PAINT, view)
-        if index.isdigit() and int(index) == top[edge]:
-            _line(draw, view.pixels(_beside(shapes[i], lanes.width[i] / 2)), 0.16, PAINT, view)
+        if int(index) > 0:
+            found += list(_dashes(_beside(shapes[i], -lanes.width[i] / 2), 3.0, 4.5))
+        if int(index) == top[edge]:
+            found.append(_beside(shapes[i], lanes.width[i] / 2))
+    return found
+
+
+# --- what was thought ---
 
 
 def _draw_forecast(draw: ImageDraw.ImageDraw, view: View, shot: Shot) -> None:
@@ -450,11 +525,12 @@ def _beside(shape: Floats, distance: float) -> Floats:
     return np.asarray(shape + distance * np.column_stack([-unit[:, 1], unit[:, 0]]))
 
 
-def _dashes(shape: Floats, dash: float, gap: float) -> list[Floats]:
-    """Pieces [2, 2] of a broken line along a shape, m."""
+def _dashes(shape: Floats, dash: float, gap: float) -> Floats:
+    """[K, 2, 2] pieces of a broken line along a shape, m."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))])
     starts = np.arange(gap / 2, s[-1] - dash, dash + gap)
-    return [np.column_stack([np.interp((a, a + dash), s, shape[:, 0]), np.interp((a, a + dash), s, shape[:, 1])]) for a in starts]
+    ends = np.column_stack([starts, starts + dash])
+    return np.stack([np.interp(ends, s, shape[:, 0]), np.interp(ends, s, shape[:, 1])], axis=-1)
 
 
 def _hull(points: Floats) -> Floats:
@@ -514,10 +590,10 @@ def _page(trace: Trace, shots: list[Shot], panels: list[Image.Image], columns: i
 
 def _heading(draw: ImageDraw.ImageDraw, trace: Trace, left: float, right: float) -> None:
     words = trace.scenario.replace("-", " ").replace("_", " ")
-    _write(draw, (left, 62), words[:1].upper() + words[1:], 30, bold=True)
+    _write(draw, (left, 62), _fitted(draw, words[:1].upper() + words[1:], 36, right - left - 260), 30, bold=True)  # 36: bold is wider
     good = trace.outcome == "arrived"
     _write(draw, (right, 54), trace.outcome.replace("_", " "), 22, INK if good else BRAKE, bold=True, anchor="rs")
-    _write(draw, (right, 78), trace.key, 13, FAINT, anchor="rs")
+    _write(draw, (right, 78), _fitted(draw, trace.key, 13, right - left), 13, FAINT, anchor="rs")
 
 
 def _caption(draw: ImageDraw.ImageDraw, shot: Shot, x: float, y: float, width: float) -> None:
@@ -594,51 +670,60 @@ def _png(image: Image.Image) -> bytes:
 _BAND = 44  # px: the line of text below the scene
 
 
-def frame_times(trace: Trace, fps: int = FPS) -> Floats:
-    """[F] simulation times of the frames, s: from the first decision to the last."""
+def film_speed(trace: Trace) -> int:
+    """How many times faster than real time an episode is shown, so that no film has more frames than REAL_TIME_S."""
+    duration = _duration(trace)
+    return 1 if duration <= REAL_TIME_S else math.ceil(duration / FAST_S)
+
+
+def _duration(trace: Trace) -> float:
+    """From the first decision to the last, s."""
     if not trace.cycles:
         raise ValueError(f"{trace.key}: the trace holds no cycle to draw")
-    first, last = trace.cycles[0].time, trace.cycles[-1].time
-    return first + np.arange(round((last - first) * fps) + 1) / fps
+    return trace.cycles[-1].time - trace.cycles[0].time
 
 
-def frames(trace: Trace, width: int, fps: int, note: Note = silent) -> Iterator[Image.Image]:
-    """The whole episode, so many frames a second. Raises ValueError where there is no cycle."""
-    shots = [shot_at(trace, float(time)) for time in frame_times(trace, fps)]
+def frame_times(trace: Trace) -> Floats:
+    """[F] simulation times of the frames, s: from the first decision to the last, FPS of them a second of the film."""
+    apart, duration = film_speed(trace) / FPS, _duration(trace)
+    elapsed: Floats = np.minimum(apart * np.arange(math.ceil(duration / apart - 1e-6) + 1), duration)
+    return trace.cycles[0].time + elapsed
+
+
+def frames(trace: Trace, width: int, note: Note = silent) -> Iterator[Image.Image]:
+    """The whole episode, FPS frames a second. Raises ValueError where there is no cycle."""
+    shots, speed = [shot_at(trace, float(time)) for time in frame_times(trace)], film_speed(trace)
     _, aspect = _arrangement(shots)
     height = round(width / (0.75 * STRIP if aspect == STRIP else 1.5))
     views = _views(shots, (width, height), largest=145.0)  # a camera that stays is worth smaller vehicles
-    ground, shown = None, None
+    ground = _Ground(roads_of(trace.lanes), views[0])
     for number, (shot, view) in enumerate(zip(shots, views, strict=True), 1):
-        if view != shown:
-            ground, shown = _ground(trace.lanes, view), view
         note(f"drawing the film  frame {number} of {len(shots)}")
-        yield _frame(_panel(trace.lanes, shot, view, ground), shot, trace.outcome if number == len(shots) else "")
+        yield _frame(_panel(ground.under(view), shot, view), shot, trace.outcome if number == len(shots) else "", speed)
 
 
-def _gif(trace: Trace, width: int, fps: int, note: Note) -> bytes:
+def _gif(drawn: list[Image.Image], fps: int) -> bytes:
     """The encoded animation."""
-    palette = _palette()
-    drawn = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames(trace, width, fps, note)]
     durations = [1000 // fps] * (len(drawn) - 1) + [HOLD_MS]
     buffer = io.BytesIO()
     drawn[0].save(buffer, format="GIF", save_all=True, append_images=drawn[1:], duration=durations, loop=0, disposal=1, optimize=False)
     return buffer.getvalue()
 
 
-def _frame(panel: Image.Image, shot: Shot, ended: str) -> Image.Image:
-    """The finished frame: scene and a line of text."""
+def _frame(panel: Image.Image, shot: Shot, ended: str, speed: int) -> Image.Image:
+    """The finished frame: scene and a line of text; `speed`: times faster than real time."""
     scene = panel.reduce(SS)
     frame = Image.new("RGB", (scene.width, scene.height + _BAND), PAPER)
     frame.paste(scene, (0, 0))
     band = Image.new("RGB", (scene.width * SS, _BAND * SS), PAPER)
     draw = ImageDraw.Draw(band)
-    time = shot.cycle.time + shot.elapsed
-    _write(draw, (14, 29), f"{time:.1f} s", 17, bold=True)
-    _write(draw, (96, 29), f"{shot.ego[3]:.1f} m/s", 15, FAINT)
+    end = _write(draw, (14, 29), f"{shot.cycle.time + shot.elapsed:.1f} s", 17, bold=True)
+    end = _write(draw, (max(96, end + 14), 29), f"{shot.ego[3]:.1f} m/s", 15, FAINT)
+    if speed > 1:
+        end = _write(draw, (end + 14, 29), f"{speed}\u00d7 speed", 15, FAINT)
     text = ended.replace("_", " ") if ended else action_words(shot.cycle)
     colour = EGO if ended in ("", "arrived") else BRAKE
-    _write(draw, (scene.width - 14, 29), _fitted(draw, text, 15, scene.width - 220), 15, colour, bold=bool(ended), anchor="rs")
+    _write(draw, (scene.width - 14, 29), _fitted(draw, text, 15, scene.width - 34 - end), 15, colour, bold=bool(ended), anchor="rs")
     frame.paste(band.reduce(SS), (0, scene.height))
     return frame
 

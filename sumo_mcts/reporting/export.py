@@ -13,6 +13,9 @@ COLUMNS = (
     "lane_change", "cost", "iterations",
 )  # fmt: skip
 
+_NO_XML = dict.fromkeys([*range(0x20), 0xFFFE, 0xFFFF], "?")  # letters that XML cannot hold, however they are written; but tab and line break
+del _NO_XML[0x09], _NO_XML[0x0A]
+
 
 def write_csv(path: Path, trace: Trace, road: RoadMap) -> None:
     """A row for each cycle and vehicle, the ego first, as the planner saw them; the last columns tell of its decision. Raises OSError."""
@@ -23,7 +26,7 @@ def write_fcd(path: Path, trace: Trace, road: RoadMap) -> None:
     """A time step for each cycle, as SUMO has it: the middle of the front bumper, degrees clockwise from north, and the time at which the step began that led
     there. Raises OSError."""
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<fcd-export>", *(line for cycle in trace.cycles for line in _timestep(cycle, road)), "</fcd-export>"]
-    write_whole(path, ("\n".join(lines) + "\n").encode())
+    write_whole(path, ("\n".join(lines) + "\n").translate(_NO_XML).encode(errors="replace"))
 
 
 def _ego_row(cycle: CycleRecord, road: RoadMap) -> Row:

@@ -1,5 +1,8 @@
 """The animation of an episode as a video file (MP4, H.264). Needs the extra `video`, which brings an encoder along."""
 
+import errno
+import os
+import shutil
 from itertools import chain, repeat
 from pathlib import Path
 
@@ -11,6 +14,7 @@ from sumo_mcts.reporting.birdseye import FPS, HOLD_MS, Note, frames, silent
 
 WIDTH = 1080  # px
 QUALITY = 8  # of the encoder, up to 10
+ROOM = 1 << 20  # bytes: a disk with less is full
 
 
 class EncoderError(Exception):
@@ -18,26 +22,49 @@ class EncoderError(Exception):
 
 
 def film(trace: Trace, path: Path, note: Note = silent) -> None:
-    """Write the whole episode in real time. Raises EncoderError, ValueError where there is no cycle, OSError where it cannot be written."""
+    """Write the whole episode, a long one faster than real time. Raises EncoderError, ValueError where there is no cycle, OSError where it cannot be
+    written."""
     try:
         import imageio_ffmpeg as encoders
     except ImportError:
         raise EncoderError("needs an encoder that is not installed: pip install 'sumo-mcts[video]'; png and gif need none") from None
-    drawn = map(_even, frames(trace, WIDTH, FPS, note))
+    drawn = map(_even, frames(trace, WIDTH, note))
     first = next(drawn)
     with written_whole(path) as unfinished:
         unfinished.touch()  # where nothing can be written this says so
         encoder = encoders.write_frames(
-            str(unfinished), first.size, fps=FPS, quality=QUALITY, codec="libx264", macro_block_size=2, ffmpeg_log_level="error",
+            str(unfinished), first.size, fps=FPS, quality=QUALITY, codec="libx264", macro_block_size=2, ffmpeg_log_level="quiet",
             output_params=["-f", "mp4"],
         )  # fmt: skip
-        encoder.send(None)
-        frame = first
-        for frame in chain([first], drawn):
-            encoder.send(np.asarray(frame))
-        for last in repeat(np.asarray(frame), HOLD_MS * FPS // 1000):
-            encoder.send(last)
-        encoder.close()
+        try:
+            encoder.send(None)
+            frame = first
+            for frame in chain([first], drawn):
+                encoder.send(np.asarray(frame))
+            for last in repeat(np.asarray(frame), HOLD_MS * FPS // 1000):
+                encoder.send(last)
+            encoder.close()
+        except OSError:
+            raise _failed(path) from None
+        if not _is_whole(unfinished.read_bytes()):  # the encoder says nothing of what fails in the end
+            raise _failed(path)
+
+
+def _failed(path: Path) -> OSError:
+    """What to raise where the encoder ended by itself: in a pipe the reason is lost, but a full disk can be seen."""
+    full = shutil.disk_usage(path.parent).free < ROOM
+    return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) if full else OSError(errno.EIO, "the video encoder failed", str(path))
+
+
+def _is_whole(content: bytes) -> bool:
+    """Whether a film consists of whole boxes, its index among them."""
+    at, kinds = 0, set()
+    while at + 8 <= len(content):
+        size, kind = int.from_bytes(content[at : at + 4], "big"), content[at + 4 : at + 8]
+        long = size == 1  # then the size follows
+        kinds.add(kind)
+        at += max(int.from_bytes(content[at + 8 : at + 16], "big") if long else size, 8)
+    return at == len(content) and b"moov" in kinds
 
 
 def _even(frame: Image.Image) -> Image.Image:

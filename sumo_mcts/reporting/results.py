@@ -1,6 +1,6 @@
 """What folders of results hold, merged: the rows, where their traces lie, and what is wrong with them."""
 
-import sys
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -9,12 +9,21 @@ from typing import Any, NamedTuple
 from sumo_mcts import records
 from sumo_mcts.config import ConfigError
 from sumo_mcts.experiments.experiment import DECIDING
-from sumo_mcts.experiments.statistics import TRAFFIC_DIGEST, TWIN, place
+from sumo_mcts.experiments.statistics import REDRAWN, TRAFFIC_DIGEST, TWIN, place
 from sumo_mcts.experiments.worth import order
 from sumo_mcts.records import ROW_KEYS, Row
 
 _TEXTS = ("key", "scenario", "variant", "planner", "prediction", "ego", "outcome", "error", "trace_digest", "config_digest", TRAFFIC_DIGEST)
 _TRUTHS = ("at_fault", "inevitable", "in_time")
+_COUNTS = (
+    "seed", "collisions", "hard_brakes", "lane_changes", "decision_flips", "red_lights_run", "yellow_run", "imposed_brakes_2", "imposed_brakes_3",
+    "imposed_brakes_4", "failsafe_interventions", "iterations_per_decision", "iterations", "cycles", "deadline_misses", REDRAWN,
+)  # fmt: skip
+_SHARES = ("comfortable_share", "speeding_share")
+_FURTHER = (TRAFFIC_DIGEST, REDRAWN)  # keys that rows have beyond those of ROW_KEYS
+_MOST = 1e12  # of any number
+_SHARDS = 1_000_000  # that an experiment may have been cut into
+_TOLD = 8  # names in a note
 _ORDER = ("mcts", "paper", "exhaustive")  # planners in the order in which they are shown; then all others,
 _LAST = ("idm", "random", "constant", TWIN)  # and these at the end
 
@@ -24,14 +33,14 @@ class Results(NamedTuple):
 
     name: str  # of the experiment or the only scenario, else of the folder
     description: str
-    rows: tuple[Row, ...]  # every key of ROW_KEYS, and TRAFFIC_DIGEST of a batch; by scenario, variant, seed, ego
+    rows: tuple[Row, ...]  # every key of ROW_KEYS, and what tells pairs; by scenario, variant, seed, ego
     traces: dict[str, Path]  # by the key of the row; only those that exist
     versions: dict[str, str]  # of the first folder that tells
     notes: tuple[str, ...]  # what a reader has to know about missing or broken things
 
 
 def gather(folders: Sequence[Path]) -> Results:
-    """All episodes of the folders; of those with the same key the last. Raises ConfigError where there is none, OSError where one cannot be read."""
+    """All episodes of the folders; of those with the same key the last. Raises ConfigError where there is none; what cannot be read is a note."""
     rows: dict[str, Row] = {}
     traces: dict[str, Path] = {}
     notes: list[str] = []
@@ -76,28 +85,49 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
     """The rows of a folder by key, and what is wrong with them."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such folder")
-    if not (folder / records.ROWS).is_file():
-        return {}, [f"{folder}: {records.ROWS}: no such file; `sumo-mcts run` and `sumo-mcts batch` write one with --out"]
-    lines, torn = records.rows_and_torn(folder)
+    named = f"{folder}: {records.ROWS}"
+    try:
+        lines, torn = records.rows_and_torn(folder)
+    except OSError as error:
+        return {}, [f"{named}: cannot be read: {error.strerror}"]
+    if not lines and not torn and not (folder / records.ROWS).exists():
+        return {}, [f"{named}: no such file; `sumo-mcts run` and `sumo-mcts batch` write one with --out"]
     missing = Counter(key for line in lines for key in ROW_KEYS if key not in line)
     notes = []
     if torn:
-        notes.append(f"{folder}: {records.ROWS}: {torn} of its lines {'is' if torn == 1 else 'are'} not a whole row, and left out")
+        notes.append(f"{named}: {torn} of its lines {'is' if torn == 1 else 'are'} not a whole row, and left out")
     if missing:
-        notes.append(f"{folder}: {records.ROWS}: up to {max(missing.values())} of {len(lines)} rows are of another version, without {', '.join(missing)}")
-    rows = {line["key"]: {key: _kind(key, line.get(key)) for key in (*ROW_KEYS, *({TRAFFIC_DIGEST} & line.keys()))} for line in lines}
+        notes.append(f"{named}: up to {max(missing.values())} of {len(lines)} rows are of another version, without {_some(list(missing))}")
+    told = {line["key"]: line for line in lines}  # of the same key the last
+    rows = {name: {key: _kind(key, line.get(key)) for key in (*ROW_KEYS, *(key for key in _FURTHER if key in line))} for name, line in told.items()}
+    strange = dict.fromkeys(key for name, row in rows.items() for key, value in row.items() if value is None and told[name].get(key) is not None)
+    if strange:
+        notes.append(f"{named}: values that their keys do not allow are left out: {_some(list(strange))}")
     if not rows:
-        notes.append(f"{folder}: {records.ROWS}: no episode in it")
-    return rows, notes
+        notes.append(f"{named}: no episode in it")
+    return {str(row["key"]): row for row in rows.values()}, notes
+
+
+def _some(names: Sequence[str]) -> str:
+    """The names, the first of many."""
+    more = len(names) - _TOLD
+    return ", ".join(names[:_TOLD]) + (f" and {more} more" if more > 0 else "")
 
 
 def _kind(key: str, value: Any) -> Any:
-    """The value, or None where it is not of the key's kind."""
+    """The value, or None where it is not of the key's kind or beyond its bounds."""
     if key in _TEXTS:
-        return value if isinstance(value, str) else None
+        return printable(value) if isinstance(value, str) else None
     if key in _TRUTHS:
         return value if isinstance(value, bool) else None
-    return value if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max else None
+    if isinstance(value, bool) or not isinstance(value, int if key in _COUNTS else int | float):
+        return None
+    return value if 0 <= value <= (1.0 if key in _SHARES else _MOST) else None
+
+
+def printable(text: str) -> str:
+    """The text with line breaks and control characters written out."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _replaced(folder: Path, before: Mapping[str, Row], found: Mapping[str, Row]) -> list[str]:
@@ -112,7 +142,7 @@ def _unfinished(folders: Sequence[Path], counts: Sequence[int], manifests: Seque
     notes = []
     for folder, there, manifest in zip(folders, counts, manifests, strict=True):
         wanted = manifest.get("rows")
-        if isinstance(wanted, int) and there < wanted:
+        if isinstance(wanted, int) and there < wanted <= _MOST:
             notes.append(f"{folder}: {there} of the {wanted} rows of its batch are there; the command that began it goes on")
     return notes
 
@@ -121,11 +151,17 @@ def _other_shards(manifests: Sequence[Mapping[str, Any]]) -> list[str]:
     """A word about shards of an experiment that are not among the folders."""
     there: dict[tuple[str, int], set[int]] = {}
     for manifest in manifests:
-        number, _, count = str(manifest.get("shard", "")).partition("/")
-        if number.isdecimal() and count.isdecimal():
-            there.setdefault((str(manifest.get("experiment_digest")), int(count)), set()).add(int(number))
+        number, count = _shard_of(manifest)
+        if 1 <= number <= count <= _SHARDS:
+            there.setdefault((str(manifest.get("experiment_digest")), count), set()).add(number)
     missing = {count: sorted(set(range(1, count + 1)) - found) for (_, count), found in there.items()}
-    return [f"shard {', '.join(f'{k}/{count}' for k in those)} of the experiment is not here" for count, those in missing.items() if those]
+    return [f"shard {_some([f'{k}/{count}' for k in those])} of the experiment is not here" for count, those in missing.items() if those]
+
+
+def _shard_of(manifest: Mapping[str, Any]) -> tuple[int, int]:
+    """Which of how many shards; (0, 0): the manifest does not tell."""
+    told = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", str(manifest.get("shard", "")))
+    return (0, 0) if told is None else (int(told[1]), int(told[2]))
 
 
 def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -135,9 +171,9 @@ def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list
     doubts = [f"{several} episodes have several twins (planner {TWIN}); the first of them is the one compared with"] if several else []
     told = [manifest["versions"] for manifest in manifests if isinstance(manifest.get("versions"), dict)]
     for name in DECIDING:
-        found = list(dict.fromkeys(str(versions[name]) for versions in told if versions.get(name)))
+        found = list(dict.fromkeys(printable(str(versions[name])) for versions in told if versions.get(name)))
         if len(found) > 1:
-            doubts.append(f"the folders were written with different versions of {name}: {', '.join(found)}")
+            doubts.append(f"the folders were written with different versions of {name}: {_some(found)}")
     return doubts
 
 
@@ -171,14 +207,14 @@ def _title(folders: Sequence[Path], manifests: Iterable[dict[str, Any]], rows: I
         for key in ("experiment", "scenario"):
             told = manifest.get(key)
             if isinstance(told, dict) and isinstance(told.get("name"), str) and (key == "experiment" or scenarios == {told["name"]}):
-                return told["name"], str(told.get("description") or "")
+                return printable(told["name"]), printable(str(told.get("description") or ""))
     return ", ".join(dict.fromkeys(folder.resolve().name for folder in folders)), ""
 
 
 def _versions(manifests: Iterable[dict[str, Any]]) -> dict[str, str]:
     """What it ran on, by the first manifest that says so."""
     told: dict[Any, Any] = next((manifest["versions"] for manifest in manifests if isinstance(manifest.get("versions"), dict)), {})
-    return {str(name): str(version) for name, version in told.items() if version}
+    return {printable(str(name)): printable(str(version)) for name, version in told.items() if version}
 
 
 def _traces_of(folder: Path, keys: Iterable[str]) -> dict[str, Path]:

@@ -460,7 +460,7 @@ def test_fresh_takes_nothing_from_a_folder_without_a_batch(tmp_path: Path) -> No
 
 def test_one_batch_at_a_time(whole: Reference, tmp_path: Path) -> None:
     def again(_: Progress) -> None:
-        with pytest.raises(ConfigError, match="another batch is at work there"):
+        with pytest.raises(ConfigError, match="another run or batch is at work there"):
             run_batch(write(tmp_path), whole[0])
 
     run_batch(write(tmp_path), whole[0], watch=again)

@@ -123,6 +123,61 @@ def test_a_long_animation_with_a_moving_camera_stays_small(tmp_path: Path, monke
         assert image.n_frames == 26
 
 
+def stretched(trace: Trace, seconds: float) -> Trace:
+    """The same decisions, spread over so many seconds."""
+    last = len(trace.cycles) - 1
+    return trace._replace(cycles=tuple(cycle._replace(time=k * seconds / last) for k, cycle in enumerate(trace.cycles)))
+
+
+@pytest.mark.parametrize(("seconds", "speed"), [(30.0, 1), (30.1, 2), (200.0, 13), (7200.0, 450)])
+def test_a_long_drive_is_shown_faster_from_its_first_decision_to_its_last(seconds: float, speed: int) -> None:
+    trace = stretched(highway_trace(), seconds)
+    times = birdseye.frame_times(trace)
+    assert birdseye.film_speed(trace) == speed
+    assert len(times) <= birdseye.REAL_TIME_S * birdseye.FPS + 1
+    assert (times[0], times[-1]) == (0.0, seconds)
+    np.testing.assert_allclose(np.diff(times)[:-1], speed / birdseye.FPS)
+
+
+def test_how_much_faster_is_written_in_the_picture(tmp_path: Path) -> None:
+    shot = birdseye.shot_at(crossing_trace(), 1.0)
+    scene = Image.new("RGB", (720 * birdseye.SS, 480 * birdseye.SS))
+    usual, faster, fastest = (np.asarray(birdseye._frame(scene, shot, "", speed)) for speed in (1, 2, 9))
+    assert (usual != faster).any()
+    assert (faster != fastest).any()
+
+
+def test_the_animation_of_a_long_drive_is_small_and_tells_how_far_it_is(tmp_path: Path) -> None:
+    said: list[str] = []
+    birdseye.animation(stretched(highway_trace(), 200.0), tmp_path / "a.gif", width=180, note=said.append)
+    assert (said[0], said[-1]) == ("drawing the film  frame 1 of 155", "drawing the film  frame 155 of 155")
+    assert len(said) == 155
+    with Image.open(tmp_path / "a.gif") as image:
+        assert image.n_frames in (78, 155)
+
+
+@pytest.mark.parametrize("trace", [crossing_trace(), highway_trace()], ids=["crossing", "highway"])
+def test_a_ground_of_tiles_is_the_ground(trace: Trace) -> None:
+    """Whatever window is cut from it, also before the first tile."""
+    roads = birdseye.roads_of(trace.lanes)
+    _, view = birdseye.picture(trace, 6.0, 360)
+    ground = birdseye._Ground(roads, view)
+    for right, up in ((0, 0), (1, -1), (-700, 301), (333, -77), (-5000, 4000)):
+        moved = view._replace(west=view.west + right * birdseye.SS / view.scale, north=view.north + up * birdseye.SS / view.scale)
+        cut, drawn = (np.asarray(image.reduce(birdseye.SS)).astype(int) for image in (ground.under(moved), birdseye._ground(roads, moved)))
+        assert (np.abs(cut - drawn).max(axis=2) > 30).mean() < 1e-3
+    assert len(ground._tiles) <= birdseye.TILES
+
+
+def test_the_ground_is_drawn_once_under_a_camera_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+    ground = birdseye._ground
+    monkeypatch.setattr(birdseye, "_ground", lambda roads, view: drawn.append(view) or ground(roads, view))
+    trace = crossing_trace()
+    assert len(list(birdseye.frames(trace._replace(cycles=trace.cycles[:5]), 180))) == 21
+    assert len(drawn) == 1
+
+
 def test_a_trace_from_disk_gives_the_same_picture(tmp_path: Path) -> None:
     trace = crossing_trace()
     save_trace(tmp_path / "t.npz", trace)

@@ -20,7 +20,7 @@ def test_the_film_holds_every_frame_and_stays_on_the_last(tmp_path: Path) -> Non
     decoded = subprocess.run(command, capture_output=True, check=True)
     assert b"Video: h264" in decoded.stderr
     assert b"10 fps" in decoded.stderr
-    drawn = [np.asarray(film._even(frame)) for frame in birdseye.frames(trace, film.WIDTH, birdseye.FPS)]
+    drawn = [np.asarray(film._even(frame)) for frame in birdseye.frames(trace, film.WIDTH)]
     shown = np.frombuffer(decoded.stdout, np.uint8).reshape(-1, *drawn[0].shape)
     assert len(drawn) == 16
     assert len(shown) == len(drawn) + birdseye.HOLD_MS * birdseye.FPS // 1000
@@ -43,7 +43,7 @@ def test_a_film_that_is_broken_off_leaves_the_old_one(tmp_path: Path) -> None:
 
 
 def test_sizes_are_made_even() -> None:
-    frame = next(iter(birdseye.frames(crossing_trace(), 721, birdseye.FPS)))
+    frame = next(iter(birdseye.frames(crossing_trace(), 721)))
     assert frame.width % 2 == 1
     even = film._even(frame)
     assert (even.width, even.height % 2) == (720, 0)

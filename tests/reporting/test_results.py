@@ -76,7 +76,10 @@ def test_torn_lines_and_foreign_values_are_told(tmp_path: Path) -> None:
     found = gather([folder])
     assert len(found.rows) == 2
     assert [found.rows[1][key] for key in ("min_ttc_s", "at_fault", "rms_jerk_mps3")] == [None, None, None]
-    assert found.notes == (f"{folder}: {ROWS}: 3 of its lines are not a whole row, and left out",)
+    assert found.notes == (
+        f"{folder}: {ROWS}: 3 of its lines are not a whole row, and left out",
+        f"{folder}: {ROWS}: values that their keys do not allow are left out: at_fault, rms_jerk_mps3, min_ttc_s",
+    )
 
 
 def test_numbers_beyond_all_bounds_are_unknown_and_lines_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
@@ -88,7 +91,10 @@ def test_numbers_beyond_all_bounds_are_unknown_and_lines_that_cannot_be_read_are
     (folder / ROWS).write_text("\n".join(lines))
     found = gather([folder])
     assert [(row["cycles"], row["rms_jerk_mps3"]) for row in found.rows] == [(40, 1.0), (None, None)]
-    assert found.notes == (f"{folder}: {ROWS}: 2 of its lines are not a whole row, and left out",)
+    assert found.notes == (
+        f"{folder}: {ROWS}: 2 of its lines are not a whole row, and left out",
+        f"{folder}: {ROWS}: values that their keys do not allow are left out: rms_jerk_mps3, cycles",
+    )
 
 
 def test_rows_of_another_version_are_told_and_filled(tmp_path: Path) -> None:
