@@ -1,16 +1,17 @@
-# make demo | test | clean. Another interpreter: make PYTHON=/path/to/python test
+# make demo | test | test-versions | clean. Another interpreter: make PYTHON=/path/to/python test
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -q --disable-pip-version-check
 
-.PHONY: demo test clean help
+.PHONY: demo test test-versions clean help
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo    one episode of the unprotected left turn, results in out/demo"
-	@echo "make test    all checks: style, types, floors, tests"
-	@echo "make clean   remove caches, builds and out/demo; $(VENV) and other results stay"
+	@echo "make demo           one episode of the unprotected left turn, results in out/demo"
+	@echo "make test           all checks: style, types, floors, tests"
+	@echo "make test-versions  a smoke set with every supported Python of this machine, newest and lowest dependencies"
+	@echo "make clean          remove caches, builds and out/demo; environments and other results stay"
 
 demo: $(VENV)/.installed
 	$(BIN)/sumo-mcts run unprotected-left-turn --out out/demo
@@ -21,6 +22,10 @@ test: $(VENV)/.installed-dev
 	$(BIN)/mypy --strict sumo_mcts
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n 2
+
+# VERSIONS=--newest-python: with one Python only.
+test-versions: $(VENV)/.installed-dev
+	$(BIN)/python tests/versions.py $(VERSIONS)
 
 # The stamps say that a step was finished, so an interrupted one is done again.
 $(VENV)/.created:

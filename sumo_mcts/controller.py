@@ -1,21 +1,27 @@
 """For a libsumo loop of your own: the controller drives one vehicle of it.
 
 libsumo.start(["sumo", "-c", "my.sumocfg"])
-controller = Controller("ego")
-while libsumo.simulation.getMinExpectedNumber():
-    controller.step()
-    libsumo.simulationStep()
+with Controller("ego") as controller:
+    while libsumo.simulation.getMinExpectedNumber():
+        controller.step()
+        libsumo.simulationStep()
 """
 
+import math
+import weakref
 from collections.abc import Mapping
-from typing import Any, NoReturn
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, NoReturn, Self
 
 from sumo_mcts import config as scenario_files
 from sumo_mcts.config import ConfigError, ScenarioConfig
 from sumo_mcts.driver import Driver, Thought, streams, warm_up
 from sumo_mcts.model.predictor import Oracles
-from sumo_mcts.pilot import Pilot, running_world
-from sumo_mcts.world.simulation import option, require_running
+from sumo_mcts.pilot import Pilot, never_departed, running_world
+from sumo_mcts.world import simulation
+from sumo_mcts.world.candidates import near_ids
+from sumo_mcts.world.observe import departure
 
 _NOT_HERE = {
     "script": "reads the scripts of a scenario that `sumo-mcts run` plays",
@@ -24,33 +30,134 @@ _NOT_HERE = {
 
 
 class Controller:
-    """Takes the vehicle over as soon as it is on the road and drives it until it leaves; takes the decisions that `sumo-mcts run` takes."""
+    """Takes the vehicle over as soon as it is on the road and drives it until it leaves; takes the decisions that `sumo-mcts run` takes.
+
+    Where the loop does something unusual:
+
+    - Another simulation in the same process (libsumo.load, another libsumo.start, an earlier state):
+      the next step() begins anew in it, as a new controller with the same arguments would. While none
+      runs, step() raises ConfigError.
+    - Another controller of the same vehicle is refused with ConfigError. One that was released, has
+      done its drive or is garbage leaves the vehicle to others.
+    - A second step() before the same step of SUMO does nothing: that step is commanded already.
+    - A step of SUMO without step(): the vehicle keeps its speed in it, whatever comes. The plan goes
+      on where it would be by then.
+    - The vehicle never comes: simulationStep() raises ConfigError that names similar ids,
+      `episode.depart_limit_s` after the controller was made, or as soon as SUMO expects no more
+      vehicles after there were some.
+    - The vehicle is gone: the drive is over. One that gets the same id later is another vehicle, for
+      another controller.
+
+    The vehicle gets its speed mode, lane change mode and action step length back by release(), at the
+    end of a `with` block, when step() raises, while SUMO teleports it, and when the controller is
+    garbage.
+    """
 
     def __init__(self, ego: str, config: ScenarioConfig | Mapping[str, Any] | None = None, *, seed: int = 0, allow_plugins: bool = False) -> None:
         """Join the simulation that runs in this process. Raises ConfigError where there is none, or where `config` is wrong.
 
-        config: a scenario, of which everything but sumo, egos, traffic and episode counts; or its sections, as in
-        {"planner": {"iterations": 2000}}; by default as in a scenario that says nothing. `seed` is that of the search and of the sensor's errors.
+        config: a scenario, whose sections sumo, egos, traffic and (but for depart_limit_s) episode do
+        not count; or its sections, as in {"planner": {"iterations": 2000}}; by default as in a scenario
+        that says nothing. `seed` is that of the search and of the sensor's errors.
         allow_plugins: whether a mapping may name code of your own as module:name.
         """
-        require_running()
-        self._ego, self._config = ego, _scenario(ego, config, allow_plugins)
-        self._world = running_world(self._config.planner.period_s)
-        oracles = Oracles(self._world.observer.way, _no_script, _no_copy)
-        self._driver = Driver(self._config, self._world.road, self._world.physics, streams(seed).search, oracles)
-        self._noise = streams(seed).noise.spawn(1)[0]
-        self._pilot: Pilot | None = None
-        self._over = False
-        self.thought: Thought | None = None  # the last decision, and what it rests on
-        warm_up(self._config, self._world.road, self._world.physics)
+        self._ego, self._asked, self._seed, self._allow_plugins = ego, config, seed, allow_plugins
+        self._released = False
+        self._hold = _Hold()
+        weakref.finalize(self, self._hold.let_go).atexit = False
+        simulation.require_running()
+        self._join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.release()
 
     @property
     def driving(self) -> bool:
         """Whether the controller holds the vehicle."""
-        return self._pilot is not None
+        return self._hold.pilot is not None and self._hold.simulation == simulation.number()
 
     def step(self) -> None:
-        """Command the step that begins now: to be called right before each libsumo.simulationStep()."""
+        """Command the step that begins now: to be called right before each libsumo.simulationStep().
+
+        Raises ConfigError where no simulation runs, or another one in which the controller cannot
+        drive; PlannerError where the planner failed too often in a row.
+        """
+        if self._released:
+            return
+        try:
+            self._command()
+        except BaseException:
+            self._finish()
+            raise
+
+    def release(self) -> None:
+        """Hand the vehicle back to SUMO, for good. Never raises."""
+        self._released = True
+        self._finish()
+
+    def _join(self) -> None:
+        """Get ready for the simulation that runs now. Raises ConfigError."""
+        self._config = _scenario(self._ego, self._asked, self._allow_plugins)
+        self._world = running_world(self._config.planner.period_s)
+        oracles = Oracles(self._world.observer.way, _no_script, _no_copy)
+        self._driver = Driver(self._config, self._world.road, self._world.physics, streams(self._seed).search, oracles)
+        self._noise = streams(self._seed).noise.spawn(1)[0]
+        warm_up(self._config, self._world.road, self._world.physics)
+        self.thought: Thought | None = None  # the last decision, and what it rests on
+        self._over = False
+        self._departure: float | None = None  # of the vehicle, s; None: it has not come so far
+        self._time = -math.inf  # of the last step(), s
+        number = simulation.number()
+        if _DRIVEN.setdefault((number, self._ego), self) is not self:
+            raise ConfigError(f"Controller: {self._ego}: another Controller drives this vehicle; release() that one first")
+        self._hold.simulation = number
+        self._await()
+
+    def _await(self) -> None:
+        """Have a look after each step of SUMO whether the vehicle can still come."""
+        me, number, begun = weakref.ref(self), self._hold.simulation, simulation.now()
+        seen: set[str] = set()
+
+        def look() -> bool:
+            controller = me()
+            if controller is None or not controller._awaits(number):
+                return False
+            seen.update(simulation.departed())
+            controller._expect(simulation.now() - begun, seen)
+            return True
+
+        self._traffic = simulation.expected() > 0
+        simulation.after_each_step(look)
+
+    def _awaits(self, number: int) -> bool:
+        """Whether the vehicle has not come so far in the simulation of this number, which still runs."""
+        waiting = not self._over and self._departure is None and self._hold.simulation == number == simulation.number()
+        return waiting and not self._world.observer.present(self._ego)
+
+    def _expect(self, waited_s: float, seen: set[str]) -> None:
+        """Raise ConfigError where the vehicle cannot be expected any more; `seen`: those that departed."""
+        comes = simulation.expected() > 0
+        self._traffic = self._traffic or comes
+        finished = self._traffic and not comes  # where there was no traffic at all so far, the loop is going to make it
+        why = never_departed(waited_s, self._config.episode.depart_limit_s, finished)
+        if why:
+            self._finish()
+            near = near_ids(self._ego, seen)
+            raise ConfigError(f"Controller: {self._ego}: {why}" + (f"; near: {', '.join(near)}" if near else ""))
+
+    def _command(self) -> None:
+        """What step() does."""
+        simulation.require_running()
+        number, time = simulation.number(), simulation.now()
+        if number != self._hold.simulation or time < self._time:
+            self._finish()
+            self._join()
+        if time == self._time:
+            return
+        self._time = time
         pilot = self._look()
         if pilot is None:
             return
@@ -59,24 +166,49 @@ class Controller:
             pilot.accept(self.thought.decision)
         pilot.before_step()
 
-    def release(self) -> None:
-        """Hand the vehicle back to SUMO, for good."""
-        self._over = True
-        if self._pilot is not None:
-            self._pilot.release()
-            self._pilot = None
-
     def _look(self) -> Pilot | None:
-        """Who can drive now: nobody before the departure, while SUMO teleports the vehicle, and after the arrival."""
-        if self._pilot is None:
-            if self._over or not self._world.observer.present(self._ego):
-                return None
-            self._pilot = Pilot(self._ego, self._config, self._world, self._noise)
-        seen = self._pilot.glance()
-        pilot = self._pilot if seen.present else None
-        if seen.arrived:
-            self._pilot, self._over = None, True
-        return pilot
+        """The pilot that can drive now; None before the departure, during a teleport, and afterwards."""
+        if self._over:
+            return None
+        departed, present = departure(self._ego), self._world.observer.present(self._ego)
+        if self._departure not in {None, departed}:
+            self._finish()
+        elif not present:
+            self._hold.let_go()
+        elif self._hold.pilot is None:
+            self._departure = departed
+            self._hold.pilot = Pilot(self._ego, self._config, self._world, self._noise)
+        if self._hold.pilot is not None:
+            self._hold.pilot.glance()
+        return self._hold.pilot
+
+    def _finish(self) -> None:
+        """The drive is over in this simulation: the vehicle goes back to SUMO, and others may drive it."""
+        self._over = True
+        self._hold.let_go()
+        key = (self._hold.simulation, self._ego)
+        if _DRIVEN.get(key) is self:
+            del _DRIVEN[key]
+
+
+class _Hold:
+    """The vehicle in a controller's hand, in one simulation; it outlives the controller by the moment in which it lets go."""
+
+    def __init__(self) -> None:
+        self.pilot: Pilot | None = None  # None: SUMO drives
+        self.simulation = 0  # its number
+
+    def let_go(self) -> None:
+        """Hand the vehicle back to SUMO, where it is still the same simulation. Never raises."""
+        pilot, self.pilot = self.pilot, None
+        if pilot is not None:
+            with suppress(Exception):  # libsumo's exceptions share no base, and it may be SUMO that failed
+                if self.simulation == simulation.number():
+                    pilot.release()
+
+
+# (number of the simulation, id of the vehicle) -> its controller
+_DRIVEN: weakref.WeakValueDictionary[tuple[int, str], Controller] = weakref.WeakValueDictionary()
 
 
 def _no_script(*_: object) -> None:
@@ -90,10 +222,12 @@ def _no_copy(*_: object) -> NoReturn:
 
 def _scenario(ego: str, config: ScenarioConfig | Mapping[str, Any] | None, allow_plugins: bool) -> ScenarioConfig:
     """A scenario around the running simulation."""
+    if not isinstance(ego, str) or not ego:
+        raise ConfigError(f"Controller: ego: the id of a vehicle, got {ego!r:.60}")
     if not isinstance(config, ScenarioConfig):
         if config is not None and not isinstance(config, Mapping):
             raise ConfigError(f"Controller: config: a scenario or a mapping of its sections, got {config!r:.60}")
-        data = {"name": "controller", "sumo": {"net": option("net-file")}, "egos": [{"id": ego}]}
+        data = {"name": "controller", "sumo": {"net": simulation.option("net-file")}, "egos": [{"id": ego}]}
         config = scenario_files.build({**data, **(config or {})}, "Controller", allow_plugins=allow_plugins)
     if config.prediction.name in _NOT_HERE:
         raise ConfigError(f"Controller: prediction.name: {config.prediction.name} {_NOT_HERE[config.prediction.name]}; allowed: idm, constant_velocity, routes")

@@ -1,7 +1,6 @@
 """One ego's mind: which predictor and which planner, and what they need from cycle to cycle. The only place where they are put together."""
 
 import math
-import time
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -12,6 +11,7 @@ from sumo_mcts.config import ORACLE_MARK, PLANNERS, PREDICTORS, ConfigError, Sce
 from sumo_mcts.model.cost import CostParams, Term, compiled_term
 from sumo_mcts.model.ego import HALF, EgoParams
 from sumo_mcts.model.intentions import foresee
+from sumo_mcts.model.kernel import Stopwatch
 from sumo_mcts.model.local import State, ego_state
 from sumo_mcts.model.others import TrafficParams
 from sumo_mcts.model.paths import LANES
@@ -89,7 +89,7 @@ class Thought(NamedTuple):
 
     decision: Decision
     forecast: Forecast | None
-    plan_ms: float
+    plan_ms: float  # without the time in which kernels were compiled or loaded
     intervened: bool = False  # the fail-safe manoeuvre in place of what the planner decided; why: decision.reason
     memory: Memory = Memory()  # of earlier decisions, on which this one rests
     answers: Answers = Answers()  # of oracles
@@ -128,30 +128,31 @@ class Driver:
 
     def decide(self, scene: Scene) -> Thought:
         """Observe, predict, plan, check. Raises PlannerError where the planner failed too often in a row."""
-        began = time.perf_counter()
-        until = self._timekeeper.until(began)
+        watch = Stopwatch()
+        until = self._timekeeper.until(watch.began)
         memory = self._memory()
         self._heard.forget()
         placed = self.placed(scene)
         if placed is None:
             self._plan, self._command, self.question = None, Release(), None
             self._fail_safe.forget()
-            return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, _ms(began), memory=memory)
+            return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, watch.seconds * 1000.0, memory=memory)
         task, state = placed
         self._note_stop(task.route, state, scene.time)
         forecast, failure = self._foreseen(scene, state) if self._planner.needs_forecast or self._config.failsafe.on else (None, "")
-        situation = Situation(scene, state, forecast if forecast is not None else no_forecast(self._traffic.step), frozenset(self._stood), until)
+        expected = forecast if forecast is not None else no_forecast(self._traffic.step)
+        situation = Situation(scene, state, expected, frozenset(self._stood), until + watch.loading_s)
         self.question = (task, situation)
         decision, why = self._planned(situation, failure)
-        why = why or self._objection(situation, decision, _ms(began))
+        why = why or self._objection(situation, decision, watch.seconds * 1000.0)
         if why:
             if forecast is None:
                 situation = situation._replace(forecast=self._foreseen(scene, state)[0])
             decision = self._fail_safe.fall_back(situation, why, decision)
         assert decision is not None, "whatever fails has a reason"
         self._plan, self._command, self._plan_time = decision.plan, decision.command, scene.time
-        self._timekeeper.note(until, time.perf_counter())
-        return Thought(decision, forecast, _ms(began), why != "", memory, self._heard.answers(scene.agents.ids))
+        self._timekeeper.note(until, watch.began + watch.seconds)
+        return Thought(decision, forecast, watch.seconds * 1000.0, why != "", memory, self._heard.answers(scene.agents.ids))
 
     def _memory(self) -> Memory:
         """What the next decision depends on, beside what it is given and the last one."""
@@ -512,7 +513,3 @@ def _still_life(road: RoadMap, step: float) -> Scene:
     offset = np.concatenate([[0], np.cumsum(links)]).astype(np.int32)
     signals = Signals(offset, np.full((int(offset[-1]), 1), GREEN, np.int32), np.full((len(links), 1), np.inf))
     return Scene(0.0, step, ego, agents, signals)
-
-
-def _ms(began: float) -> float:
-    return (time.perf_counter() - began) * 1000.0

@@ -22,7 +22,7 @@ from sumo_mcts.model.kernel import COMPILING, is_compiled
 from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import Scripted
-from sumo_mcts.pilot import Pilot, World, running_world
+from sumo_mcts.pilot import Pilot, World, never_departed, running_world
 from sumo_mcts.recorder import Recorder
 from sumo_mcts.records import Row, Setting, Trace
 from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Frame, Release, RoadMap, Scene
@@ -339,13 +339,10 @@ class Loop:
         if self.world.observer.present(ego.id):
             self._take_over(ego)
             return
-        others = f"; the first that did: {', '.join(self._departed)}" if self._departed else ""
-        if simulation.time - self._begin >= self.config.episode.depart_limit_s:
-            self._fail(ego, f"never departed within {self.config.episode.depart_limit_s:g} s (episode.depart_limit_s){others}")
-        elif simulation.time >= simulation.end:
-            self._fail(ego, f"never departed before the simulation's end at {simulation.end:g} s (SUMO's option end){others}")
-        elif simulation.finished:
-            self._fail(ego, f"never departed: no vehicle is left and none is to come{others}")
+        waited, ended = simulation.time - self._begin, simulation.end if simulation.time >= simulation.end else None
+        why = never_departed(waited, self.config.episode.depart_limit_s, simulation.finished, ended)
+        if why:
+            self._fail(ego, why + (f"; the first that did: {', '.join(self._departed)}" if self._departed else ""))
         elif self._progress is not None and simulation.time >= self._news_due:
             self._news_due = simulation.time + WAITING_NEWS_S
             self._progress(f"{simulation.time:.1f} s  waiting for {ego.id}")

@@ -10,7 +10,7 @@ from sumo_mcts.driver import Physics, ego_params
 from sumo_mcts.scene import Decision, Frame, RoadMap, Scene
 from sumo_mcts.sensing import Senses
 from sumo_mcts.world.command import Bounds, Commander
-from sumo_mcts.world.observe import Change, Observer, Presence
+from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap
 from sumo_mcts.world.simulation import is_ballistic, option, step_length
 
@@ -47,6 +47,7 @@ class Pilot:
         self._commander = Commander(vehicle, world.road, world.observer.lanes, bounds)
         self._frame: Frame | None = None
         self._time, self._next = 0.0, -math.inf  # now, and when to decide
+        self._commanded: float | None = None  # when the last command was given
 
     def look(self) -> Frame:
         """What a referee has to know of the step that is just over."""
@@ -54,11 +55,11 @@ class Pilot:
         self._time = self._frame.time
         return self._frame
 
-    def glance(self) -> Presence:
-        """Likewise where there is no referee."""
-        seen = self._world.observer.presence(self._vehicle)
-        self._time = seen.time
-        return seen
+    def glance(self) -> None:
+        """Likewise where there is no referee, and where steps may have been made without a command."""
+        self._time = self._world.observer.remember(self._vehicle)
+        if self._commanded is not None:
+            self._commander.skip(round((self._time - self._commanded) / self._world.physics.step) - 1)
 
     def due(self) -> bool:
         """Whether a decision is needed before the next step."""
@@ -77,6 +78,7 @@ class Pilot:
     def before_step(self) -> None:
         """Command the step that begins now."""
         self._commander.before_step()
+        self._commanded = self._time
 
     def rehearse_step(self) -> None:
         """Likewise in a copy of the simulation, where nobody decides: after the profile SUMO's own driver goes on, until the ego has left."""
@@ -88,6 +90,18 @@ class Pilot:
     def release(self) -> None:
         """Hand the ego back to SUMO, if it is still there."""
         self._commander.release()
+
+
+def never_departed(waited_s: float, limit_s: float, finished: bool, ended_s: float | None = None) -> str:
+    """Why an ego that has not departed so far is not waited for any longer; "" where it may still come.
+
+    `finished`: whether SUMO expects no further vehicle; `ended_s`: SUMO's option end, where that time has come.
+    """
+    if waited_s >= limit_s:
+        return f"never departed within {limit_s:g} s (episode.depart_limit_s)"
+    if ended_s is not None:
+        return f"never departed before the simulation's end at {ended_s:g} s (SUMO's option end)"
+    return "never departed: no vehicle is left and none is to come" if finished else ""
 
 
 def _change_duration() -> float:

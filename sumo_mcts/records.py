@@ -517,6 +517,7 @@ def _array(content: bytes) -> NDArray[Any]:
 
 def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> None:
     """Add the columns of `values`, all of the annotated type `kind`."""
+    kind = _without_alias(kind)
     origin, args = get_origin(kind), get_args(kind)
     if kind in _SCALARS:
         columns[path] = np.array(values, dtype=_SCALARS[kind])
@@ -539,6 +540,7 @@ def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> No
 
 def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]:
     """`count` values of the annotated type `kind` from their columns; the mirror of _encode."""
+    kind = _without_alias(kind)
     origin, args = get_origin(kind), get_args(kind)
     if kind in _SCALARS:
         return _exactly(_column(columns, path, _SCALARS[kind]).tolist(), count, path)
@@ -555,6 +557,14 @@ def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]
         return [None if args[tag] is type(None) else next(values[tag]) for tag in _lengths(tags, path)]
     fields = [_decode(annotation, count, f"{path}/{field}", columns) for field, annotation in get_type_hints(kind).items()]
     return [kind(*value) for value in zip(*fields, strict=True)] if fields else [kind() for _ in range(count)]
+
+
+def _without_alias(kind: Any) -> Any:
+    """The type that an alias of the `type` statement stands for, as NDArray is one from numpy 2.5 on; any other type as it is."""
+    alias = get_origin(kind) or kind
+    if not hasattr(alias, "__value__"):
+        return kind
+    return _without_alias(alias.__value__[get_args(kind)] if get_args(kind) else alias.__value__)
 
 
 def _members(args: tuple[Any, ...]) -> Iterator[tuple[int, Any]]:

@@ -85,6 +85,7 @@ def test_the_same_trajectory_as_run_to_the_bit(sets: tuple[str, ...], simulation
     assert len(seen) >= len(own) - 2
 
 
+@pytest.mark.smoke
 def test_drives_only_while_the_ego_is_there(simulation: Simulation) -> None:
     controller = Controller("ego", {"planner": {"iterations": 50}})
     controller.step()

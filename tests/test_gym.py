@@ -56,6 +56,7 @@ def drive(environment: DriveEnv, actions: list[int], seed: int) -> tuple[list[di
     raise AssertionError("no end")
 
 
+@pytest.mark.smoke
 def test_gymnasium_finds_nothing_amiss() -> None:
     environment = gymnasium.make(ENVIRONMENT, scenario="straight-line", disable_env_checker=True)
     with warnings.catch_warnings():

@@ -9,13 +9,14 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 from types import UnionType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
 from helpers_trace import busy_trace, crossing_trace
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typing_extensions import TypeAliasType
 
 from sumo_mcts import records
 from sumo_mcts.scene import Decision, EgoState, Follow, Release
@@ -30,6 +31,7 @@ def named(key: str, **known: Any) -> records.Row:
 
 def random_value(kind: Any, rng: np.random.Generator, path: str = "") -> Any:
     """Any value of an annotated type: empty and odd-shaped arrays, nan and inf, strings beyond ASCII."""
+    kind = records._without_alias(kind)
     origin, args = get_origin(kind), get_args(kind)
     if kind is float:
         return float(rng.choice([rng.normal() * 1e4, np.nan, np.inf, -np.inf, 0.0]))
@@ -70,6 +72,7 @@ def assert_same(a: Any, b: Any, path: str = "trace") -> None:
         assert a == b, path
 
 
+@pytest.mark.smoke
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=30, deadline=None)
 def test_a_trace_of_anything_comes_back(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
@@ -77,6 +80,16 @@ def test_a_trace_of_anything_comes_back(tmp_path_factory: pytest.TempPathFactory
     path = tmp_path_factory.mktemp("trace") / "t.npz"
     records.save_trace(path, trace)
     assert_same(records._load(path, records.Trace, "trace", lambda _: ""), trace)
+
+
+def test_an_alias_of_a_type_is_the_type_behind_it() -> None:
+    element = TypeVar("element", bound=np.generic)
+    array = TypeAliasType("array", np.ndarray[tuple[Any, ...], np.dtype[element]], type_params=(element,))
+    column = TypeAliasType("column", array[np.int32])
+    kind: Any = NamedTuple("kind", [("speeds", array[np.float64]), ("lanes", column), ("several", tuple[column, ...])])
+    value = kind(np.arange(6.0).reshape(2, 3), np.arange(3, dtype=np.int32), (np.zeros(0, np.int32), np.ones(2, np.int32)))
+    (back,) = records._decode(kind, 1, "kind", records._columns(kind, value))
+    assert_same(back, value)
 
 
 def test_a_trace_without_cycles_comes_back(tmp_path: Path) -> None:

@@ -3,11 +3,14 @@
 import hashlib
 import os
 import tempfile
+import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import event
 
 COMPILING = "compiling the search, once for this version (about a minute)"  # to tell whoever waits for it
 
@@ -56,6 +59,50 @@ def scalar_function(function: _F, signature: str) -> _F:
     return cast(_F, plain if _SETTINGS.DISABLE_JIT else numba.cfunc(signature, error_model="numpy")(plain))
 
 
+class Stopwatch:
+    """Runs from the moment it is made, and stands still while this thread compiles kernels or loads them from the disk."""
+
+    def __init__(self) -> None:
+        self.began, self._loaded = time.perf_counter(), _LOADING.seconds
+
+    @property
+    def loading_s(self) -> float:
+        """How long it stood still so far, s."""
+        return _LOADING.seconds - self._loaded
+
+    @property
+    def seconds(self) -> float:
+        """What it shows, s."""
+        return time.perf_counter() - self.began - self.loading_s
+
+
+class _Loading(threading.local):
+    """How long a thread has been compiling and loading kernels, s. numba does both under one lock, and announces that."""
+
+    seconds = 0.0
+    _depth, _since = 0, 0.0
+
+    def begin(self) -> None:
+        if self._depth == 0:
+            self._since = time.perf_counter()
+        self._depth += 1
+
+    def end(self) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self.seconds += time.perf_counter() - self._since
+
+
+class _Announced(event.Listener):
+    """Hands numba's announcements on to the thread that they concern."""
+
+    def on_start(self, _: Any) -> None:
+        _LOADING.begin()
+
+    def on_end(self, _: Any) -> None:
+        _LOADING.end()
+
+
 def _compiled(function: _F, **options: Any) -> _F:
     previous = _SETTINGS.CACHE_DIR
     _SETTINGS.CACHE_DIR = str(_CACHE)
@@ -72,3 +119,5 @@ def _writable(folder: Path) -> bool:
 
 
 _CACHE = cache_folder()
+_LOADING = _Loading()
+event.register("numba:compiler_lock", _Announced())  # type: ignore[no-untyped-call]

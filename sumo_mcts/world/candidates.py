@@ -61,20 +61,31 @@ def candidates(
 def require_named(egos: Iterable[str], others: Iterable[str]) -> None:
     """Raise ConfigError where an ego of the running simulation is none of `others` and nothing in the simulation's files has its id, or one from which SUMO
     could make it. Whether it departs is another question."""
-    files = [Path(path.strip()) for name in _SOURCES for path in option(name).split(",") if path.strip()]
-    files = [path for path in files if path.is_file()]
-    if sum(path.stat().st_size for path in files) > MOST_READ:
+    in_files = _ids_in_files()
+    if in_files is None:
         return
-    found = [_ids_in(path, path.stat().st_mtime_ns) for path in files]
-    if None in found:
-        return
-    known = frozenset(others).union(*(ids for ids in found if ids is not None))
+    known = in_files.union(others)
     for ego in egos:
         if known.isdisjoint({ego, *(ego[: at.start()] for at in _MADE.finditer(ego))}):
-            near = get_close_matches(ego, known, NAMED, 0.5)
+            near = near_ids(ego, others)
             of_file = option("configuration-file")
             listed = f"; `sumo-mcts run {of_file}` lists candidates" if of_file else f"; the scenario's own: {', '.join(others)}" if others else ""
             raise ConfigError(f"egos: {ego}: no file of the simulation names such a vehicle" + (f"; near: {', '.join(near)}" if near else listed))
+
+
+def near_ids(ego: str, others: Iterable[str]) -> list[str]:
+    """The ids among `others` and in the files of the running simulation that are written much like an ego's; the nearest first."""
+    return get_close_matches(ego, (_ids_in_files() or frozenset()).union(others), NAMED, 0.5)
+
+
+def _ids_in_files() -> frozenset[str] | None:
+    """Every id in the files that the running simulation reads; None where these are too many, or not all."""
+    files = [Path(path.strip()) for name in _SOURCES for path in option(name).split(",") if path.strip()]
+    files = [path for path in files if path.is_file()]
+    if sum(path.stat().st_size for path in files) > MOST_READ:
+        return None
+    found = [_ids_in(path, path.stat().st_mtime_ns) for path in files]
+    return None if None in found else frozenset().union(*(ids for ids in found if ids is not None))
 
 
 @lru_cache(maxsize=32)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.scene import Floats, Follow, Release, RoadMap
-from sumo_mcts.world.observe import Change
+from sumo_mcts.world.observe import Change, departure
 from sumo_mcts.world.roadmap import sumo_lane
 from sumo_mcts.world.simulation import import_libsumo
 
@@ -25,6 +25,15 @@ class Bounds(NamedTuple):
     jerk: float
 
 
+class _Own(NamedTuple):
+    """What a vehicle was taken over with."""
+
+    departure: float  # s; another vehicle of the same id has another one
+    speed_mode: int
+    lane_change_mode: int
+    action_step: float  # s
+
+
 class Commander:
     """Drives one vehicle. SUMO adds no bounds and no safety (speedMode 0, laneChangeMode 0): the bounds here are the last line of defence."""
 
@@ -34,8 +43,7 @@ class Commander:
         self._vehicle, self._road, self._lanes, self._bounds = vehicle, road, lanes, bounds
         self._profile: Floats = np.zeros(0)
         self._at = 0
-        self._own_modes: tuple[int, int] | None = None  # speed and lane change mode to give back; None: SUMO drives
-        self._own_action_step = 0.0  # s
+        self._own: _Own | None = None  # to be given back; None: SUMO drives
         self.change = Change()
 
     def accept(self, command: Follow | Release) -> None:
@@ -43,12 +51,8 @@ class Commander:
         if isinstance(command, Release):
             self.release()
             return
-        if self._own_modes is None:
-            self._own_modes = int(self._get.getSpeedMode(self._vehicle)), int(self._get.getLaneChangeMode(self._vehicle))
-            self._get.setSpeedMode(self._vehicle, 0)
-            self._get.setLaneChangeMode(self._vehicle, 0)
-            self._own_action_step = float(self._get.getActionStepLength(self._vehicle))
-            self._act_every(self._bounds.step)
+        if self._own is None:
+            self._own = self._taken_over()
         self._profile, self._at = command.speeds, 0
         if command.lane_change != 0:
             self._begin_change(command.lane_change)
@@ -60,27 +64,46 @@ class Commander:
 
     def before_step(self) -> None:
         """Command the step that begins now."""
-        if self._own_modes is None:
+        if self._own is None:
             return
+        if self._get.getSpeedMode(self._vehicle) != 0 or self._get.getLaneChangeMode(self._vehicle) != 0:
+            self._own = self._taken_over()  # a state was loaded, or somebody set modes, which are those to give back then
         v, a = float(self._get.getSpeed(self._vehicle)), float(self._get.getAcceleration(self._vehicle))
         self._get.setSpeed(self._vehicle, bounded(self._wanted(v, a), v, a, self._bounds))
         self._at += 1
         if self.change.target >= 0:
             self._go_on_changing()
 
-    def release(self) -> None:
-        """Hand the vehicle back to SUMO, with the modes that it was taken over with."""
-        if self._own_modes is not None and self._vehicle in self._get.getIDList():
-            self._get.setSpeed(self._vehicle, -1.0)
-            self._get.setSpeedMode(self._vehicle, self._own_modes[0])
-            self._get.setLaneChangeMode(self._vehicle, self._own_modes[1])
-            self._act_every(self._own_action_step)
-        self._own_modes = None
-        self.change = Change()
+    def skip(self, steps: int) -> None:
+        """So many steps were made without a command: SUMO held the speed, and went on changing lanes."""
+        self._at += steps
+        if self.change.target >= 0:
+            self._go_on_changing(steps)
 
-    def _act_every(self, seconds: float) -> None:
+    def release(self) -> None:
+        """Hand the vehicle back to SUMO, also while it is being teleported, with the modes that it was taken over with."""
+        own, self._own = self._own, None
+        self.change = Change()
+        if own is not None and own.departure == departure(self._vehicle):
+            self._get.setSpeed(self._vehicle, -1.0)
+            self._get.setSpeedMode(self._vehicle, own.speed_mode)
+            self._get.setLaneChangeMode(self._vehicle, own.lane_change_mode)
+            self._act_every(own.action_step, own)
+
+    def _taken_over(self) -> _Own:
+        """Take the vehicle from its own driver; what to give back."""
+        get, vehicle = self._get, self._vehicle
+        own = _Own(get.getDeparture(vehicle), get.getSpeedMode(vehicle), get.getLaneChangeMode(vehicle), get.getActionStepLength(vehicle))
+        if self._own is not None and own.action_step <= self._bounds.step + _SLACK:
+            own = own._replace(action_step=self._own.action_step)
+        get.setSpeedMode(vehicle, 0)
+        get.setLaneChangeMode(vehicle, 0)
+        self._act_every(self._bounds.step, own)
+        return own
+
+    def _act_every(self, seconds: float, own: _Own) -> None:
         """How often SUMO lets a vehicle act that acts seldom; what it does in between, it makes up."""
-        if self._own_action_step > self._bounds.step + _SLACK:
+        if own.action_step > self._bounds.step + _SLACK:
             self._get.setActionStepLength(self._vehicle, seconds)
 
     def _wanted(self, v: float, a: float) -> float:
@@ -101,9 +124,9 @@ class Commander:
         if takes_time:
             self.change = Change(0.0, source, target)
 
-    def _go_on_changing(self) -> None:
+    def _go_on_changing(self, steps: int = 1) -> None:
         """SUMO moves the vehicle sideways for change_duration; the same clock runs here."""
-        progress = self.change.progress + self._bounds.step / self._bounds.change_duration
+        progress = self.change.progress + steps * self._bounds.step / self._bounds.change_duration
         self.change = self.change._replace(progress=progress) if progress < 1.0 - 1e-9 else Change()
 
 

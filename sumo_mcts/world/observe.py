@@ -47,14 +47,6 @@ class Change(NamedTuple):
     target: int = -1
 
 
-class Presence(NamedTuple):
-    """What became of a vehicle in the step that is just over."""
-
-    time: float  # s
-    present: bool  # on the road now
-    arrived: bool
-
-
 class VehicleType(NamedTuple):
     """What does not change about a vehicle."""
 
@@ -100,13 +92,11 @@ class Observer:
         """The signals near a place with their coming phases."""
         return self._signals.read(x, y, float(self._libsumo.simulation.getTime()), PHASES)
 
-    def presence(self, ego: str) -> Presence:
-        """What a loop without a referee needs after each step. While the ego is there, what is to be remembered of the agents is, as by frame()."""
-        time, present = float(self._libsumo.simulation.getTime()), self.present(ego)
-        if present:
-            state = self.ego(ego, Change())
-            self._rows(ego, state.x, state.y, REFEREE_RANGE, time)
-        return Presence(time, present, ego in self._libsumo.simulation.getArrivedIDList())
+    def remember(self, ego: str) -> float:
+        """What frame() keeps in mind of the agents around an ego that is on the road, for a loop without a referee; returns the time, s."""
+        time, state = float(self._libsumo.simulation.getTime()), self.ego(ego, Change())
+        self._rows(ego, state.x, state.y, REFEREE_RANGE, time)
+        return time
 
     def frame(self, ego: str, change: Change, last: Frame | None) -> Frame:
         """What SUMO reports of the last step, for the referee."""
@@ -289,6 +279,15 @@ class Observer:
         if get(ego, "has.ssm.device") != "true":
             return (math.nan,) * 3
         return _number(get(ego, "device.ssm.minTTC")), _number(get(ego, "device.ssm.maxDRAC")), _number(get(ego, "device.ssm.minPET"))
+
+
+def departure(vehicle: str) -> float | None:
+    """When a vehicle departed, s, which tells it from another one that has its id later; None: it is not there, on the road or between two in a teleport."""
+    sumo = import_libsumo()
+    try:
+        return float(sumo.vehicle.getDeparture(vehicle))
+    except sumo.TraCIException:
+        return None
 
 
 PEDESTRIAN = VEHICLE_CLASSES.index("pedestrian")

@@ -8,7 +8,7 @@ import os
 import re
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -40,6 +40,9 @@ _FULL_NAMES = {
     "d": "delay", "e": "end", "n": "net-file", "net": "net-file", "r": "route-files", "routes": "route-files", "Q": "quit-on-end", "S": "start",
     "v": "verbose", "W": "no-warnings",
 }  # fmt: skip
+
+
+_MARK = "sumo_mcts.simulation"  # a parameter of a lane: no output shows it, no state keeps it, and it goes with its simulation
 
 
 class SimulationError(Exception):
@@ -104,12 +107,12 @@ class Simulation:
     @property
     def time(self) -> float:
         """Simulation time, s."""
-        return float(self._libsumo.simulation.getTime())
+        return now()
 
     @property
     def finished(self) -> bool:
         """Whether SUMO expects no further vehicles."""
-        return int(self._libsumo.simulation.getMinExpectedNumber()) == 0
+        return expected() == 0
 
     @property
     def end(self) -> float:
@@ -119,7 +122,7 @@ class Simulation:
 
     def departed(self) -> list[str]:
         """The vehicles that departed in the last step."""
-        return [str(vehicle) for vehicle in self._libsumo.simulation.getDepartedIDList()]
+        return departed()
 
     def close(self) -> None:
         """End the simulation; its output files are complete afterwards."""
@@ -198,7 +201,58 @@ def is_running() -> bool:
 def require_running() -> None:
     """Raise ConfigError where no simulation runs in this process."""
     if not is_running():
-        raise ConfigError("no simulation runs in this process: call libsumo.start first")
+        raise ConfigError("no simulation runs in this process: call libsumo.start first (what traci.start starts is a process of its own)")
+
+
+def number() -> int:
+    """A number that the running simulation keeps until it is closed or another one is loaded, and that no other one has; 0: none runs."""
+    if not is_running():
+        return 0
+    lanes = import_libsumo().lane
+    with contextlib.suppress(Exception):  # another network may have no such lane
+        if lanes.getParameter(_marked.lane, _MARK) == str(_marked.number):
+            return _marked.number
+    _marked.lane, _marked.number = str(lanes.getIDList()[0]), _marked.number + 1
+    lanes.setParameter(_marked.lane, _MARK, str(_marked.number))
+    return _marked.number
+
+
+class _Marked:
+    """The lane of the simulation seen last that bears its number."""
+
+    lane, number = "", 0
+
+
+_marked = _Marked()
+
+
+def now() -> float:
+    """Time of the running simulation, s."""
+    return float(import_libsumo().simulation.getTime())
+
+
+def expected() -> int:
+    """How many vehicles and persons are on their way in the running simulation, or still to come."""
+    return int(import_libsumo().simulation.getMinExpectedNumber())
+
+
+def departed() -> list[str]:
+    """The vehicles that departed in the last step of the running simulation."""
+    return [str(vehicle) for vehicle in import_libsumo().simulation.getDepartedIDList()]
+
+
+def after_each_step(call: Callable[[], bool]) -> None:
+    """Call this after each simulationStep() of the user's, for as long as it returns True and the simulation is not closed."""
+    libsumo: Any = import_libsumo()
+
+    class Listener(libsumo.StepListener):  # type: ignore[misc]  # libsumo has no types
+        """What libsumo asks for."""
+
+        def step(self, _time: float = 0.0) -> bool:
+            """Whether to be called again."""
+            return call()
+
+    libsumo.addStepListener(Listener())
 
 
 def option(name: str) -> str:

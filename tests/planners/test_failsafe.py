@@ -5,6 +5,7 @@ import math
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +27,7 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import assumed, make_planner
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.model.ego import can_change, obey
+from sumo_mcts.model.kernel import Stopwatch, kernel
 from sumo_mcts.model.local import build_local
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.failsafe import ACCELERATE, ALONG, BRAKE, HOLD, LONGEST_S, FailSafe, drive, nonsense
@@ -482,6 +484,53 @@ def test_a_late_decision_is_dropped_where_the_deadline_is_enforced(monkeypatch: 
     assert all(note.startswith("fail-safe: late: ") for note in notes[11:13])
     assert row["failsafe_interventions"] == row["deadline_misses"]
     assert result.manifest["reproducible"] is False
+
+
+class Loading:
+    """A planner whose first decision compiles kernels, for longer than its deadline, and whose second one takes as long for no reason."""
+
+    needs_forecast = False
+
+    def __init__(self) -> None:
+        self.decisions, self.left_s, self.took_s = 0, 0.0, 0.0
+
+    def start(self, task: Task, seed: int) -> None:
+        """Nothing to prepare."""
+
+    def plan(self, situation: Situation) -> Decision:
+        """Goes on at the present speed."""
+        began, self.left_s = time.perf_counter(), situation.until - time.perf_counter()
+        self.decisions += 1
+        if self.decisions == 1:
+            while time.perf_counter() - began < 0.4:
+                kernel(lambda x: x * x + 1.0)(situation.state.v)
+            self.took_s = time.perf_counter() - began
+        else:
+            time.sleep(self.took_s)
+        return Decision(Follow(np.full(5, situation.state.v), 0), None, (), -1, "on", 0, 0)
+
+
+@pytest.mark.smoke
+def test_compiling_a_kernel_does_not_make_a_decision_late() -> None:
+    road = lanes_east()
+    ego, planner = ego_at(road, "a_1", 100.0), Loading()
+    settings = scenario("planner.time_budget_ms=300", "planner.enforce_deadline=true")
+    mind = driver.Driver(settings, road, PHYSICS, 0, planner=planner)
+    driver.warm_up(settings, road, PHYSICS)
+    first, second = (mind.decide(scene_of(ego, road)) for _ in range(2))
+    assert not first.intervened and first.plan_ms < 300.0
+    assert second.intervened and second.decision.reason.startswith("fail-safe: late: ")
+    assert planner.left_s > 0.16  # the time that was lost to the kernel is not taken from the next search
+
+
+def test_loading_counts_where_the_kernel_is_needed_and_not_elsewhere() -> None:
+    watch, other = Stopwatch(), threading.Thread(target=kernel(lambda x: x - 1.0), args=(2.0,))
+    other.start()
+    other.join()
+    assert watch.loading_s == 0.0  # this thread was free to think meanwhile
+    kernel(lambda x: x + 2.0)(1.0)
+    assert 0.0 < watch.loading_s < time.perf_counter() - watch.began
+    assert watch.seconds == pytest.approx(time.perf_counter() - watch.began - watch.loading_s, abs=0.05)
 
 
 def test_a_late_decision_is_executed_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
