@@ -1,16 +1,19 @@
-# make demo | test | test-versions | clean. Another interpreter: make PYTHON=/path/to/python test
+# make demo | test | test-versions | attack | interruptions | endurance | clean. Another interpreter: make PYTHON=/path/to/python test
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -q --disable-pip-version-check
 
-.PHONY: demo test test-versions clean help
+.PHONY: demo test test-versions attack interruptions endurance clean help
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo           one episode of the unprotected left turn, results in out/demo"
 	@echo "make test           all checks: style, types, floors, tests"
 	@echo "make test-versions  a smoke set with every supported Python of this machine, newest and lowest dependencies"
+	@echo "make attack         thousands of wrong inputs through the real command; a part: make attack KIND=yaml SHARE=0.1"
+	@echo "make interruptions  a batch, interrupted at 60 moments"
+	@echo "make endurance      two simulated hours and a thousand episodes: does memory stay flat?"
 	@echo "make clean          remove caches, builds and out/demo; environments and other results stay"
 
 demo: $(VENV)/.installed
@@ -26,6 +29,16 @@ test: $(VENV)/.installed-dev
 # VERSIONS=--newest-python: with one Python only.
 test-versions: $(VENV)/.installed-dev
 	$(BIN)/python tests/versions.py $(VERSIONS)
+
+# What takes long; docs/reliability.md says what each shows.
+attack: $(VENV)/.installed-dev
+	PYTHONPATH=tests $(BIN)/python -m attack $(KIND) --share $(or $(SHARE),1)
+
+interruptions: $(VENV)/.installed-dev
+	PYTHONPATH=tests $(BIN)/python -m attack.interrupted_batch
+
+endurance: $(VENV)/.installed-dev
+	$(BIN)/python tests/endurance.py
 
 # The stamps say that a step was finished, so an interrupted one is done again.
 $(VENV)/.created:

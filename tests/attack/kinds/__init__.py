@@ -1,0 +1,1 @@
+"""One module for each group of kinds of wrong inputs."""
