@@ -63,11 +63,12 @@ def run(
     overrides = (*(assign or ()), *(f"{key}={value}" for key, value in chosen.items() if value is not None))
     with ending.told(typer.Exit):
         from sumo_mcts import commands
+        from sumo_mcts.world.arguments import is_sumocfg
 
         say = _Voice(quiet=quiet or as_json)
         if out is not None:
             commands.check_run_folder(out)
-        if scenario.endswith(".sumocfg") and not ego:
+        if not ego and is_sumocfg(scenario):
             _list_candidates(scenario, seed, _sumo_options(context), as_json, say)
             return
         with ExitStack() as stack:
@@ -387,15 +388,17 @@ def report(
 
 
 @app.command()
-def validate(files: Annotated[list[Path], typer.Argument(help="Scenario files.")], allow_plugins: AllowPlugins = False) -> None:
-    """Check scenario files, and that what they name exists."""
+def validate(
+    files: Annotated[list[Path], typer.Argument(help="Scenario files, experiment files, .sumocfg files.")], allow_plugins: AllowPlugins = False
+) -> None:
+    """Check all that `run` and `batch` check before anybody decides, and tell every mistake."""
     from sumo_mcts import commands
 
     bad = False
     for path in files:
-        problem = commands.problem_of(path, allow_plugins=allow_plugins)
-        typer.echo(problem or f"{path}: ok", err=bool(problem))
-        bad = bad or bool(problem)
+        problems = commands.problems_of(path, allow_plugins=allow_plugins)
+        typer.echo("\n".join(f"error: {problem}" for problem in problems) or f"{path}: ok", err=bool(problems))
+        bad = bad or bool(problems)
     if bad:
         raise typer.Exit(INVALID)
 

@@ -1,32 +1,34 @@
 """What the commands do, as plain functions: no printing, no exit codes."""
 
 import os
+import secrets
 import tempfile
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
-from sumo_mcts import assets, config, records, run_key
-from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts import assets, config, files, records, run_key
+from sumo_mcts.config import MOST_SEED, ConfigError, ScenarioConfig
 from sumo_mcts.driver import cost_params, make_planner, make_predictor
-from sumo_mcts.episode import EpisodeResult, open_episode
+from sumo_mcts.episode import EpisodeResult, check_edges, open_episode
+from sumo_mcts.experiments import drive, workers
 from sumo_mcts.experiments import folder as batch_folder
-from sumo_mcts.experiments import workers
-from sumo_mcts.experiments.batch import SHARDS, Progress, built_in, listed, run_batch
+from sumo_mcts.experiments.batch import SHARDS, Progress, built_in, listed, run_batch, tried
+from sumo_mcts.experiments.experiment import is_experiment
 from sumo_mcts.experiments.statistics import REDRAWN, TRAFFIC_DIGEST
 from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.forecast_error import compare
 from sumo_mcts.model.kernel import COMPILING, is_compiled
 from sumo_mcts.planners.reference import LABELS, digest
 from sumo_mcts.regret import FACTOR, FINER, Asked, Harvest, Row, check, convergence, harvest, ranking
-from sumo_mcts.world.arguments import key_of_value, network_of, sumocfg_arguments
+from sumo_mcts.world import actors, crowd
+from sumo_mcts.world.arguments import draws_seed, is_sumocfg, key_of_value, network_of, require_good, sumocfg_arguments
 from sumo_mcts.world.candidates import Candidate, candidates
 from sumo_mcts.world.roadmap import known_roadmap
 
@@ -34,6 +36,7 @@ LISTED = 25  # candidates shown
 SEARCHED = 100_000  # vehicles looked at for `--ego any`
 PATIENCE_S = 20.0  # for another run that writes into the same folder
 REPLAYS = 50  # episodes that a report lists, and replays
+TRIED_S = 7.0  # wall time that a check may take once SUMO runs
 _SCENES = ("unprotected-left-turn", "highway-exit", "straight-line")
 REGRET_SCENES = (*_SCENES, *(f"{name}-scripted" for name in _SCENES))
 
@@ -67,16 +70,16 @@ def resolve(
     allow_plugins: bool = False,
 ) -> ScenarioConfig:  # fmt: skip
     """The scenario behind a name, a YAML file or a .sumocfg. Raises ConfigError."""
-    if not scenario.endswith(".sumocfg"):
+    if not is_sumocfg(scenario):
+        path, changes = assets.scenario_path(scenario), {}
         if egos or until:
-            found = config.load(assets.scenario_path(scenario), overrides, allow_plugins=allow_plugins).egos
-            names = list(egos) or [ego.id for ego in found]
-            overrides = (*overrides, "egos=" + yaml.safe_dump([_ego(name, until) for name in names], default_flow_style=True))
-        return config.load(assets.scenario_path(scenario), overrides, allow_plugins=allow_plugins)
+            names = list(egos) or [ego.id for ego in config.load(path, overrides, allow_plugins=allow_plugins).egos]
+            changes = {"egos": [_ego(name, until) for name in names]}
+        return config.load(path, overrides, changes=changes, allow_plugins=allow_plugins)
     _check_sumocfg(scenario)
     names = [_first_suitable(scenario, until, seed, sumo_options) if name == "any" else name for name in egos]
-    stem = "".join(c if c.isalnum() or c in "_-" else "_" for c in Path(scenario).stem)
-    data = {"name": stem or "user", "sumo": {"sumocfg": str(Path(scenario).resolve())}, "egos": [_ego(name, until) for name in names]}
+    path = Path(scenario)
+    data = {"name": config.name_from(path), "sumo": {"sumocfg": str(files.absolute(path))}, "egos": [_ego(name, until) for name in names]}
     return config.build(data, scenario, overrides, allow_plugins=allow_plugins)
 
 
@@ -96,6 +99,9 @@ def run(scenario: ScenarioConfig, origin: str, seed: int | None, gui: bool, sumo
     own = _own(scenario, origin)
     with ExitStack() as stack:
         with _named(origin, scenario.sumo.sumocfg):
+            if seed is None and draws_seed(scenario.sumo):
+                seed = secrets.randbelow(MOST_SEED + 1)
+                note(f"SUMO's option random is on: --seed {seed} drives this episode again")
             variant = run_key.variant_of(scenario, own, sumo_options)
             episode = open_episode(scenario, seed, gui=gui, sumo_options=sumo_options, progress=note, variant=variant)
             result = stack.enter_context(episode)
@@ -108,7 +114,7 @@ def run(scenario: ScenarioConfig, origin: str, seed: int | None, gui: bool, sumo
 def _own(scenario: ScenarioConfig, origin: str) -> ScenarioConfig | None:
     """The scenario behind a name or file as it is without what else was asked for; None: it cannot stand alone."""
     try:
-        if not origin.endswith(".sumocfg"):
+        if not is_sumocfg(origin):
             return config.load(assets.scenario_path(origin), allow_plugins=True)
         data = {"name": scenario.name, "sumo": {"sumocfg": scenario.sumo.sumocfg}, "egos": [{"id": scenario.egos[0].id}]}
         return config.build(data, origin)
@@ -244,7 +250,7 @@ def _episodes(
 
 def require_egos(scenario: str, egos: Sequence[str]) -> None:
     """Raise ConfigError where nobody is named to drive in a .sumocfg."""
-    if scenario.endswith(".sumocfg") and not egos:
+    if is_sumocfg(scenario) and not egos:
         raise ConfigError(f"{scenario}: --ego: not given; `sumo-mcts run {scenario}` lists the candidates")
 
 
@@ -476,19 +482,69 @@ def experiments() -> list[dict[str, str]]:
     return built_in()
 
 
-def problem_of(path: Path, *, allow_plugins: bool = False) -> str:
-    """What is wrong with a scenario file, "" if nothing; plugins that it names are made, so that they check their options."""
+def problems_of(path: Path, *, allow_plugins: bool = False) -> list[str]:
+    """What is wrong with a scenario file, a .sumocfg or an experiment: a line for each mistake, none where it can be driven. SUMO is started, nobody decides;
+    plugins are made, so that they check their options."""
     try:
+        if is_sumocfg(str(path)):
+            _try_sumocfg(str(path))
+            return []
+        if is_experiment(config.parsed(path)):
+            return tried(path, TRIED_S, allow_plugins=allow_plugins)
         scenario = config.load(path, allow_plugins=allow_plugins)
-        with _named(str(path)):
-            make_planner(scenario)
-            make_predictor(scenario)
-            cost_params(scenario)
     except ConfigError as error:
-        return str(error)
-    named = [p for p in (scenario.sumo.sumocfg, scenario.sumo.net, *scenario.sumo.routes, *scenario.sumo.additional) if p is not None]
-    missing = [p for p in named if not Path(p).is_file()]
-    return f"{path}: sumo: {missing[0]}: no such file" if missing else ""
+        return list(error.every)
+    return _mistakes(scenario, str(path))
+
+
+def _mistakes(scenario: ScenarioConfig, origin: str) -> list[str]:
+    """What is wrong with a scenario beyond the values of its keys; SUMO is asked where we find nothing."""
+    sumocfg = scenario.sumo.sumocfg
+    seed = 0 if sumocfg is None else None
+    plugins: list[Callable[[], object]] = [lambda: make_planner(scenario), lambda: make_predictor(scenario), lambda: cost_params(scenario)]
+    found = [line for part in plugins for line in _wrong(part, origin, sumocfg)]
+    for part in (lambda: require_good(scenario.sumo), lambda: _require_fit(scenario), lambda: drive.require_starting(scenario, seed)):
+        wrong = _wrong(part, origin, sumocfg)
+        if wrong:  # the next one rests on it
+            return [*found, *wrong]
+    return found
+
+
+def _require_fit(scenario: ScenarioConfig) -> None:
+    """Raise ConfigError, with a line for each mistake, where the scenario does not fit its network."""
+    road = known_roadmap(network_of(scenario.sumo.sumocfg, scenario.sumo.net))
+    parts = [partial(check_edges, scenario.model_copy(update={"egos": (ego,)}), road) for ego in scenario.egos]
+    parts += [partial(actors.check, actor, road) for actor in scenario.traffic.actors]
+    parts += [partial(crowd.check_stream, k, stream, road) for k, stream in enumerate(scenario.traffic.crowd.streams)]
+    lines = [str(error) for error in map(_error_of, parts) if error is not None]
+    if lines:
+        raise ConfigError(lines[0], lines)
+
+
+def _wrong(part: Callable[[], object], origin: str, sumocfg: str | None) -> list[str]:
+    """The lines of the mistake that a part of a check finds."""
+
+    def named() -> None:
+        with _named(origin, sumocfg):
+            part()
+
+    error = _error_of(named)
+    return [] if error is None else list(error.every)
+
+
+def _error_of(part: Callable[[], object]) -> ConfigError | None:
+    try:
+        part()
+    except ConfigError as error:
+        return error
+    return None
+
+
+def _try_sumocfg(path: str) -> None:
+    """Start SUMO with a .sumocfg. Raises ConfigError."""
+    _check_sumocfg(path)
+    with _named(path, path):
+        candidates(sumocfg_arguments(path, None, ()), 1, patience_s=TRIED_S)
 
 
 def check_folder(folder: Path) -> None:
@@ -521,12 +577,16 @@ def check_run_folder(folder: Path) -> None:
 @contextmanager
 def _named(origin: str, sumocfg: str | None = None) -> Iterator[None]:
     """Wrong input is named with the file, and in a .sumocfg with the key, that it is about."""
+    here = (origin, str(files.absolute(Path(origin))), "--")
+
+    def told(message: str) -> str:
+        message += "" if sumocfg is None else key_of_value(sumocfg, message.rpartition(" ")[2])
+        return message if message.startswith(here) else f"{origin}: {message}"
+
     try:
         yield
     except ConfigError as error:
-        message = str(error) + ("" if sumocfg is None else key_of_value(sumocfg, str(error).rpartition(" ")[2]))
-        here = (origin, str(Path(origin).resolve()), "--")
-        raise ConfigError(message if message.startswith(here) else f"{origin}: {message}") from None
+        raise ConfigError(told(str(error)), [told(line) for line in error.every]) from None
 
 
 def _ego(name: str, until: str | None) -> dict[str, str]:
@@ -534,8 +594,9 @@ def _ego(name: str, until: str | None) -> dict[str, str]:
 
 
 def _check_sumocfg(path: str) -> None:
-    if not Path(path).is_file():
-        raise ConfigError(f"{path}: no such file")
+    why = files.problem(path)
+    if why:
+        raise ConfigError(f"{path}: {why}")
     with _named(path):
         known_roadmap(network_of(path, None))  # SUMO itself does not survive every network
 

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from sumo_mcts.config import ConfigError, build, first_problem, json_schema
+from sumo_mcts.config import ConfigError, build, json_schema, problems
 from sumo_mcts.experiments.experiment import Experiment
 
 FINE: dict[str, Any] = {"name": "x", "sumo": {"net": "x.net.xml"}, "egos": [{"id": "ego"}]}
@@ -43,18 +43,21 @@ def test_scenario_files(key: str) -> None:
 def test_experiment_files(key: str) -> None:
     name = Experiment.model_fields[key].alias or key
     for value in NONSENSE:
-        said = problem(Experiment, {"name": "x", "scenarios": ["straight-line"], name: value})
-        assert not [word for word in NOT_OURS if word in said.partition(", got ")[0]], said
+        for said in told(Experiment, {"name": "x", "scenarios": ["straight-line"], name: value}):
+            assert not [word for word in NOT_OURS if word in said.partition(", got ")[0]], said
 
 
-def problem(model: type[BaseModel], data: dict[str, Any]) -> str:
+def told(model: type[BaseModel], data: dict[str, Any]) -> list[str]:
     try:
         model.model_validate(data)
     except ValidationError as error:
-        return first_problem(error, model)
-    return ""
+        return problems(error, model)
+    return []
 
 
-def test_what_is_short_of_wrong_entries_is_not_counted_twice() -> None:
-    assert problem(Experiment, {"name": "x", "scenarios": [3]}) == "scenarios.0: has to be a mapping of keys, got 3"
-    assert problem(Experiment, {"name": 3, "scenarios": []}) == "name: has to be a text, got 3 (and 1 more)"
+def test_what_is_short_of_wrong_entries_is_not_told_twice() -> None:
+    assert told(Experiment, {"name": "x", "scenarios": [3]}) == ["scenarios.0: has to be a mapping of keys, got 3"]
+    assert told(Experiment, {"name": 3, "scenarios": []}) == [
+        "name: has to be a text, got 3",
+        "scenarios: has to have at least 1 entry, got []",
+    ]

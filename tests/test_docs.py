@@ -167,7 +167,7 @@ def checkout(tmp_path: Path) -> Path:
 def test_scenario_examples_are_valid(text: str, checkout: Path) -> None:
     path = checkout / "example.yaml"
     path.write_text(text, encoding="utf-8")
-    assert commands.problem_of(path) == ""
+    assert commands.problems_of(path) == []
 
 
 @pytest.mark.parametrize("text", fenced("python"))

@@ -239,9 +239,9 @@ def test_what_is_wrong_is_one_line(setting: str, mine: str, tmp_path: Path) -> N
     section, _, key = name.partition(".")
     inner = f"{section}: {{{key}: '{value}'}}" if key else f"{section}: {value}"
     path.write_text(f"base: {TOP}/configs/straight-line.yaml\n{inner}\n")
-    said = commands.problem_of(path, allow_plugins=True)
+    said = commands.problems_of(path, allow_plugins=True)[0]
     assert said.startswith(f"{path}: ") and WRONG[setting] in said
-    assert "runs only with --allow-plugins" in commands.problem_of(path)
+    assert "runs only with --allow-plugins" in commands.problems_of(path)[0]
 
 
 def test_a_predictor_that_does_not_start(mine: str) -> None:

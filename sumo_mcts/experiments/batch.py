@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from sumo_mcts import assets, plugins, records
+from sumo_mcts import assets, files, plugins, records
 from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names, positive, whole
 from sumo_mcts.errors import FailedError, of_machine
 from sumo_mcts.experiments import drive, folder, workers
@@ -123,6 +123,22 @@ def listed(
     found = _part(plan, egos, shard)
     done = set() if manifest is None or out is None else {row["key"] for row in folder.done(Path(out), found)}
     return [Listing(key, key in done) for episode in found for key in episode.keys]
+
+
+def tried(path: Path, seconds: float, *, allow_plugins: bool = False) -> list[str]:
+    """What is wrong with an experiment file, a line each: every scenario is started in this process with every kind of driver, as far as there is time for
+    it. Raises ConfigError where the file itself is wrong."""
+    plan, until = load(path, allow_plugins=allow_plugins), time.monotonic() + seconds
+    found = []
+    for case in plan.cases:
+        try:
+            egos = () if case.egos is None else drive.some_egos(case.base, case.egos, max(0.0, until - time.monotonic()))
+            configs = {_kind(config): with_ego(config, *egos) if egos else config for config in case.configs.values()}.values()
+            problems = [drive.rehearse(config, case.seeds[0], decide=False) for config in configs if time.monotonic() < until and (egos or case.egos is None)]
+        except ConfigError as error:
+            problems = [str(error)]
+        found += [f"{plan.origin}: scenarios: {case.name}: {problem}" for problem in dict.fromkeys(problems) if problem]
+    return found
 
 
 def built_in() -> list[dict[str, str]]:
@@ -259,7 +275,7 @@ def contents(paths: Iterable[str]) -> dict[str, list[str]]:
     """SHA-256 of the files of each name, wherever they lie. What is missing is told when SUMO starts."""
     found: dict[str, set[str]] = {}
     for path in map(Path, paths):
-        if path.is_file():
+        if not files.problem(path):
             with path.open("rb") as file:
                 found.setdefault(path.name, set()).add(hashlib.file_digest(file, "sha256").hexdigest())
     return {name: sorted(found[name]) for name in sorted(found)}

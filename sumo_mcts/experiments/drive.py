@@ -25,6 +25,7 @@ from sumo_mcts.world.roadmap import known_roadmap
 
 AMONG = 4  # egos are drawn from the first suitable vehicles: so many times as many, and
 AMONG_LEAST = 100  # no fewer than these
+SOON_S = 30.0  # simulated, for which a check waits for egos
 SHORTAGE = "shortage of the machine"  # how the errors begin that say nothing about their episode
 
 
@@ -92,16 +93,16 @@ def _prediction(config: ScenarioConfig) -> str | None:
         return None
 
 
-def rehearse(config: ScenarioConfig, seed: int | None, decide: bool = True, measured: Sequence[str] = ()) -> str:
-    """Start a scenario, up to the first decision where that is soon, and `decide` once, so that the search is compiled. Returns what is wrong with the input,
-    "" if nothing. Raises as `drive` does."""
+def rehearse(config: ScenarioConfig, seed: int | None, decide: bool = True, measured: Sequence[str] = (), look: bool = False) -> str:
+    """Start a scenario, up to the first decision where that is soon or `look` asks for it, and `decide` once, so that the search is compiled. Returns what is
+    wrong with the input, "" if nothing. Raises as `drive` does."""
     loop = Loop(config, seed, sumo_options=without_outputs(config.sumo), measured=measured)
     try:
         loop.start()
         Driver(config, loop.world.road, loop.world.physics, 0, loop.oracles)  # plugins check their options
         if decide:
             warm_up(config, loop.world.road, loop.world.physics)
-        if {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}:
+        if look or {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}:
             loop.scenes()  # until the egos are taken over, which is soon
     except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
         if of_machine(error):
@@ -112,10 +113,27 @@ def rehearse(config: ScenarioConfig, seed: int | None, decide: bool = True, meas
     return ""
 
 
+def require_starting(config: ScenarioConfig, seed: int | None) -> None:
+    """Raise ConfigError where a scenario does not start, or egos that depart soon cannot do what is asked of them."""
+    episode = config.episode.model_copy(update={"depart_limit_s": min(SOON_S, config.episode.depart_limit_s)})
+    problem = rehearse(config.model_copy(update={"episode": episode}), seed, decide=False, look=True)
+    if problem:
+        raise ConfigError(problem)
+
+
 def choose(config: ScenarioConfig, egos: Egos) -> tuple[str, ...]:
     """The egos of a user's network. Raises ConfigError where there are none such."""
     check_edges(config, known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net)))
     return _drawn(config, egos.random, egos.seed) if egos.random is not None else _known(config, egos.ids)
+
+
+def some_egos(config: ScenarioConfig, egos: Egos, patience_s: float) -> tuple[str, ...]:
+    """Egos to try a user's network with: those that are named, or the first that is suitable, if one departs within so many seconds of this clock. Raises
+    ConfigError where the .sumocfg is none."""
+    if egos.ids:
+        return egos.ids
+    found = _look(config, lambda candidate: candidate.suitable, patience_s)
+    return tuple(candidate.id for candidate in found if candidate.suitable)
 
 
 def _drawn(config: ScenarioConfig, count: int, seed: int) -> tuple[str, ...]:
@@ -153,9 +171,9 @@ def _known(config: ScenarioConfig, ids: Sequence[str]) -> tuple[str, ...]:
     return tuple(ids)
 
 
-def _look(config: ScenarioConfig, found: Callable[[Candidate], bool]) -> list[Candidate]:
-    """The vehicles that depart, until `found` says that it is enough, or so late that an episode would not have waited for them."""
+def _look(config: ScenarioConfig, found: Callable[[Candidate], bool], patience_s: float = math.inf) -> list[Candidate]:
+    """The vehicles that depart, until `found` says that it is enough, or so late that an episode would not have waited for them, or patience ends."""
     limit = config.episode.depart_limit_s
     with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as folder:
         arguments = sumo_arguments(config, None, Cast(), Path(folder), without_outputs(config.sumo))
-        return candidates(arguments, sys.maxsize, found, until=config.egos[0].until, patience_s=math.inf, lasting_s=limit)
+        return candidates(arguments, sys.maxsize, found, until=config.egos[0].until, patience_s=patience_s, lasting_s=limit)

@@ -1,28 +1,32 @@
 """What an experiment file may say, and the episodes that it stands for: scenarios x variants x seeds."""
 
+import copy
 import hashlib
 import itertools
 import json
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 
-from sumo_mcts import assets, config, records
-from sumo_mcts.config import ConfigError, EgoConfig, ScenarioConfig, first_problem, yaml_problem
+from sumo_mcts import assets, config, files, records
+from sumo_mcts.config import MOST_SEED, ConfigError, EgoConfig, Flag, Id, ScenarioConfig
 from sumo_mcts.experiments.statistics import TWIN
-from sumo_mcts.world.arguments import sumo_home
+from sumo_mcts.world.arguments import is_sumocfg, sumo_home
 
 TRAFFIC = ("sumo", "egos", "traffic", "episode")  # sections in which an episode and its twin have to agree
 DECIDING = ("sumo_mcts", "sources", "sumo", "numpy", "numba")  # versions that decide what comes of an episode, so that rows of others do not mix
 SUMO_FOLDER = "${SUMO_HOME}"
 UNKNOWN_EGO = "any"  # stands for an ego of a user's network until it is chosen
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+MOST_EPISODES = 1_000_000
+MOST_CONFIGS = 10_000  # scenarios times variants: each is checked
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
 Changes = dict[str, Any]
 
 
@@ -33,16 +37,21 @@ def _seeds(value: object) -> object:
     parts = value if isinstance(value, list | tuple) else [value] if isinstance(value, str) else None
     if not parts:
         raise ValueError("a range such as 0..9, or a list of numbers and ranges")
-    return tuple(sorted({seed for part in parts for seed in _range(part)}))
+    ranges = [_range(part) for part in parts]
+    if sum(each.stop - each.start for each in ranges) > MOST_EPISODES:  # a range of more than an index can tell has no length
+        raise ValueError(f"at most {MOST_EPISODES} seeds")
+    return tuple(sorted(set(itertools.chain.from_iterable(ranges))))
 
 
 def _range(part: object) -> range:
-    found = re.fullmatch(r"\s*(\d+)\s*(?:\.\.\s*(\d+)\s*)?", str(part)) if isinstance(part, int | str) else None
+    found = re.fullmatch(r"\s*(\d{1,12})\s*(?:\.\.\s*(\d{1,12})\s*)?", str(part), re.ASCII) if isinstance(part, int | str) else None
     if found is None or isinstance(part, bool):
         raise ValueError(f"{part}: a number from 0 on, or a range such as 0..9")
     first, last = int(found[1]), int(found[2] or found[1])
     if last < first:
         raise ValueError(f"{part}: the range runs backwards; write {last}..{first}")
+    if last > MOST_SEED:
+        raise ValueError(f"{part}: a seed is at most {MOST_SEED}")
     return range(first, last + 1)
 
 
@@ -56,9 +65,9 @@ class _Section(BaseModel):
 class Egos(_Section):
     """The egos of a user's network, an episode each: given by id, or drawn from its suitable vehicles, the same for all variants."""
 
-    ids: tuple[Annotated[str, Field(min_length=1)], ...] = Field((), description="vehicle ids; a list alone is short for it")
-    random: int | None = Field(None, ge=1, le=100_000, description="or how many are drawn")
-    seed: int = Field(0, ge=0, description="of the draw")
+    ids: tuple[Id, ...] = Field((), max_length=100_000, description="vehicle ids; a list alone is short for it")
+    random: Annotated[int, Field(strict=True, ge=1, le=100_000)] | None = Field(None, description="or how many are drawn")
+    seed: int = Field(0, strict=True, ge=0, le=MOST_SEED, description="of the draw")
 
     @model_validator(mode="after")
     def _one_kind(self) -> "Egos":
@@ -80,7 +89,7 @@ class Entry(_Section):
     sumocfg: str | None = Field(None, description="a .sumocfg, relative to the experiment's file; `${SUMO_HOME}` is the folder of the installed SUMO")
     name: Name | None = Field(None, description="what it is called in keys and tables; default the scenario's own name, or the .sumocfg's")
     egos: Annotated[Egos | None, BeforeValidator(_listed)] = Field(None, description="with a sumocfg: vehicle ids, or `{random: N, seed: K}`")
-    until: str | None = Field(None, description="with a sumocfg: the goal, the end of this edge; default the last of the ego's route")
+    until: Id | None = Field(None, description="with a sumocfg: the goal, the end of this edge; default the last of the ego's route")
     seeds: Seeds = Field(None, description="its own seeds; default those of the experiment")
     assign: Changes = Field({}, alias="set", description="keys of the scenario, `a.b: value`, for all variants")
 
@@ -95,11 +104,18 @@ class Entry(_Section):
         return self
 
 
-def _entry(value: object) -> object:
+def _entry(value: object, info: ValidationInfo) -> object:
     """A name or a path alone."""
     if isinstance(value, str):
-        return {"sumocfg" if value.endswith(".sumocfg") else "scenario": value}
+        path = _located(value, Path((info.context or {}).get("folder", ".")))
+        return {"sumocfg" if is_sumocfg(value if path is None else str(path)) else "scenario": value}
     return value
+
+
+def _located(named: str, folder: Path) -> Path | None:
+    """A file beside the experiment's, else from here; None where there is none."""
+    named = named.replace(SUMO_FOLDER, sumo_home()) if SUMO_FOLDER in named else named
+    return next((path for path in (folder / named, Path(named)) if not files.problem(path)), None)
 
 
 class Experiment(_Section):
@@ -113,7 +129,7 @@ class Experiment(_Section):
         {}, description="by key of the scenario: values. Every variant is run with every combination of them"
     )
     seeds: Seeds = Field(None, description="of every scenario, the same for all variants; default 0, for a .sumocfg its own")
-    twins: bool = Field(False, description="drive every episode with planner `sumo` too")
+    twins: Flag = Field(False, description="drive every episode with planner `sumo` too")
     traces: Literal["worth", "all", "none"] = Field("worth", description="which traces are kept")
     assign: Changes = Field({}, alias="set", description="keys of every scenario, `a.b: value`, for all variants")
 
@@ -151,6 +167,7 @@ class Episode(NamedTuple):
 def load(path: Path, *, allow_plugins: bool = False) -> Plan:
     """Read an experiment file and the scenarios that it names; code that they name only where that is allowed. Raises ConfigError."""
     experiment = _parsed(path)
+    _require_bounded(experiment, str(path))
     variants = _variants(experiment, str(path))
     cases = tuple(_case(experiment, k, variants, path) for k in range(len(experiment.scenarios)))
     for name, count in Counter(case.name for case in cases).items():
@@ -178,9 +195,9 @@ def all_egos(plan: Plan, egos: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
     return tuple(sorted(own.union(*egos.values())))
 
 
-def with_ego(scenario: ScenarioConfig, ego: str) -> ScenarioConfig:
-    """A user's network with one of its vehicles as ego."""
-    return scenario.model_copy(update={"egos": (scenario.egos[0].model_copy(update={"id": ego}),)})
+def with_ego(scenario: ScenarioConfig, *egos: str) -> ScenarioConfig:
+    """A user's network with one of its vehicles as ego, or with several."""
+    return scenario.model_copy(update={"egos": tuple(scenario.egos[0].model_copy(update={"id": ego}) for ego in egos)})
 
 
 def shard(found: Sequence[Episode], number: int, count: int) -> list[Episode]:
@@ -191,28 +208,35 @@ def shard(found: Sequence[Episode], number: int, count: int) -> list[Episode]:
 # --- the file ---
 
 
-class _Strict(yaml.SafeLoader):
-    """Refuses a key that is given twice, of which YAML would keep the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        for name, count in Counter(self.construct_object(key, deep=True) for key, _ in node.value if isinstance(key, yaml.ScalarNode)).items():
-            if count > 1:
-                raise yaml.constructor.ConstructorError(None, None, f"{name}: given {count} times", node.start_mark)
-        return super().construct_mapping(node, deep)
+def is_experiment(data: object) -> bool:
+    """Whether what a file in YAML says is an experiment rather than a scenario."""
+    return isinstance(data, dict) and "scenarios" in data
 
 
 def _parsed(path: Path) -> Experiment:
+    data = config.parsed(path)
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: an experiment is a mapping of keys: {', '.join(_keys(Experiment))}")
     try:
-        data = yaml.load(path.read_text(encoding="utf-8"), _Strict)  # a safe loader
-        if not isinstance(data, dict):
-            raise ConfigError(f"{path}: an experiment is a mapping of keys: {', '.join(_keys(Experiment))}")
-        return Experiment.model_validate(data)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid YAML: {yaml_problem(error)}") from None
+        return Experiment.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
-        raise ConfigError(f"{path}: {first_problem(error, Experiment)}") from None
+        raise config.refused(error, Experiment, str(path)) from None
+
+
+def _require_bounded(experiment: Experiment, origin: str) -> None:
+    """Raise ConfigError where there are too many episodes, before any is made."""
+    variants = len(experiment.variants) * math.prod(len(values) for values in experiment.sweep.values()) + experiment.twins
+    configs = variants * len(experiment.scenarios)
+    if configs > MOST_CONFIGS:
+        raise ConfigError(f"{origin}: scenarios x variants x sweep: {configs}; at most {MOST_CONFIGS}")
+    episodes_of = [len(entry.seeds or experiment.seeds or (0,)) * _egos(entry) for entry in experiment.scenarios]
+    if variants * sum(episodes_of) > MOST_EPISODES:
+        raise ConfigError(f"{origin}: scenarios x egos x variants x sweep x seeds: {variants * sum(episodes_of)} episodes; at most {MOST_EPISODES}")
+
+
+def _egos(entry: Entry) -> int:
+    """The episodes for each variant and seed."""
+    return 1 if entry.egos is None else entry.egos.random or len(entry.egos.ids)
 
 
 def _keys(model: type[BaseModel]) -> list[str]:
@@ -284,29 +308,21 @@ def _origin(experiment: Experiment, variant: str) -> str:
 
 def _changed(data: dict[str, Any], changes: Changes, origin: str) -> ScenarioConfig:
     """The scenario with these keys set. Raises ConfigError."""
-    assignments = tuple(f"{key}={yaml.safe_dump(value, default_flow_style=True)}" for key, value in changes.items())
-    try:
-        return config.build(json.loads(json.dumps(data)), origin, assignments, allow_plugins=True)
-    except ConfigError as error:
-        told = str(error).replace("\n...\n", "").removeprefix("--set ")
-        raise ConfigError(told if told.startswith(origin) else f"{origin}: {told}") from None
+    return config.build(copy.deepcopy(data), origin, changes=copy.deepcopy(changes), allow_plugins=True)
 
 
 def _from_scenario(name: str, folder: Path) -> dict[str, Any]:
     beside = folder / name
-    return config.load(beside if beside.is_file() else assets.scenario_path(name), allow_plugins=True).model_dump(mode="json")
+    return config.load(assets.scenario_path(name) if files.problem(beside) else beside, allow_plugins=True).model_dump(mode="json")
 
 
 def _from_sumocfg(entry: Entry, folder: Path) -> dict[str, Any]:
     named = str(entry.sumocfg)
-    if SUMO_FOLDER in named:
-        named = named.replace(SUMO_FOLDER, sumo_home())
-    path = next((found for found in (folder / named, Path(named)) if found.is_file()), None)
+    path = _located(named, folder)
     if path is None:
-        raise ConfigError(f"sumocfg: {named}: no such file")
-    stem = re.sub(r"[^A-Za-z0-9_-]", "_", path.stem)
+        raise ConfigError(f"sumocfg: {named}: {files.problem(folder / named)}")
     ego = EgoConfig(id=UNKNOWN_EGO, until=entry.until)
-    data = {"name": stem if stem[:1].isalnum() else f"net{stem}", "sumo": {"sumocfg": str(path.resolve())}, "egos": [ego.model_dump()]}
+    data = {"name": config.name_from(path), "sumo": {"sumocfg": str(files.absolute(path))}, "egos": [ego.model_dump()]}
     return config.build(data, str(path), allow_plugins=True).model_dump(mode="json")
 
 

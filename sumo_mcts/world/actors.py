@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.config import Actor, ConfigError, Event, TrafficConfig, VehicleEvent
+from sumo_mcts.config import Actor, ConfigError, Depart, Event, TrafficConfig, VehicleEvent
 from sumo_mcts.model.lanes import successors
 from sumo_mcts.scene import Floats, Ints, RoadMap
 from sumo_mcts.world.roadmap import has_edge
@@ -137,22 +137,26 @@ def appears(due: float, step: float) -> float:
     return (math.ceil(due / step - _EPS) + 1) * step
 
 
-def check(actor: Actor, road: RoadMap, key: str = "traffic.actors") -> None:
-    """Raise ConfigError where SUMO would refuse the actor or, worse, wait for ever in silence. `key`: where in the scenario file it stands."""
-    where = f"{key}: {actor.id}"
-    for edge in actor.route:
+def check(actor: Actor, road: RoadMap) -> None:
+    """Raise ConfigError where SUMO would refuse the actor or, worse, wait for ever in silence."""
+    check_way(f"traffic.actors: {actor.id}", actor.route, actor.depart, road)
+
+
+def check_way(where: str, route: Sequence[str], depart: Depart, road: RoadMap) -> None:
+    """Raise ConfigError where SUMO could insert no vehicle there for this route; `where` in the scenario file that is written."""
+    for edge in route:
         has_edge(road, edge, f"{where}: route")
-    for edge, following in pairwise(actor.route):
+    for edge, following in pairwise(route):
         if not _connected(road, edge, following):
             raise ConfigError(f"{where}: route: no connection leads from {edge} to {following}")
-    lanes = np.flatnonzero(road.edge == road.edge_ids.index(actor.route[0]))
-    if actor.depart.lane >= len(lanes):
-        raise ConfigError(f"{where}: depart.lane: {actor.route[0]} has lanes 0 to {len(lanes) - 1}, got {actor.depart.lane}")
-    lane = lanes[actor.depart.lane]
-    if actor.depart.pos_m > road.length[lane]:
-        raise ConfigError(f"{where}: depart.pos_m: {road.lane_ids[lane]} is {road.length[lane]:.1f} m long, got {actor.depart.pos_m:g}")
-    if actor.depart.speed_mps > road.speed[lane]:
-        raise ConfigError(f"{where}: depart.speed_mps: the limit on {road.lane_ids[lane]} is {road.speed[lane]:g} m/s, got {actor.depart.speed_mps:g}")
+    lanes = np.flatnonzero(road.edge == road.edge_ids.index(route[0]))
+    if depart.lane >= len(lanes):
+        raise ConfigError(f"{where}: depart.lane: {route[0]} has lanes 0 to {len(lanes) - 1}, got {depart.lane}")
+    lane = lanes[depart.lane]
+    if depart.pos_m > road.length[lane]:
+        raise ConfigError(f"{where}: depart.pos_m: {road.lane_ids[lane]} is {road.length[lane]:.1f} m long, got {depart.pos_m:g}")
+    if depart.speed_mps > road.speed[lane]:
+        raise ConfigError(f"{where}: depart.speed_mps: the limit on {road.lane_ids[lane]} is {road.speed[lane]:g} m/s, got {depart.speed_mps:g}")
 
 
 def _connected(road: RoadMap, edge: str, following: str) -> bool:
@@ -321,9 +325,12 @@ def _next_lane(road: RoadMap, lane: int, actor: Actor, edge: int) -> int:
 
 def _reach(road: RoadMap, lane: int, route: list[int]) -> int:
     """How many of the edges to come can be driven from `lane` without a lane change."""
-    if not route:
-        return 0
-    return max((1 + _reach(road, int(road.exit[i]), route[1:]) for i in successors(road, lane) if road.edge[road.exit[i]] == route[0]), default=0)
+    lanes = {lane}
+    for count, edge in enumerate(route):
+        lanes = {int(road.exit[i]) for each in lanes for i in successors(road, each) if road.edge[road.exit[i]] == edge}
+        if not lanes:
+            return count
+    return len(route)
 
 
 def _shifted(state: _State, actor: Actor, road: RoadMap, step: float, change_s: float) -> tuple[_State, float]:

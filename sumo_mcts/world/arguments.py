@@ -1,68 +1,125 @@
 """SUMO's command line for a scenario: the scenario's files and options, the user's further options, and what the referee needs."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from sumo_mcts.config import ConfigError, ScenarioConfig, SumoConfig
+from sumo_mcts import files
+from sumo_mcts.config import MOST_SEED, ConfigError, ScenarioConfig, SumoConfig
+from sumo_mcts.world import options as sumo_options
 from sumo_mcts.world.crowd import Cast, write_routes
-from sumo_mcts.world.simulation import full_name, option_names
+from sumo_mcts.world.options import Given, full_name, option_names
 
 DEFAULT_STEP = 0.1  # s
 
 # What the referee judges by; no scenario may set it otherwise.
 REFEREE_OPTIONS = {"collision.action": "warn", "collision.check-junctions": "true", "collision.mingap-factor": "0"}
 
-_OURS = ("configuration-file", "net-file", "error-log")  # an option after -- may set anything but these and the referee's
+AFTER_DASHES = "options after --"
 
-# Options by which SUMO writes a file, and what makes it write none.
-_WRITES = re.compile(
-    r".*[-.]output|netstate-dump|ndump|netstate|person-fcd|summary|tripinfo|personinfo|vehroutes|personroutes|log|log-file|l|message-log|device\.toc\.file"
-)
+_OURS = ("configuration-file", "net-file", "error-log")  # an option after -- may set anything but these and the referee's
+_CONFIGURATIONS = ("configuration", "sumoConfiguration", "sumo-configuration")  # root elements of a .sumocfg
+_MOST_BYTES = 10_000_000  # of a .sumocfg
+
 _UNWRITTEN = "/dev/null"  # SUMO's own word for it, on every system
 _UNSAVED = {"save-state.times": "", "save-state.period": "-1"}
 
 Options = dict[str, str]
 
 
+def is_sumocfg(name: str) -> bool:
+    """Whether a scenario is a configuration of SUMO: by its name, or by what the file holds, since *.sumo.cfg and others are usual too."""
+    if name.endswith(".sumocfg"):
+        return True
+    try:
+        return files.xml_root(name) in _CONFIGURATIONS
+    except (OSError, ValueError):
+        return False
+
+
 def sumo_arguments(config: ScenarioConfig, seed: int | None, cast: Cast, folder: Path, extra: Sequence[str], measured: Iterable[str] = ()) -> list[str]:
     """The command line, without the program's name. Files that SUMO reads or writes for us lie in `folder`; `extra` is written by the user as it stands.
-    `measured`: vehicles whose TTC, DRAC and PET SUMO tells.
+    `measured`: vehicles whose TTC, DRAC and PET SUMO tells. A seed of SUMO's own choice is never used: an episode can be driven again.
 
     Raises ConfigError where a file is missing or an option contradicts what the referee needs.
     """
-    sumo, given = config.sumo, option_names(extra)
-    _check_files(sumo)
+    sumo = config.sumo
+    require_good(sumo, extra)
     options: Options = {"configuration-file": sumo.sumocfg} if sumo.sumocfg is not None else {"net-file": str(sumo.net), "time-to-teleport": "-1"}
     if sumo.step_length_s is not None or sumo.sumocfg is None:
         options["step-length"] = str(sumo.step_length_s or DEFAULT_STEP)
     options |= _file_lists(sumo, [str(write_routes(cast, folder))] if cast.actors else [])
     options |= {full_name(key): _text(value) for key, value in sumo.options.items()}
-    if seed is not None:
-        options["seed"] = str(seed)
-    _refuse("sumo.options", {full_name(key) for key in sumo.options}, ())
-    _refuse("options after --", given, _OURS)
+    options |= _seeding(sumo, seed)
     own = {**options, **ssm_options(measured, folder), **REFEREE_OPTIONS}
+    given = option_names(extra)
     return [*_flat({key: value for key, value in own.items() if key not in given}), *extra]
 
 
 def sumocfg_arguments(sumocfg: str, seed: int | None, extra: Sequence[str]) -> list[str]:
     """The command line of a look at a .sumocfg, with SUMO driving, that writes none of its files."""
-    extra = [*extra, *without_outputs(SumoConfig(sumocfg=sumocfg), extra)]
+    sumo = SumoConfig(sumocfg=str(files.absolute(Path(sumocfg))))
+    require_good(sumo, extra)
+    extra = [*extra, *without_outputs(sumo, extra)]
     given = option_names(extra)
-    own = {"configuration-file": str(Path(sumocfg).resolve()), **({} if seed is None else {"seed": str(seed)}), **REFEREE_OPTIONS}
+    own = {"configuration-file": str(sumo.sumocfg), **_seeding(sumo, seed), **REFEREE_OPTIONS}
     return [*_flat({key: value for key, value in own.items() if key not in given}), *extra]
+
+
+def require_good(sumo: SumoConfig, extra: Sequence[str] = ()) -> None:
+    """Raise ConfigError where a file is missing or no file, or an option is not the user's to set, or would have SUMO do something else than simulate:
+    in the scenario, in its .sumocfg, or in `extra` after the --."""
+    require_files(sumo)
+    after, own = sumo_options.on_command_line(extra, AFTER_DASHES), [Given(full_name(key), _text(value)) for key, value in sumo.options.items()]
+    _refuse("sumo.options", own, ())
+    _refuse(AFTER_DASHES, after, _OURS)
+    sources = [(own, Path(), "sumo.options"), (after, Path(), AFTER_DASHES)]
+    if sumo.sumocfg is not None:
+        sources.append((_entries(sumo.sumocfg), files.absolute(Path(sumo.sumocfg)).parent, sumo.sumocfg))
+    for given, folder, where in sources:
+        sumo_options.require_bearable(given, where)
+        sumo_options.require_readable(given, folder, where)
+
+
+def require_files(sumo: SumoConfig) -> None:
+    """Raise ConfigError, with a line for each, where files that a scenario names are none."""
+    lines = []
+    for key, path in _named_files(sumo):
+        try:
+            sumo_options.require_file(Path(path), f"sumo.{key}", xml=True)
+        except ConfigError as error:
+            lines.append(str(error))
+    if lines:
+        raise ConfigError(lines[0], lines)
+
+
+def _named_files(sumo: SumoConfig) -> list[tuple[str, str]]:
+    """Key and name of each file of a scenario."""
+    named = {"sumocfg": [sumo.sumocfg], "net": [sumo.net], "routes": sumo.routes, "additional": sumo.additional}
+    return [(key, path) for key, paths in named.items() for path in paths if path is not None]
+
+
+def draws_seed(sumo: SumoConfig) -> bool:
+    """Whether a scenario asks SUMO to choose a seed anew each time."""
+    named = [*(_entries(sumo.sumocfg) if sumo.sumocfg is not None else []), *(Given(full_name(key), _text(value)) for key, value in sumo.options.items())]
+    return any(given.name == "random" and not sumo_options.is_off(given.value) for given in named)
+
+
+def _seeding(sumo: SumoConfig, seed: int | None) -> Options:
+    """The seed is the one that is known, never one of SUMO's choice."""
+    if seed is not None and seed > MOST_SEED:
+        raise ConfigError(f"seed: at most {MOST_SEED}, got {seed}")
+    return {**({"random": "false"} if draws_seed(sumo) else {}), **({} if seed is None else {"seed": str(seed)})}
 
 
 def without_outputs(sumo: SumoConfig, extra: Sequence[str] = ()) -> list[str]:
     """Options after which SUMO writes nothing of what its configuration asks for, `extra` left as it is. What additional files ask for (detectors) it
     does write. Raises ConfigError where the .sumocfg is none."""
-    asked = [*([key for key, _ in _entries(sumo.sumocfg)] if sumo.sumocfg is not None else []), *sumo.options]
+    asked = [*([given.name for given in _entries(sumo.sumocfg)] if sumo.sumocfg is not None else []), *map(full_name, sumo.options)]
     given = option_names(extra)
-    unwritten = {key: _UNWRITTEN for key in asked if _WRITES.fullmatch(key)}
+    unwritten = {key: _UNWRITTEN for key in asked if sumo_options.writes(key)}
     unsaved = {key: value for key, value in _UNSAVED.items() if key in asked}
-    return _flat({key: value for key, value in {**unwritten, **unsaved}.items() if full_name(key) not in given})
+    return _flat({key: value for key, value in {**unwritten, **unsaved}.items() if key not in given})
 
 
 def network_of(sumocfg: str | None, net: str | None) -> str:
@@ -70,8 +127,9 @@ def network_of(sumocfg: str | None, net: str | None) -> str:
     named = [net] if sumocfg is None else _named_in(sumocfg, "net-file")
     if not named or named[0] is None:
         raise ConfigError(f"{sumocfg}: net-file: not given")
-    if not Path(named[0]).is_file():
-        raise ConfigError(f"{'sumo.net' if sumocfg is None else f'{sumocfg}: net-file'}: {named[0]}: no such file")
+    why = files.problem(named[0])
+    if why:
+        raise ConfigError(f"{'sumo.net' if sumocfg is None else f'{sumocfg}: net-file'}: {named[0]}: {why}")
     return named[0]
 
 
@@ -98,21 +156,15 @@ def ssm_options(vehicles: Iterable[str], folder: Path) -> Options:
     }  # fmt: skip
 
 
-def _check_files(sumo: SumoConfig) -> None:
-    named = {"sumocfg": [sumo.sumocfg], "net": [sumo.net], "routes": sumo.routes, "additional": sumo.additional}
-    for key, paths in named.items():
-        for path in paths:
-            if path is not None and not Path(path).is_file():
-                raise ConfigError(f"sumo.{key}: {path}: no such file")
-
-
-def _refuse(where: str, given: set[str], further: Sequence[str]) -> None:
+def _refuse(where: str, given: Sequence[Given], further: Sequence[str]) -> None:
     """An option that is not the user's to set."""
-    for name in sorted(given):
+    for name, value in sorted(given):
         if name in REFEREE_OPTIONS:
             raise ConfigError(f"{where}: {name}: the referee needs {REFEREE_OPTIONS[name]}; leave it out")
         if name in further or name.startswith("device.ssm."):
             raise ConfigError(f"{where}: {name}: set by the scenario; leave it out")
+        if name == "random" and not sumo_options.is_off(value):
+            raise ConfigError(f"{where}: random: an episode has a seed, so that it can be driven again; leave it out, and give --seed")
 
 
 def _file_lists(sumo: SumoConfig, actors: list[str]) -> Options:
@@ -128,25 +180,35 @@ def _file_lists(sumo: SumoConfig, actors: list[str]) -> Options:
 
 def key_of_value(sumocfg: str, value: str) -> str:
     """ " (key)" of the option that a .sumocfg gives this value, which SUMO's complaints leave out; "" where there is none."""
-    keys = [key for key, given in _entries(sumocfg) if given == value] if Path(sumocfg).is_file() else []
-    return f" ({keys[0]})" if keys else ""
+    try:
+        return next((f" ({given.name})" for given in _entries(sumocfg) if given.value == value), "")
+    except ConfigError:
+        return ""
 
 
 def _named_in(sumocfg: str | None, name: str) -> list[str]:
     """The files that a .sumocfg names under an option."""
     if sumocfg is None:
         return []
-    values = [value for key, value in _entries(sumocfg) if full_name(key) == name]
-    return [str(Path(sumocfg).resolve().parent / part.strip()) for value in values for part in value.split(",") if part.strip()]
+    folder = files.absolute(Path(sumocfg)).parent
+    return [str(path) for given in _entries(sumocfg) if given.name == name for path in sumo_options.paths_in(given.value, folder)]
 
 
-def _entries(sumocfg: str) -> list[tuple[str, str]]:
-    """Keys and values of a .sumocfg. Raises ConfigError where it is none."""
+def _entries(sumocfg: str) -> list[Given]:
+    """What a .sumocfg sets, variables replaced. Raises ConfigError where it is none."""
     try:
-        root = ElementTree.parse(sumocfg).getroot()
-    except (ElementTree.ParseError, OSError) as error:
+        files.xml_root(sumocfg)  # refuses what only looks small
+        root = ElementTree.fromstring(files.content(sumocfg, _MOST_BYTES))
+    except OSError as error:
+        raise ConfigError(f"{sumocfg}: {error.strerror}") from None
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise ConfigError(f"{sumocfg}: not a SUMO configuration ({error})") from None
-    return [(element.tag, element.get("value") or element.get("v") or "") for element in root.iter()]
+    return [_entry(element.tag, element.get("value") or element.get("v") or "") for element in root.iter() if isinstance(element.tag, str)]
+
+
+def _entry(key: str, value: str) -> Given:
+    name, value = full_name(key), sumo_options.expanded(value)
+    return Given(name, sumo_options.unescaped(value) if sumo_options.reads(name) or sumo_options.writes(name) else value)
 
 
 def _text(value: str | float | bool) -> str:

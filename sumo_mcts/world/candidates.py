@@ -4,13 +4,14 @@ import math
 import re
 import time
 from collections.abc import Callable, Iterable, Sequence
-from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+from sumo_mcts import files
 from sumo_mcts.config import ConfigError
-from sumo_mcts.world.simulation import Simulation, content, import_libsumo, option
+from sumo_mcts.errors import near
+from sumo_mcts.world.simulation import Simulation, import_libsumo, named_files, option
 
 ROAD_CLASSES = frozenset(
     {"passenger", "private", "authority", "army", "vip", "hov", "taxi", "bus", "coach", "delivery", "truck", "trailer", "motorcycle", "moped", "evehicle",
@@ -19,7 +20,7 @@ ROAD_CLASSES = frozenset(
 LEAST_LENGTH = 50.0  # m of route that make an ego worth watching
 PATIENCE_S = 60.0  # wall time spent on looking
 NAMED = 5  # vehicles that a message names
-MOST_READ = 200e6  # bytes of files that are looked through for a name: some 2 s
+MOST_READ = 200_000_000  # bytes of files that are looked through for a name: some 2 s
 
 _SOURCES = ("route-files", "additional-files", "load-state")  # options with the files that name vehicles
 _ID = re.compile(rb"""\bid\s*=\s*(?:"([^"]*)"|'([^']*)')""")
@@ -67,32 +68,35 @@ def require_named(egos: Iterable[str], others: Iterable[str]) -> None:
     known = in_files.union(others)
     for ego in egos:
         if known.isdisjoint({ego, *(ego[: at.start()] for at in _MADE.finditer(ego))}):
-            near = near_ids(ego, others)
+            like = near_ids(ego, others)
             of_file = option("configuration-file")
             listed = f"; `sumo-mcts run {of_file}` lists candidates" if of_file else f"; the scenario's own: {', '.join(others)}" if others else ""
-            raise ConfigError(f"egos: {ego}: no file of the simulation names such a vehicle" + (f"; near: {', '.join(near)}" if near else listed))
+            raise ConfigError(f"egos: {ego}: no file of the simulation names such a vehicle" + (f"; near: {', '.join(like)}" if like else listed))
 
 
 def near_ids(ego: str, others: Iterable[str]) -> list[str]:
     """The ids among `others` and in the files of the running simulation that are written much like an ego's; the nearest first."""
-    return get_close_matches(ego, (_ids_in_files() or frozenset()).union(others), NAMED, 0.5)
+    return near(ego, sorted((_ids_in_files() or frozenset()).union(others)), NAMED)
 
 
 def _ids_in_files() -> frozenset[str] | None:
     """Every id in the files that the running simulation reads; None where these are too many, or not all."""
-    files = [Path(path.strip()) for name in _SOURCES for path in option(name).split(",") if path.strip()]
-    files = [path for path in files if path.is_file()]
-    if sum(path.stat().st_size for path in files) > MOST_READ:
+    paths = [path for name in _SOURCES for path in named_files(name)]
+    if any(map(files.problem, paths)) or sum(path.stat().st_size for path in paths) > MOST_READ:
         return None
-    found = [_ids_in(path, path.stat().st_mtime_ns) for path in files]
+    found = [_ids_in(path, path.stat().st_mtime_ns) for path in paths]
     return None if None in found else frozenset().union(*(ids for ids in found if ids is not None))
 
 
 @lru_cache(maxsize=32)
 def _ids_in(path: Path, changed: int) -> frozenset[str] | None:
-    """Every id in a file of SUMO's, whatever it names; None where another file is included. `changed`: when the file was, for the cache."""
-    text = content(path)
-    if b"<include" in text:
+    """Every id in a file of SUMO's, whatever it names; None where another file is included, or there is too much to look through. `changed`: when the file
+    was, for the cache."""
+    try:
+        text = files.beginning(path, MOST_READ + 1)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    if len(text) > MOST_READ or b"<include" in text:
         return None
     return frozenset((double or single).decode(errors="replace") for double, single in _ID.findall(text))
 

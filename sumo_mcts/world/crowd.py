@@ -9,7 +9,7 @@ import numpy as np
 
 from sumo_mcts.config import CROWD_ID, Actor, CrowdConfig, Depart, DriversConfig, Stream, TrafficConfig
 from sumo_mcts.scene import RoadMap
-from sumo_mcts.world.actors import check, draw
+from sumo_mcts.world.actors import check_way, draw
 
 ROOM_M, ROOM_S = 10.0, 1.5  # between fronts at the start: so many m, and what is driven in so many s
 TRIES = 20  # places that are tried for a vehicle before it has to come later
@@ -46,7 +46,8 @@ class Cast(NamedTuple):
 def cast(traffic: TrafficConfig, egos: Sequence[str], road: RoadMap, rng: np.random.Generator) -> Cast:
     """Everybody of one seed. The actors are the same with and without a crowd and kinds of drivers, but that nobody enters faster than its driver
     goes there; the `egos` keep their vehicle types. Raises ConfigError where a stream leads nowhere."""
-    _check_streams(traffic.crowd.streams, road)
+    for k, stream in enumerate(traffic.crowd.streams):
+        check_stream(k, stream, road)
     actors = draw(traffic, rng)
     crowd, late = _crowd(traffic.crowd, actors, rng)
     driven = [actor.id for actor in (*actors, *crowd) if actor.driver == "sumo" and actor.id not in egos]
@@ -71,12 +72,11 @@ def write_routes(who: Cast, folder: Path) -> Path:
     return path
 
 
-def _check_streams(streams: Sequence[Stream], road: RoadMap) -> None:
-    """Raise ConfigError where SUMO could not insert a vehicle of a stream, whatever is drawn."""
-    for k, stream in enumerate(streams):
-        for lane in stream.lanes:
-            depart = Depart(lane=lane, pos_m=stream.pos_m[1], speed_mps=stream.speed_mps[1])
-            check(Actor(id=f"stream {k + 1}", route=stream.route, depart=depart), road, "traffic.crowd.streams")
+def check_stream(number: int, stream: Stream, road: RoadMap) -> None:
+    """Raise ConfigError where SUMO could not insert a vehicle of a stream, whatever is drawn; `number`: where it stands among them, from 0."""
+    for lane in stream.lanes:
+        depart = Depart(lane=lane, pos_m=stream.pos_m[1], speed_mps=stream.speed_mps[1])
+        check_way(f"traffic.crowd.streams: stream {number + 1}", stream.route, depart, road)
 
 
 def _crowd(crowd: CrowdConfig, actors: Sequence[Actor], rng: np.random.Generator) -> tuple[tuple[Actor, ...], frozenset[str]]:

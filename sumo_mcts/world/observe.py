@@ -61,6 +61,9 @@ class VehicleType(NamedTuple):
     articulated: bool  # SUMO's angle is that of the tractor
 
 
+_MEASURING = ("measures", "thresholds", "range", "extratime")  # of the SSM device
+
+
 class Observer:
     """Reads one simulation. Keeps what needs memory: for how long agents have stood, and the signals' programs. `lanes`: lane id -> index."""
 
@@ -74,6 +77,7 @@ class Observer:
         self._standing: dict[str, float] = {}
         self._driven: dict[str, tuple[int, ...]] = {}  # the lanes under articulated vehicles, the present one last
         self._trend: dict[str, tuple[float, float]] = {}  # time and smoothed acceleration
+        self._otherwise: dict[str, bool] = {}  # egos whose surrogate measures are not ours
         self._signals = _SignalReader(self._libsumo, road)
         self.step = step_length()
 
@@ -274,11 +278,28 @@ class Observer:
         return chain
 
     def _surrogates(self, ego: str) -> tuple[float, float, float]:
-        """TTC (s), DRAC (m/s2), PET (s) of the ego's SSM device at this moment; nan where undefined."""
+        """TTC (s), DRAC (m/s2), PET (s) of the ego's SSM device at this moment; nan where undefined, and where its device is not as we want it."""
         get = self._libsumo.vehicle.getParameter
-        if get(ego, "has.ssm.device") != "true":
+        if get(ego, "has.ssm.device") != "true" or self._measures_otherwise(ego):
             return (math.nan,) * 3
         return _number(get(ego, "device.ssm.minTTC")), _number(get(ego, "device.ssm.maxDRAC")), _number(get(ego, "device.ssm.minPET"))
+
+    def _measures_otherwise(self, vehicle: str) -> bool:
+        """Whether the vehicle's type says itself how its SSM device measures, which SUMO puts above our options."""
+        if vehicle not in self._otherwise:
+            kind = self._libsumo.vehicle.getTypeID(vehicle)
+            own = any(self._libsumo.vehicletype.getParameter(kind, f"device.ssm.{key}") for key in _MEASURING)
+            self._otherwise[vehicle] = own or not self._measures_all(vehicle)
+        return self._otherwise[vehicle]
+
+    def _measures_all(self, vehicle: str) -> bool:
+        """Whether the device has all three: the vehicle itself may say otherwise too."""
+        try:
+            for key in ("minTTC", "maxDRAC", "minPET"):
+                self._libsumo.vehicle.getParameter(vehicle, f"device.ssm.{key}")
+        except self._libsumo.TraCIException:
+            return False
+        return True
 
 
 def departure(vehicle: str) -> float | None:

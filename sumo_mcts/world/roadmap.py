@@ -3,17 +3,19 @@
 import zlib
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.sax import SAXException
+from xml.sax.expatreader import ExpatParser
 
 import numpy as np
 import sumolib  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
+from sumo_mcts import files
 from sumo_mcts.config import ConfigError
+from sumo_mcts.errors import near
 from sumo_mcts.scene import (
     ALLWAY,
     LEFT,
@@ -39,9 +41,16 @@ SAMPLING = 0.5  # m between the points at which two centre lines are compared
 KNOT = 25.0  # m: junctions with shorter lanes between them are one place
 NAMED = 6  # edges that a message names
 TINY = 0.01  # m: the length given to a lane whose shape has none, so that it has a heading
+LEAST_SPEED = 0.1  # m/s: a lane with a lower limit cannot be driven
+MOST_SPEED, MOST_LENGTH, MOST_WIDTH, FARTHEST = 1000.0, 1e6, 100.0, 1e8  # m/s, m, m, m: beyond them a number is taken for damage
+MOST_DURATION = 1e9  # s, of a phase of a signal
+MOST_POINTS = 2000  # at which an internal lane is sampled
+MOST_IN_CHAIN = 20  # internal lanes of one way across a junction
+MOST_UNPACKED = 1 << 30  # bytes of a network
 
 _DIRECTIONS = {"s": STRAIGHT, "l": LEFT, "L": LEFT, "r": RIGHT, "R": RIGHT, "t": TURN, "T": TURN}
 _RULES = {"m": YIELD, "=": YIELD, "o": YIELD, "s": STOP, "w": ALLWAY, "Z": ZIPPER}
+_PARENTS = {"lane": "edge", "request": "junction", "phase": "tlLogic", **dict.fromkeys(("edge", "junction", "connection", "tlLogic", "location"), "net")}
 _ON_FOOT = ("walkingarea", "crossing")
 _BROKEN = (OSError, EOFError, zlib.error, SAXException, ValueError, LookupError, AttributeError, TypeError)
 
@@ -96,10 +105,11 @@ class _Conflict(NamedTuple):
 
 def read_roadmap(net_file: str) -> RoadMap:
     """The network in `net_file` (.net.xml or .net.xml.gz) as arrays; lanes in the order of the file. ConfigError where it cannot be read."""
-    if not Path(net_file).is_file():
-        raise ConfigError(f"{net_file}: no such network file")
+    why = files.problem(net_file)
+    if why:
+        raise ConfigError(f"{net_file}: {why.replace('such file', 'such network file')}")
     try:
-        road = _convert(sumolib.net.readNet(net_file, withInternal=True))
+        road = _convert(_read(net_file))
     except _NoInternalLanesError:
         raise ConfigError(
             f"{net_file}: signals or stop signs, but no lanes inside junctions, without which nobody heeds them; "
@@ -107,11 +117,64 @@ def read_roadmap(net_file: str) -> RoadMap:
         ) from None
     except _BROKEN as error:
         # sumolib fails in many ways on a file that is not what it expects
-        reason = f"{error} is missing" if isinstance(error, LookupError) else " ".join(str(error).split()) or type(error).__name__
+        missing = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        reason = error.strerror if isinstance(error, OSError) else missing or type(error).__name__
         raise ConfigError(f"{net_file}: not a readable SUMO network ({reason})") from error
     if not road.lane_ids:
         raise ConfigError(f"{net_file}: not a SUMO network with lanes")
     return road
+
+
+def _read(net_file: str) -> Any:
+    """The network as sumolib has it. Raises OSError, ValueError, and what sumolib and its parser do, with the line."""
+    root = files.xml_root(net_file)
+    if root != "net":
+        raise ValueError(f"its root element is {root}, that of a network is net")
+    files.require_whole(net_file, MOST_UNPACKED)
+    reader = _Reader(withInternal=True)
+    parser = ExpatParser()
+    parser.setContentHandler(reader)
+    try:
+        for chunk in files.unpacked(net_file, MOST_UNPACKED):
+            parser.feed(chunk)
+        parser.close()
+    except SAXException:
+        raise
+    except _BROKEN as error:
+        missing = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"line {parser.getLineNumber()}: {missing or type(error).__name__}") from error
+    return reader.getNet()
+
+
+class _Reader(sumolib.net.NetReader):  # type: ignore[misc]  # sumolib has no types
+    """Refuses what sumolib lets pass and SUMO does not survive: elements out of place, and lanes that are not counted through."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self._inside: list[str] = []
+        self._edge, self._lanes = "", 0
+
+    def startElement(self, name: str, attrs: Any) -> None:  # noqa: N802  # the parser's name
+        """Called by the parser."""
+        parent = self._inside[-1] if self._inside else ""
+        if _PARENTS.get(name, parent) != parent:
+            raise ValueError(f"{name}: inside {parent}, not {_PARENTS[name]}")
+        if name == "edge":
+            self._edge, self._lanes = attrs["id"], 0
+        elif name == "lane":
+            if attrs["id"] != f"{self._edge}_{self._lanes}":
+                raise ValueError(f"lane {attrs['id']}: number {self._lanes} of edge {self._edge}, so its id has to be {self._edge}_{self._lanes}")
+            self._lanes += 1
+        elif name == "phase":
+            for key in ("duration", "minDur", "maxDur"):
+                _require_within(f"phase: {key}", float(attrs.get(key, 0.0)), 0.0, MOST_DURATION)
+        self._inside.append(name)
+        super().startElement(name, attrs)
+
+    def endElement(self, name: str) -> None:  # noqa: N802  # the parser's name
+        """Called by the parser."""
+        self._inside.pop()
+        super().endElement(name)
 
 
 _known: dict[str, RoadMap] = {}  # read once in a process
@@ -119,8 +182,8 @@ _known: dict[str, RoadMap] = {}  # read once in a process
 
 def known_roadmap(net_file: str) -> RoadMap:
     """As read_roadmap, from memory where the file is still the same."""
-    path = Path(net_file).resolve()
-    key = f"{path}:{path.stat().st_mtime_ns}" if path.is_file() else ""
+    path = files.absolute(Path(net_file))
+    key = "" if files.problem(path) else f"{path}:{path.stat().st_mtime_ns}"
     if key not in _known:
         _known[key] = read_roadmap(net_file)
     return _known[key]
@@ -130,8 +193,8 @@ def has_edge(road: RoadMap, edge: str, where: str) -> None:
     """Raise ConfigError, with `where` in front, where the network has no such edge."""
     ordinary = [name for name in road.edge_ids if not name.startswith(":")]
     if edge not in ordinary:
-        near = get_close_matches(edge, ordinary, NAMED, 0.5) or ordinary[:NAMED]
-        raise ConfigError(f"{where}: the network has no edge {edge}; among its {len(ordinary)} edges: {', '.join(near)}")
+        like = near(edge, ordinary, NAMED) or ordinary[:NAMED]
+        raise ConfigError(f"{where}: the network has no edge {edge}; among its {len(ordinary)} edges: {', '.join(like)}")
 
 
 def lane_index(road: RoadMap) -> dict[str, int]:
@@ -146,6 +209,9 @@ def lane_shape(road: RoadMap, lane: int) -> Floats:
 
 def _convert(net: Any) -> RoadMap:
     edges = list(net.getEdges())
+    for edge in edges:
+        _require_sound(edge)
+    _require_reached(edges)
     lanes = [lane for edge in edges for lane in edge.getLanes()]
     ids = [f"{edge.getID()}_{i}" for edge in edges for i in range(len(edge.getLanes()))]
     number = {name: i for i, name in enumerate(ids)}
@@ -179,6 +245,10 @@ def _lane_fields(edges: Sequence[Any], lanes: Sequence[Any], junctions: dict[str
     begins = np.array([junctions[lane.getEdge().getFromNode().getID()] for lane in lanes], dtype=np.int32)
     ends = np.array([junctions[lane.getEdge().getToNode().getID()] for lane in lanes], dtype=np.int32)
     length = np.array([lane.getLength() for lane in lanes], dtype=np.float64)
+    speed = np.array([lane.getSpeed() for lane in lanes], dtype=np.float64)
+    classes = np.array([_mask(frozenset(lane.getPermissions())) for lane in lanes], dtype=np.uint64)
+    closed = speed < LEAST_SPEED
+    classes[closed] = 0
     lefthand = _is_lefthand(edge, internal, offset, points)
     return {
         "lefthand": lefthand,
@@ -187,8 +257,8 @@ def _lane_fields(edges: Sequence[Any], lanes: Sequence[Any], junctions: dict[str
         "internal": internal,
         "length": length,
         "width": np.array([lane.getWidth() for lane in lanes], dtype=np.float64),
-        "speed": np.array([lane.getSpeed() for lane in lanes], dtype=np.float64),
-        "classes": np.array([_mask(frozenset(lane.getPermissions())) for lane in lanes], dtype=np.uint64),
+        "speed": np.where(closed, LEAST_SPEED, speed),
+        "classes": classes,
         "left": _neighbours(edge, -1 if lefthand else 1),
         "right": _neighbours(edge, 1 if lefthand else -1),
         "junction": np.where(internal, begins, -1).astype(np.int32),
@@ -227,6 +297,40 @@ def _conflict_fields(paths: Sequence[_Path], lanes: int) -> dict[str, Any]:
         "conflict_merge": np.array(field.merge, dtype=np.bool_),
         "conflict_yields": np.array(field.yields, dtype=np.bool_),
     }
+
+
+# --- what cannot be computed with ---
+
+
+def _require_sound(edge: Any) -> None:
+    """Raise ValueError that names the lane where an edge holds what is no road."""
+    if None in (edge.getFromNode(), edge.getToNode()):
+        raise ValueError(f"edge {edge.getID()}: from and to: have to be junctions")
+    if not edge.getLanes():
+        raise ValueError(f"edge {edge.getID()} has no lanes")
+    for number, lane in enumerate(edge.getLanes()):
+        name = f"lane {edge.getID()}_{number}"
+        _require_within(f"{name}: speed", lane.getSpeed(), -MOST_SPEED, MOST_SPEED)
+        _require_within(f"{name}: length", lane.getLength(), TINY, MOST_LENGTH)
+        _require_within(f"{name}: width", lane.getWidth(), TINY, MOST_WIDTH)
+        if not lane.getShape():
+            raise ValueError(f"{name}: shape: not given")
+        for coordinate in (each for point in lane.getShape() for each in point):
+            _require_within(f"{name}: shape", coordinate, -FARTHEST, FARTHEST)
+
+
+def _require_reached(edges: Sequence[Any]) -> None:
+    """Raise ValueError where no way leads over a lane inside a junction: SUMO does not survive that."""
+    reached = {connection.getViaLaneID() for edge in edges for lane in edge.getLanes() for connection in lane.getOutgoing()}
+    inside = (edge for edge in edges if edge.getFunction() == "internal")
+    lost = next((name for edge in inside for name in (f"{edge.getID()}_{i}" for i in range(len(edge.getLanes()))) if name not in reached), None)
+    if lost is not None:
+        raise ValueError(f"lane {lost}, inside a junction, belongs to no connection")
+
+
+def _require_within(what: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise ValueError(f"{what}: has to be from {low:g} to {high:g}, got {value:g}")
 
 
 # --- lanes ---
@@ -360,7 +464,10 @@ def _chain(net: Any, connection: Any) -> tuple[str, ...]:
     chain: list[str] = []
     while connection.getViaLaneID():
         chain.append(connection.getViaLaneID())
-        (connection,) = net.getLane(chain[-1]).getOutgoing()
+        onward = net.getLane(chain[-1]).getOutgoing()
+        if len(onward) != 1 or len(chain) > MOST_IN_CHAIN:
+            raise ValueError(f"lane {chain[-1]}, inside a junction, does not lead to one lane outside")
+        connection = onward[0]
     return tuple(chain)
 
 
@@ -377,7 +484,7 @@ def _rule(connection: Any, duty: int) -> int:
 def _path(lane: int, link: _Link, width: float, length: float, shape: Floats) -> _Path:
     """An internal lane sampled at most SAMPLING apart; shape [n, 2] m, no two consecutive points equal."""
     arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))))
-    at = np.linspace(0.0, arc[-1], int(np.ceil(arc[-1] / SAMPLING)) + 1)
+    at = np.linspace(0.0, arc[-1], min(int(np.ceil(arc[-1] / SAMPLING)), MOST_POINTS) + 1)
     points = np.column_stack((np.interp(at, arc, shape[:, 0]), np.interp(at, arc, shape[:, 1])))
     return _Path(lane, link, lane == link.chain[-1], width, points, at * (length / arc[-1]), points.min(axis=0), points.max(axis=0))
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import ctypes
-import gzip
 import math
 import os
 import re
@@ -15,8 +14,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from sumo_mcts import files
 from sumo_mcts.config import ConfigError
 from sumo_mcts.supervisor import doing
+from sumo_mcts.world.options import expanded, full_name, is_number, option_names, paths_in, unescaped
 
 # What each shared library that libsumo asks for is called in Debian and Ubuntu.
 _PACKAGES = {"libGL.so": "libgl1", "libX11.so": "libx11-6", "libXext.so": "libxext6", "libXrender.so": "libxrender1", "libatomic.so": "libatomic1"}
@@ -28,18 +29,11 @@ WINDOW_DELAY_MS = 250.0  # for each simulated second, as SUMO's option `delay` m
 WINDOW_DELAY_MOST_MS = 60_000.0
 WAKING_STEPS = 3
 
-_GZIP = b"\x1f\x8b"  # how a packed file begins
 TYPES_WITHIN = 1 << 24  # bytes of a file in which types of vehicles are looked for
-_ACTION_STEP = re.compile(rb"""actionStepLength\s*=\s*["']([0-9.]+)["']""")
+_ACTION_STEP = re.compile(rb"""actionStepLength\s*=\s*["']([0-9]+\.?[0-9]*|\.[0-9]+)["']""")
 _END_OF_ERROR = re.compile(r"\n(?=\S)|\nQuitting")  # what belongs to an error is indented
 
 _WITHOUT_DISPLAY = "leave --gui out, or start a virtual one: xvfb-run -a sumo-mcts run ... --gui"
-
-_FULL_NAMES = {
-    "a": "additional-files", "additional": "additional-files", "b": "begin", "c": "configuration-file", "configuration": "configuration-file",
-    "d": "delay", "e": "end", "n": "net-file", "net": "net-file", "r": "route-files", "routes": "route-files", "Q": "quit-on-end", "S": "start",
-    "v": "verbose", "W": "no-warnings",
-}  # fmt: skip
 
 
 _MARK = "sumo_mcts.simulation"  # a parameter of a lane: no output shows it, no state keeps it, and it goes with its simulation
@@ -172,11 +166,11 @@ def delay_taken_out(arguments: Sequence[str]) -> tuple[list[str], float]:
     words = iter(arguments)
     for word in words:
         name, assigned, value = word.lstrip("-").partition("=")
-        if word.startswith("-") and not _is_number(word) and full_name(name) == "delay":
+        if word.startswith("-") and not is_number(word) and full_name(name) == "delay":
             given = value if assigned else next(words, "")
         else:
             left.append(word)
-    if not _is_number(given) or not 0.0 <= float(given) <= WINDOW_DELAY_MOST_MS:
+    if not is_number(given) or not 0.0 <= float(given) <= WINDOW_DELAY_MOST_MS:
         raise ConfigError(f"delay: milliseconds for each simulated second, from 0 to {WINDOW_DELAY_MOST_MS:g}, got {given!r}")
     return left, float(given)
 
@@ -260,6 +254,11 @@ def option(name: str) -> str:
     return str(import_libsumo().simulation.getOption(name))
 
 
+def named_files(name: str) -> list[Path]:
+    """The files that an option of the running simulation names, which is told as it was given."""
+    return paths_in(unescaped(expanded(option(name))), Path())
+
+
 def step_length() -> float:
     """Step of the running simulation, s."""
     return float(import_libsumo().simulation.getDeltaT())
@@ -271,8 +270,8 @@ def is_ballistic() -> bool:
 
     The files tell, since asking SUMO for a type draws from its random numbers where that is a distribution, and so changes the traffic.
     """
-    files = [Path(name) for key in ("route-files", "additional-files") for name in option(key).split(",") if Path(name).is_file()]
-    longest = max([float(option("default.action-step-length")), *(_longest_action_step(path, path.stat().st_mtime_ns) for path in files)])
+    named = [path for key in ("route-files", "additional-files") for path in named_files(key) if not files.problem(path)]
+    longest = max([float(option("default.action-step-length")), *(_longest_action_step(path, path.stat().st_mtime_ns) for path in named)])
     return option("step-method.ballistic") == "true" or longest > step_length() + 1e-9
 
 
@@ -280,34 +279,11 @@ def is_ballistic() -> bool:
 def _longest_action_step(path: Path, changed: int) -> float:
     """The longest actionStepLength in a file of routes or types, s; of large files the beginning counts, where types stand. `changed`: when the file was,
     for the cache."""
-    return max((float(found) for found in _ACTION_STEP.findall(content(path, TYPES_WITHIN))), default=0.0)
-
-
-def content(path: Path, most: int = -1) -> bytes:
-    """A file of SUMO's, unpacked if it is packed; at most so many bytes."""
-    with path.open("rb") as file:
-        packed = file.read(len(_GZIP)) == _GZIP
-    with gzip.open(path) if packed else path.open("rb") as file:
-        return file.read(most)
-
-
-def option_names(arguments: Sequence[str]) -> set[str]:
-    """The full names of the options on a command line."""
-    words = (word for word in arguments if word.startswith("-") and not _is_number(word))
-    return {full_name(word.lstrip("-").partition("=")[0]) for word in words}
-
-
-def full_name(option_name: str) -> str:
-    """What SUMO calls an option in full, without dashes."""
-    return _FULL_NAMES.get(option_name, option_name)
-
-
-def _is_number(word: str) -> bool:
     try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+        text = files.beginning(path, TYPES_WITHIN)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    return max((float(found) for found in _ACTION_STEP.findall(text)), default=0.0)
 
 
 @contextlib.contextmanager

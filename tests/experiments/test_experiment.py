@@ -133,7 +133,7 @@ WRONG = {
     "both sources": ("name: x\nscenarios: [{scenario: a, sumocfg: b, egos: [c]}]\n", "scenarios.0: give either scenario or sumocfg"),
     "scenario twice": ("name: x\nscenarios: [highway-exit, highway-exit]\n", "scenarios: highway-exit: named 2 times; give a `name` of its own to each"),
     "no variants": (SCENES + "variants: {}\n", "variants: has to have at least 1 entry"),
-    "variant twice": (SCENES + "variants:\n  a: {}\n  a: {}\n", "not valid YAML: line 4, column 3: a: given 2 times"),
+    "variant twice": (SCENES + "variants:\n  a: {}\n  a: {}\n", "not valid YAML: line 5, column 3: a: given twice"),
     "sweep value twice": (
         SCENES + "sweep: {planner.iterations: [5, 5]}\n",
         "variants: default-iterations-5: two variants have this name",
@@ -143,7 +143,7 @@ WRONG = {
     "variant value": (SCENES + "variants: {a: {planner.iterations: many}}\n", "variants.a: planner.iterations: has to be a whole number"),
     "sweep value": (SCENES + "sweep: {planner.iterations: [0]}\n", "variants, sweep: default-iterations-0: planner.iterations: has to be at least 1, got 0"),
     "set key": (SCENES + "set: {cost.heading: 1}\n", "set: cost.heading: unknown key; allowed: contact,"),
-    "set below a value": (SCENES + "set: {name.x: 1}\n", "set: name.x=1: name has no keys below it"),
+    "set below a value": (SCENES + "set: {name.x: 1}\n", "set: name.x: name has no keys below it"),
     "entry set": (
         "name: x\nscenarios: [{scenario: highway-exit, set: {cost.jerk: -1}}]\n",
         "scenarios.0.set: cost.jerk: has to be at least 0",
@@ -156,6 +156,14 @@ WRONG = {
     "twins' name": (SCENES + "variants: {sumo: {}}\ntwins: true\n", "variants: sumo: with `twins` this is the name of the twins"),
     "seeds backwards": (SCENES + "seeds: 9..0\n", "seeds: 9..0: the range runs backwards; write 0..9"),
     "seeds in a list backwards": (SCENES + "seeds: [1, 5..3]\n", "seeds: 5..3: the range runs backwards"),
+    "too many seeds": (SCENES + "seeds: 0..99999999999\n", "seeds: 0..99999999999: a seed is at most 2147483647"),
+    "too many seeds in ranges": (SCENES + "seeds: [0..999999, 1000000..1999999]\n", "seeds: at most 1000000 seeds"),
+    "too many episodes": (SCENES + "seeds: 0..999999\nvariants: {a: {}, b: {}}\n", "2000000 episodes; at most 1000000"),
+    "too many variants": (
+        SCENES + "sweep: {" + ", ".join(f"planner.options.k{k}: [{', '.join(map(str, range(100)))}]" for k in range(9)) + "}\n",
+        "scenarios x variants x sweep: 1000000000000000000; at most 10000",
+    ),
+    "key twice inside": (SCENES + "set: {planner.iterations: 5, planner.iterations: 6}\n", "planner.iterations: given twice"),
     "seeds negative": (SCENES + "seeds: [-1]\n", "seeds: -1: a number from 0 on, or a range such as 0..9"),
     "seeds number": (SCENES + "seeds: 100\n", "seeds: a range such as 0..9, or a list of numbers and ranges, got 100"),
     "seeds none": (SCENES + "seeds: []\n", "seeds: a range such as 0..9, or a list of numbers and ranges"),
@@ -164,7 +172,7 @@ WRONG = {
     "scenario number": ("name: x\nscenarios: [3]\n", "scenarios.0: has to be a mapping of keys, got 3"),
     "variants list": (SCENES + "variants: [a]\n", "variants: has to be a mapping of keys, got ['a']"),
     "variant number": (SCENES + "variants: {a: 3}\n", "variants.a: has to be a mapping of keys, got 3"),
-    "variant named by a number": (SCENES + "variants: {3: {}}\n", "variants.3: has to be a text, got 3"),
+    "variant named by a list": (SCENES + "variants: {? [3] : {}}\n", "not valid YAML: line 3, column 14: a key has to be a text"),
     "section number": (SCENES + "variants: {a: {planner: 3}}\n", "variants.a: planner: has to be a mapping of keys, got 3"),
     "sweep number": (SCENES + "sweep: {planner.iterations: 3}\n", "sweep.planner.iterations: has to be a list, got 3"),
     "twins perhaps": (SCENES + "twins: perhaps\n", "twins: has to be true or false, got 'perhaps'"),
@@ -192,7 +200,7 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
         assets.experiment_path("vared")
     with pytest.raises(ConfigError, match=r"^highway-exits: no such scenario \(near: highway-exit, "):
         assets.scenario_path("highway-exits")
-    with pytest.raises(ConfigError, match="cannot be read"):
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml: no such file"):
         load(tmp_path / "nowhere.yaml")
 
 
@@ -217,3 +225,11 @@ def test_the_sizes_of_the_built_in_ones() -> None:
             assert len(episodes(found, egos)) == number, name
         described.update(listed)
     assert {path.stem for path in BUILT_IN} == described
+
+
+def test_a_configuration_by_what_it_holds(tmp_path: Path) -> None:
+    (tmp_path / "mine.sumo.cfg").write_text("<configuration/>")
+    with pytest.raises(ConfigError, match=r"scenarios\.0: egos: vehicle ids or {random: N} belong to a sumocfg"):
+        plan(tmp_path, "name: x\nscenarios: [mine.sumo.cfg]\n")
+    found = plan(tmp_path, "name: x\nscenarios: [{sumocfg: mine.sumo.cfg, egos: [a]}]\n")
+    assert [(case.name, case.base.sumo.sumocfg) for case in found.cases] == [("mine_sumo", str(tmp_path / "mine.sumo.cfg"))]

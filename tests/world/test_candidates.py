@@ -54,7 +54,7 @@ def test_only_an_episode_of_its_own_writes_what_the_user_asks_for(tmp_path: Path
 def test_what_is_given_on_the_command_line_stands(tmp_path: Path) -> None:
     sumo = config.SumoConfig(sumocfg=str(sumocfg(tmp_path, more=OUTPUTS)), options={"vehroutes": "routes.xml", "no-step-log": True})
     assert without_outputs(sumo, ("--fcd-output", "fcd.xml", "--summary=s.xml", "--log", "l.txt", "--save-state.times", "1")) == [
-        "--tripinfo-output", "/dev/null", "--vehroutes", "/dev/null",
+        "--tripinfo-output", "/dev/null", "--vehroute-output", "/dev/null",
     ]  # fmt: skip
 
 
