@@ -29,7 +29,7 @@ from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Frame, Release, 
 from sumo_mcts.world import clone
 from sumo_mcts.world import gui as window
 from sumo_mcts.world.actors import Actors, check
-from sumo_mcts.world.arguments import REFEREE_OPTIONS, network_of, sumo_arguments
+from sumo_mcts.world.arguments import REFEREE_OPTIONS, network_of, sumo_arguments, window_delay_ms
 from sumo_mcts.world.candidates import NAMED, require_named
 from sumo_mcts.world.crowd import cast
 from sumo_mcts.world.roadmap import has_edge, known_roadmap
@@ -188,7 +188,7 @@ class Loop:
         self.arguments = sumo_arguments(config, self.seed, drawn, Path(self._folder.name), self._options, self._measured)
         for actor in actors:
             check(actor, road)
-        self._simulation = Simulation(self.arguments, gui=self._gui)
+        self._simulation = Simulation(self.arguments, gui=self._gui, delay_ms=window_delay_ms(config.sumo))
         if config.prediction.name == "clone":
             clone.require_copyable()
         require_named([ego.id for ego in self._egos], [actor.id for actor in actors])

@@ -9,6 +9,7 @@ from sumo_mcts.config import MOST_SEED, ConfigError, ScenarioConfig, SumoConfig
 from sumo_mcts.world import options as sumo_options
 from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.options import Given, full_name, option_names
+from sumo_mcts.world.simulation import WINDOW_DELAY_MS
 
 DEFAULT_STEP = 0.1  # s
 
@@ -99,10 +100,21 @@ def _named_files(sumo: SumoConfig) -> list[tuple[str, str]]:
     return [(key, path) for key, paths in named.items() for path in paths if path is not None]
 
 
+def window_delay_ms(sumo: SumoConfig) -> float:
+    """How long a simulated second is to take at least in SUMO's window, ms, by the scenario or its .sumocfg."""
+    told = [float(given.value) for given in _own_options(sumo) if given.name == "delay" and sumo_options.is_number(given.value)]
+    return told[-1] if told else WINDOW_DELAY_MS
+
+
 def draws_seed(sumo: SumoConfig) -> bool:
     """Whether a scenario asks SUMO to choose a seed anew each time."""
-    named = [*(_entries(sumo.sumocfg) if sumo.sumocfg is not None else []), *(Given(full_name(key), _text(value)) for key, value in sumo.options.items())]
-    return any(given.name == "random" and not sumo_options.is_off(given.value) for given in named)
+    return any(given.name == "random" and not sumo_options.is_off(given.value) for given in _own_options(sumo))
+
+
+def _own_options(sumo: SumoConfig) -> list[Given]:
+    """The options of a scenario's .sumocfg, and those that the scenario adds. Raises ConfigError where the .sumocfg is none."""
+    of_file = _entries(sumo.sumocfg) if sumo.sumocfg is not None else []
+    return [*of_file, *(Given(full_name(key), _text(value)) for key, value in sumo.options.items())]
 
 
 def _seeding(sumo: SumoConfig, seed: int | None) -> Options:
@@ -115,7 +127,7 @@ def _seeding(sumo: SumoConfig, seed: int | None) -> Options:
 def without_outputs(sumo: SumoConfig, extra: Sequence[str] = ()) -> list[str]:
     """Options after which SUMO writes nothing of what its configuration asks for, `extra` left as it is. What additional files ask for (detectors) it
     does write. Raises ConfigError where the .sumocfg is none."""
-    asked = [*([given.name for given in _entries(sumo.sumocfg)] if sumo.sumocfg is not None else []), *map(full_name, sumo.options)]
+    asked = [given.name for given in _own_options(sumo)]
     given = option_names(extra)
     unwritten = {key: _UNWRITTEN for key in asked if sumo_options.writes(key)}
     unsaved = {key: value for key, value in _UNSAVED.items() if key in asked}

@@ -57,12 +57,13 @@ def import_libsumo() -> Any:
 class Simulation:
     """One running SUMO. libsumo holds a single simulation per process: close one before starting the next."""
 
-    def __init__(self, arguments: Sequence[str], *, gui: bool = False) -> None:
-        """`arguments` as on SUMO's command line, without the program's name. Raises ConfigError with SUMO's own message."""
+    def __init__(self, arguments: Sequence[str], *, gui: bool = False, delay_ms: float = WINDOW_DELAY_MS) -> None:
+        """`arguments` as on SUMO's command line, without the program's name; `delay_ms`: with a window, how long a simulated second takes at least, unless
+        the arguments tell. Raises ConfigError with SUMO's own message."""
         self._libsumo, self._gui = import_libsumo(), gui
         self._log = _temporary_file()
         # With a delay of its own SUMO's window never closes (seen with 10 ms and more, SUMO 1.28): we wait in its place.
-        arguments, delay_ms = delay_taken_out(arguments) if gui else (list(arguments), 0.0)
+        arguments, delay_ms = delay_taken_out(arguments, delay_ms) if gui else (list(arguments), 0.0)
         self._pace = _Pace(delay_ms / 1000.0)
         given = option_names(arguments)
         own = {"error-log": str(self._log), **_QUIET, **({**_WINDOW, "delay": "0"} if gui else {})}
@@ -160,9 +161,9 @@ class _Pace:
         self._simulated, self._wall = simulated, time.monotonic()
 
 
-def delay_taken_out(arguments: Sequence[str]) -> tuple[list[str], float]:
+def delay_taken_out(arguments: Sequence[str], default_ms: float) -> tuple[list[str], float]:
     """SUMO's arguments without its option `delay`, and the delay in ms for each simulated second. Raises ConfigError."""
-    left, given = [], str(WINDOW_DELAY_MS)
+    left, given = [], str(default_ms)
     words = iter(arguments)
     for word in words:
         name, assigned, value = word.lstrip("-").partition("=")

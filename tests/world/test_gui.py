@@ -94,14 +94,20 @@ def test_no_display_is_one_line(display_name: str | None, tmp_path: Path) -> Non
     assert time.monotonic() - began < 30
 
 
-@pytest.mark.parametrize("delay", ["0", "100"])
+@pytest.mark.parametrize("delay", ["--delay 0", "-d 100", "of the file"])
 def test_the_window_closes_once_the_results_are_out(delay: str, display: str, tmp_path: Path) -> None:
-    """A user's own network too, whatever delay its configuration asks for; with one that SUMO keeps by itself its window would stay for ever."""
-    words = ["-m", "sumo_mcts", "run", str(SUMOCFG), "--ego", "ego", "--planner", "constant", "--gui", "--json", "--out", str(tmp_path / "out")]
+    """A user's own network too, whatever delay is asked for; with one that SUMO keeps by itself its window would stay for ever."""
+    folder = SUMOCFG.parent
+    text = SUMOCFG.read_text().replace("../../", f"{folder.parent.parent}/").replace('"one.', f'"{folder}/one.')
+    (tmp_path / "slow.sumocfg").write_text(text.replace("</conf", '    <gui_only><delay value="200"/></gui_only>\n</conf'))
+    words = ["-m", "sumo_mcts", "run", str(tmp_path / "slow.sumocfg"), "--ego", "ego", "--planner", "constant", "--gui", "--json", "--no-pictures"]
     began = time.monotonic()
-    result = run([*words, "--", "--delay", delay], display)
-    assert time.monotonic() - began < 60.0
+    options = [] if delay == "of the file" else ["--", *delay.split()]
+    result = run([*words, "--out", str(tmp_path / "out"), *options], display)
+    passed = time.monotonic() - began
     assert (result.returncode, result.stderr) == (0, "")
     (row,) = json.loads(result.stdout)["episodes"]
     assert (row["outcome"], row["ego"]) == ("arrived", "ego")
     assert [row["key"] for row in read_rows(tmp_path / "out")] == [row["key"]]
+    waited = {"--delay 0": 0.0, "-d 100": 0.1, "of the file": 0.2}[delay] * row["travel_time_s"]
+    assert waited <= passed < 60.0
