@@ -2,10 +2,11 @@
 
 import sys
 
-from sumo_mcts.supervisor import supervised
+from sumo_mcts.supervisor import silence_libraries, supervised
 
 
 def _command() -> int:
+    silence_libraries()
     from sumo_mcts.cli import status  # noqa: PLC0415  # takes a while: the supervisor answers signals meanwhile
 
     return status()

@@ -63,6 +63,16 @@ def die_with_parent() -> None:
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
 
+def silence_libraries() -> None:
+    """What libraries warn of is for developers: users are told what happens in lines of our own."""
+    import logging  # noqa: PLC0415  # not in the parent
+    import warnings  # noqa: PLC0415
+
+    if not os.environ.get(DEBUG):
+        warnings.simplefilter("ignore")
+        logging.getLogger().addHandler(logging.NullHandler())  # else messages go to standard error
+
+
 # --- the child's side ---
 
 

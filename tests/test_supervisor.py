@@ -201,3 +201,11 @@ def test_closed_standard_files(closed: str, tmp_path: Path) -> None:
 def test_a_temporary_folder_that_is_none(tmp_path: Path) -> None:
     status, out, err = command("for k in TMPDIR TEMP TMP; do export $k=/nowhere; done; sumo-mcts scenarios --json > /dev/null", tmp_path)
     assert (status, out, err) == (0, "", "")  # Python falls back to others
+
+
+def test_what_libraries_warn_of_is_not_shown(tmp_path: Path) -> None:
+    warn = "supervisor.silence_libraries(); import logging, warnings; warnings.warn('w'); logging.getLogger('library').warning('l')"
+    assert end_of(start(warn, tmp_path)) == (0, "")
+    _, err = end_of(start(warn, tmp_path, SUMO_MCTS_DEBUG="1"))
+    assert "UserWarning: w" in err
+    assert err.endswith("l\n")

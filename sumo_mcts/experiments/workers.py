@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 from sumo_mcts import records
 from sumo_mcts.errors import ConfigError, in_one_line
 from sumo_mcts.experiments.experiment import DECIDING
-from sumo_mcts.supervisor import die_with_parent
+from sumo_mcts.supervisor import die_with_parent, silence_libraries
 
 PATIENCE_S = 3.0  # for a worker that was told to end, before it is killed
 LONGEST = 200  # tasks of one process, then a new one takes over: it grows by 4 MB in a hundred episodes
@@ -295,6 +295,7 @@ def _cause(code: int | None) -> str:
 def _work(pipe: Connection, scratch: str) -> None:
     """What a worker process does: answer calls until nobody is there any more. Its temporary files lie in `scratch`, so that others can remove them."""
     tempfile.tempdir = scratch
+    silence_libraries()
     die_with_parent()
     try:
         while True:

@@ -251,9 +251,9 @@ class Observer:
             name = get.getVehicleClass(vehicle)
             vclass = VEHICLE_CLASSES.index(name) if name in VEHICLE_CLASSES else IGNORING
             kind = VehicleType(
-                get.getLength(vehicle), get.getWidth(vehicle), get.getAccel(vehicle), get.getDecel(vehicle), get.getEmergencyDecel(vehicle),
-                get.getMaxSpeed(vehicle), get.getSpeedFactor(vehicle), vclass,
-                "trailer" in get.getShapeClass(vehicle),
+                within(get.getLength(vehicle), 0.1, 1000.0), within(get.getWidth(vehicle), 0.1, 100.0), within(get.getAccel(vehicle), 0.01, 100.0),
+                within(get.getDecel(vehicle), 0.01, 100.0), within(get.getEmergencyDecel(vehicle), 0.01, 100.0), within(get.getMaxSpeed(vehicle), 0.1, 1000.0),
+                within(get.getSpeedFactor(vehicle), 0.01, 10.0), vclass, "trailer" in get.getShapeClass(vehicle),
             )  # fmt: skip
             self._types[vehicle] = kind
         return kind
@@ -300,6 +300,11 @@ class Observer:
         except self._libsumo.TraCIException:
             return False
         return True
+
+
+def within(value: float, low: float, high: float) -> float:
+    """The number, or the bound beyond which it lies: SUMO takes vehicle types with any number in them, arithmetic does not. No number: the lower one."""
+    return min(max(value, low), high) if value == value else low  # noqa: PLR0124  # which tells NaN
 
 
 def departure(vehicle: str) -> float | None:
