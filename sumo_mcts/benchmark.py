@@ -15,6 +15,7 @@ from sumo_mcts import assets, config
 from sumo_mcts.config import ConfigError, ScenarioConfig, SensorConfig
 from sumo_mcts.controller import Controller
 from sumo_mcts.driver import Driver, Physics
+from sumo_mcts.model.announce import COMPILING, announced
 from sumo_mcts.scene import GREEN, Agents, EgoState, RoadMap, Scene, Signals
 from sumo_mcts.world.grid import write_grid
 from sumo_mcts.world.roadmap import read_roadmap
@@ -63,7 +64,14 @@ class Budget(NamedTuple):
 def run(share: float, note: Note) -> list[Row]:
     """Measure. `share` of the usual repetitions; below 1 without the first compilation. `note` is told what is being measured. Raises ConfigError."""
     note("starting new processes")
-    rows = _starts(share)
+    rows = _starts(share, note)
+    with announced(note):
+        return rows + _plans(share, note)
+
+
+def _plans(share: float, note: Note) -> list[Row]:
+    """Planning in this process."""
+    rows: list[Row] = []
     for agents, limit in ((5, 100_000.0), (10, None), (50, None)):
         note(f"searching among {agents} agents")
         budget = Budget(f"iterations/s, {agents} tabulated agents, 12 actions, 4 + 4 steps of 1 s (setting a)", "1/s", limit, at_least=True)
@@ -96,12 +104,13 @@ def _quantiles(quantity: str, times: Sequence[float], limits: tuple[float | None
 # --- new processes ---
 
 
-def _starts(share: float) -> list[Row]:
+def _starts(share: float, note: Note) -> list[Row]:
     """--help, warm start, and with an empty cache the first compilation. The warm start comes last: it finds what was compiled."""
-    rows = [_row(Budget("--help", "s", 0.5), _fastest(["-m", "sumo_mcts", "--help"], 3))]
+    rows = [_row(Budget("--help", "s", 0.3), _fastest(["-m", "sumo_mcts", "--help"], 3))]
     if share >= 1.0:
+        note(f"{COMPILING}, with an empty cache")
         with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as empty:
-            rows.append(_row(Budget("first compilation", "s", 30.0), _seconds(["-c", FIRST_DECISION], {"XDG_CACHE_HOME": empty})))
+            rows.append(_row(Budget("first compilation", "s", 15.0), _seconds(["-c", FIRST_DECISION], {"XDG_CACHE_HOME": empty})))
     _seconds(["-c", FIRST_DECISION], {})  # compiles, where that is still to be done
     return [*rows, _row(Budget("warm start to first decision", "s", 4.0), _fastest(["-c", FIRST_DECISION], 3))]
 

@@ -325,7 +325,7 @@ class _BatchVoice:
         if self._bar is not None:
             self._bar.update(self._task, completed=at.done, total=at.total or None, description=at.doing or _how_far(at))
             return
-        now, text = time.monotonic(), f"{at.doing} ..." if at.doing else f"{at.done}/{at.total} episodes, {_how_far(at)}"
+        now, text = time.monotonic(), f"{at.doing.split('  ')[0]} ..." if at.doing else f"{at.done}/{at.total} episodes, {_how_far(at)}"
         if not self._quiet and text != self._text and (at.doing or at.done == at.total or now - self._said >= self.EVERY_S):
             self._said, self._text = now, text
             typer.echo(text, err=True)

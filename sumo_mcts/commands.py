@@ -24,7 +24,8 @@ from sumo_mcts.experiments.experiment import is_experiment
 from sumo_mcts.experiments.statistics import REDRAWN, TRAFFIC_DIGEST
 from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.forecast_error import compare
-from sumo_mcts.model.kernel import COMPILING, is_compiled
+from sumo_mcts.model.announce import announced, watched
+from sumo_mcts.model.kernel import kept_kernels
 from sumo_mcts.planners.reference import LABELS, digest
 from sumo_mcts.regret import FACTOR, FINER, Asked, Harvest, Row, check, convergence, harvest, ranking
 from sumo_mcts.world import actors, crowd
@@ -165,7 +166,7 @@ def regret(
             if not source.missing:  # driven ahead, in vain
                 continue
             with source.named():
-                harvested = _harvested(found, source.config.name, seed)
+                harvested = _harvested(found, source.config.name, seed, note)
             outcomes += harvested.outcomes
             problems += harvested.problems
             taken = harvested.states[: source.missing]
@@ -220,9 +221,7 @@ def _harvests(sources: Sequence[_Source], plan: RegretPlan, note: Note) -> Itera
                     seed = None if source.config.sumo.sumocfg is not None and plan.seeds == 1 else number
                     yield source, seed, crew.executor.submit(harvest, source.config, seed, plan.asked, plan.every, number, source.missing)
 
-    if not is_compiled():
-        note(COMPILING)
-    with workers.here() if plan.jobs == 1 else workers.local(plan.jobs or workers.cores()) as crew:
+    with announced(note), workers.here() if plan.jobs == 1 else workers.local(plan.jobs or workers.cores()) as crew:
         ahead = deque[tuple[_Source, int | None, "Future[Harvest]"]]()
         for one in begun(crew):
             ahead.append(one)
@@ -231,10 +230,10 @@ def _harvests(sources: Sequence[_Source], plan: RegretPlan, note: Note) -> Itera
         yield from ahead
 
 
-def _harvested(found: "Future[Harvest]", scenario: str, seed: int | None) -> Harvest:
+def _harvested(found: "Future[Harvest]", scenario: str, seed: int | None, note: Note) -> Harvest:
     """What an episode gave; one whose worker died is an outcome too."""
     try:
-        return found.result()
+        return watched(found, kept_kernels, note)
     except workers.DeadWorkerError as error:
         return Harvest((), Counter(error=1), (f"{scenario}: seed {seed}: {error}",))
 

@@ -16,6 +16,7 @@ from sumo_mcts.model.local import State, ego_state
 from sumo_mcts.model.others import TrafficParams
 from sumo_mcts.model.paths import LANES
 from sumo_mcts.model.predictor import Heard, Oracles, Predictor, Question, checked
+from sumo_mcts.model.prepare import prepare
 from sumo_mcts.model.room import with_room
 from sumo_mcts.model.route import RouteMap, is_rest_of, route_map
 from sumo_mcts.model.script import script_poses
@@ -322,7 +323,8 @@ class Driver:
 
 
 def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
-    """Load (the first time: compile) what decisions need, by one that nobody executes; without it the ego's first decision would be late."""
+    """Load (the first time: compile) what decisions need, by one that nobody executes; without it the ego's first decision would be late. What is compiled
+    is announced (model/announce.py)."""
     if not reads_forecast(config) and not config.failsafe.on:
         return
     planner = config.planner.model_copy(update={"iterations": 1, "most_iterations": None, "time_budget_ms": None, "enforce_deadline": False})
@@ -330,7 +332,7 @@ def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
     tried = config.model_copy(update={"planner": planner, "failsafe": config.failsafe.model_copy(update={"on": checked})})
     scene = _still_life(road, physics.step)
     with suppress(Exception):  # what fails here fails again at the first real decision, where it becomes the outcome
-        Driver(tried, road, physics, 0).decide(scene)
+        prepare(lambda: Driver(tried, road, physics, 0).decide(scene))
     if config.prediction.name == "script":
         row = np.zeros(1)
         script_poses(road, scene.agents.lane, row, row, row, physics.step, scene.ego.length)

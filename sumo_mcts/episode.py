@@ -18,7 +18,7 @@ from sumo_mcts.errors import of_machine
 from sumo_mcts.evaluation.inevitable import Future, Hindsight
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import COLLISION, Goal, Referee
-from sumo_mcts.model.kernel import COMPILING, is_compiled
+from sumo_mcts.model.announce import announced
 from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.model.script import script_poses
 from sumo_mcts.model.traffic import Scripted
@@ -93,13 +93,9 @@ def open_episode(
     began = time.perf_counter()
     recorders = {ego.id: Recorder() for ego in config.egos}
     loop = Loop(config, seed, gui=gui, sumo_options=sumo_options, progress=progress, measured=measured)
-    try:
+    with announced(progress), contextlib.closing(loop):
         loop.start()
         drivers = {ego.id: Driver(config, loop.world.road, loop.world.physics, streams(seed).search, loop.oracles) for ego in config.egos}
-        if progress is not None and _searches(config) and not is_compiled():
-            progress(COMPILING)
-        elif progress is not None and config.cost.term is not None:
-            progress("loading the search with a further term (compiled when it is first used, about half a minute)")
         warm_up(config, loop.world.road, loop.world.physics)
         while scenes := loop.scenes():
             decisions = _decide(loop, scenes, drivers, recorders)
@@ -113,13 +109,6 @@ def open_episode(
         road, setting = loop.world.road, _setting(config, seed, loop)
         traces = [recorders[row["ego"]].trace(row["key"], config.name, row["outcome"], road, setting) for row in full]
         yield EpisodeResult(tuple(full), tuple(trace for trace in traces if trace is not None), _manifest(config, seed, loop), road)
-    finally:
-        loop.close()
-
-
-def _searches(config: ScenarioConfig) -> bool:
-    """Whether the planner does, or the reference of inevitable collisions may have to."""
-    return reads_forecast(config) or any(actor.driver == "script" for actor in config.traffic.actors)
 
 
 def default_variant(config: ScenarioConfig) -> str:

@@ -130,7 +130,7 @@ def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Se
     """Why the ego did what it did at a moment (simulation time, s); `again`: with the decision taken once more, by code that the trace names only where
     that is allowed. Raises ConfigError."""
     from sumo_mcts.driver import PlannerError
-    from sumo_mcts.model.kernel import COMPILING, is_compiled
+    from sumo_mcts.model.announce import announced
     from sumo_mcts.reporting import explanation
 
     trace = trace_of(folder, key)
@@ -140,11 +140,10 @@ def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Se
         return told
     if not trace.setting.config:
         raise ConfigError(f"{folder}: --episode {key}: --replan: the trace does not hold the scenario it was recorded with")
-    if not is_compiled():
-        note(COMPILING)
     road = map_of(folder, trace)
     try:
-        return {**told, "replan": explanation.explain_again(trace, road, cycle, overrides, allow_plugins=allow_plugins)}
+        with announced(note):
+            return {**told, "replan": explanation.explain_again(trace, road, cycle, overrides, allow_plugins=allow_plugins)}
     except TraceError as error:
         raise ConfigError(f"{folder / TRACES / key}.npz: {error}") from None
     except PlannerError as error:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from sumo_mcts.config import ConfigError, ScenarioConfig, build, is_oracle
-from sumo_mcts.driver import Driver, Physics, Thought, prediction_label
+from sumo_mcts.driver import Driver, Physics, Thought, prediction_label, warm_up
 from sumo_mcts.model.predictor import Oracles
 from sumo_mcts.model.traffic import Scripted
 from sumo_mcts.records import CycleRecord, Setting, Trace, TraceError, require_fit, scenario_of
@@ -32,6 +32,7 @@ def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> T
         raise TraceError("trace.setting: does not say how the simulation moves vehicles")
     physics = Physics(setting.step, setting.ballistic, setting.change_duration)
     memory = now.memory if config.planner.name == before["planner"]["name"] else now.memory._replace(planner=PlannerMemory())
+    warm_up(config, road, physics)
     driver = Driver(config, road, physics, setting.seed, _witness(now, before["prediction"]["name"], config))
     last = trace.cycles[cycle - 1] if cycle else None
     try:

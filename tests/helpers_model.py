@@ -1,7 +1,7 @@
 """Situations for the model and the planners, made by hand: no SUMO."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from helpers import Agent, Lane, agents_at, build, ego_at, lights
@@ -11,12 +11,15 @@ from sumo_mcts import driver
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import Physics, cost_params, ego_params
 from sumo_mcts.model.ego import EgoParams
+from sumo_mcts.model.kernel import entry
 from sumo_mcts.model.local import Local, State, build_local, ego_state
 from sumo_mcts.model.others import TrafficParams
 from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.scene import EgoState, Forecast, RoadMap, Scene, Signals
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 PHYSICS = Physics(0.1, False, 3.0)
 WIDTH = 3.2  # m, of a lane
@@ -26,6 +29,11 @@ STOP_DECEL = 3.0  # m/s2, as the planners hand it to build_local
 def scenario(*sets: str, **keys: Any) -> ScenarioConfig:
     """The defaults, with `a.b=c` assignments."""
     return configuration.build({"name": "test", "sumo": {"net": "none"}, "egos": [{"id": "ego"}], **keys}, "test", sets)
+
+
+def compiled(function: F) -> F:
+    """A kernel that only kernels call, for tests to call compiled."""
+    return entry(getattr(function, "py_func", function))
 
 
 def lanes_east(count: int = 3, length: float = 600.0, speed: float = 15.0) -> RoadMap:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers_docs import unpack
+from helpers_model import compiled
 from helpers_tree import TOYS, grow
 
 import sumo_mcts
@@ -35,6 +36,8 @@ from sumo_mcts.replan import recorded_config, replan
 from sumo_mcts.reporting.explanation import explain
 from sumo_mcts.reporting.explanation_text import text
 from sumo_mcts.scene import Answers
+
+STEP_OWN = compiled(step_own)
 
 TOP = Path(__file__).resolve().parent.parent
 
@@ -380,7 +383,7 @@ def term_of(rate: Callable[..., float], weight: float = 1.0) -> Term:
 def own_cost(rate: Callable[..., float], *, name: str = "traffic", gap: float = 12.0) -> float:
     toy = grow(TOYS[name], 1)
     after, _ = advance(toy.local, toy.task.ego, toy.root, 1.0, 0.0)
-    return float(step_own(term_of(rate, 3.0), toy.local, toy.task.ego, toy.task.cost, toy.root, after, gap, 2.5))
+    return float(STEP_OWN(term_of(rate, 3.0), toy.local, toy.task.ego, toy.task.cost, toy.root, after, gap, 2.5))
 
 
 def test_a_term_is_told_what_the_page_says() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from sumo_mcts.evaluation.referee import Goal
 from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, can_change, pose_of, within_step
 from sumo_mcts.model.geometry import Box, boxes_touch
-from sumo_mcts.model.kernel import kernel, making_arrays
+from sumo_mcts.model.kernel import kernel, lengthy
 from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, build_local, ego_state
 from sumo_mcts.model.route import Indices, RouteMap, route_map
 from sumo_mcts.model.traffic import Scripted
@@ -105,7 +105,7 @@ def _forecast(futures: Sequence[Future], dt: float, times: int) -> Forecast:
 # --- the search ---
 
 
-@making_arrays
+@lengthy
 def way_out(
     local: Local, p: EgoParams, root: State, choice: Floats, home: Bools, ply: int, plies: int, looks: int, cell: tuple[float, float, float, float, float]
 ) -> Indices:

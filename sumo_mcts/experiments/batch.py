@@ -18,7 +18,8 @@ from sumo_mcts.experiments.drive import Driven
 from sumo_mcts.experiments.experiment import Episode, Plan, all_egos, episodes, load, shard, with_ego
 from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.experiments.worth import Bar, Worth
-from sumo_mcts.model.kernel import COMPILING, is_compiled
+from sumo_mcts.model.announce import COMPILING, Growth, watched
+from sumo_mcts.model.kernel import kept_kernels
 from sumo_mcts.records import MAPS, TRACES, Row
 from sumo_mcts.world.arguments import REFEREE_OPTIONS, files_of
 
@@ -38,7 +39,7 @@ class BatchError(FailedError):
 class Progress(NamedTuple):
     """How far a batch is. Counts are of episodes."""
 
-    doing: str  # what comes before the first episode; "" while they are driven
+    doing: str  # what comes before the first episode, or what is compiled between them; "" while they are driven
     done: int  # earlier runs included
     total: int
     collisions: int  # egos that collided
@@ -104,7 +105,7 @@ def run_batch(
             started = {**wanted, "egos": egos, "rows": sum(len(episode.keys) for episode in found)}
             _kept(out, lambda: _begin(out, started, fresh))
         else:
-            if not is_compiled():
+            if not kept_kernels():
                 _prepared(plan, tell, manifest["egos"])
             found = _part(plan, manifest["egos"], shard)
         with workers.local(count, patience) if scheduler is None else workers.cluster(scheduler) as crew:
@@ -159,7 +160,7 @@ class _Batch:
         self._flying: dict[Future[Driven], Episode] = {}
         self._deaths: Counter[tuple[str, ...]] = Counter()
         self._began, self._before = time.monotonic(), len(found) - len(self._waiting)
-        self._spoke = -NEWS_S
+        self._spoke, self._compiled = -NEWS_S, Growth(kept_kernels)
 
     def run(self, crew: Crew) -> list[Row]:
         """Drive what is not done yet. Returns all rows."""
@@ -241,7 +242,7 @@ class _Batch:
         done = len(self._all) - len(self._waiting) - len(self._flying)
         rate = (done - self._before) / (now - self._began) if done > self._before else None
         left = None if rate is None else (len(self._all) - done) / rate
-        self._tell(Progress("", done, len(self._all), outcomes["collision"], outcomes["error"], rate, left))
+        self._tell(Progress("" if last else self._compiled.news(), done, len(self._all), outcomes["collision"], outcomes["error"], rate, left))
 
 
 # --- before the first episode ---
@@ -310,19 +311,19 @@ def _chosen(plan: Plan, crew: Crew, tell: Watch) -> Egos:
     for case in plan.cases:
         if case.egos is not None:
             tell(_before(f"looking for egos in {case.name}"))
-            found[case.name] = _asked(plan, case.name, crew.executor.submit(drive.choose, case.base, case.egos), crew)
+            found[case.name] = _asked(plan, case.name, crew.executor.submit(drive.choose, case.base, case.egos), crew, tell)
     return found
 
 
 def _rehearse(plan: Plan, egos: Egos, crew: Crew, tell: Watch, decide: bool) -> None:
     """Start every scenario once with every planner, in one process: wrong input ends the batch here, and the search is compiled for all that `decide`.
     Raises ConfigError."""
-    tell(_before("starting SUMO" if is_compiled() else COMPILING))
+    tell(_before("starting SUMO" if kept_kernels() or not decide else COMPILING))
     measured = all_egos(plan, egos)
     for case in plan.cases:
         configs = [with_ego(config, egos[case.name][0]) if case.name in egos else config for config in case.configs.values()]
         for config in {_kind(config): config for config in configs}.values():
-            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0], decide, measured), crew)
+            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0], decide, measured), crew, tell)
             if problem:
                 raise ConfigError(f"{plan.origin}: scenarios: {case.name}: {problem}")
 
@@ -333,10 +334,10 @@ def _kind(config: ScenarioConfig) -> tuple[object, ...]:
     return config.planner.name, config.prediction.name, config.failsafe.on, *(section.model_dump_json() for section in sections)
 
 
-def _asked(plan: Plan, name: str, future: "Future[_T]", crew: Crew) -> _T:
+def _asked(plan: Plan, name: str, future: "Future[_T]", crew: Crew, tell: Watch) -> _T:
     """The answer of a worker. Raises ConfigError where it says so, or dies of the question, BatchError where the machine fails."""
     try:
-        return future.result()
+        return watched(future, kept_kernels, lambda news: tell(_before(news)))
     except (ConfigError, crew.deaths) as error:
         raise ConfigError(f"{plan.origin}: scenarios: {name}: {error}") from None
     except (OSError, MemoryError) as error:

@@ -17,6 +17,7 @@ from sumo_mcts.episode import Loop, check_edges, run_episode
 from sumo_mcts.errors import of_machine
 from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode
 from sumo_mcts.experiments.worth import Bar, is_worth
+from sumo_mcts.model.announce import announced, unannounced
 from sumo_mcts.records import Row
 from sumo_mcts.world.arguments import network_of, sumo_arguments, without_outputs
 from sumo_mcts.world.candidates import Candidate, candidates, not_passing
@@ -40,9 +41,10 @@ class Driven(NamedTuple):
 def drive(episode: Episode, bar: Bar) -> Driven:
     """Drive an episode. Whatever fails is its outcome; but OSError and MemoryError are raised where it is the machine that fails."""
     try:
-        result = run_episode(
-            episode.config, episode.seed, sumo_options=without_outputs(episode.config.sumo), variant=episode.variant, measured=episode.measured
-        )
+        with unannounced():  # the batch says it
+            result = run_episode(
+                episode.config, episode.seed, sumo_options=without_outputs(episode.config.sumo), variant=episode.variant, measured=episode.measured
+            )
     except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
         if of_machine(error):
             raise
@@ -101,7 +103,8 @@ def rehearse(config: ScenarioConfig, seed: int | None, decide: bool = True, meas
         loop.start()
         Driver(config, loop.world.road, loop.world.physics, 0, loop.oracles)  # plugins check their options
         if decide:
-            warm_up(config, loop.world.road, loop.world.physics)
+            with announced(_nothing):  # the batch says it
+                warm_up(config, loop.world.road, loop.world.physics)
         if look or {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}:
             loop.scenes()  # until the egos are taken over, which is soon
     except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
@@ -119,6 +122,10 @@ def require_starting(config: ScenarioConfig, seed: int | None) -> None:
     problem = rehearse(config.model_copy(update={"episode": episode}), seed, decide=False, look=True)
     if problem:
         raise ConfigError(problem)
+
+
+def _nothing(_: str) -> None:
+    """Say nothing."""
 
 
 def choose(config: ScenarioConfig, egos: Egos) -> tuple[str, ...]:

@@ -112,7 +112,7 @@ class Meeting(NamedTuple):
     followers: int  # bit mask (trait BIT) of the agents that follow the ego and react to it
 
 
-@kernel
+@inlined
 def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats, followers: int, index: int) -> Meeting:
     """Contacts, headway and claims at forecast time `index`; `others` as in model/react.py."""
     x, y, cs, sn = pose_of(local, p, state)

@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from sumo_mcts.model.geometry import swung
-from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.kernel import inlined, kernel
 from sumo_mcts.model.local import Local, State, index_at
 from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, REACH, RIGHT_NODE, SPACING, STOP_LINE, lane_pose
 from sumo_mcts.scene import STANDING
@@ -39,7 +39,7 @@ class EgoParams(NamedTuple):
     half_width: float
 
 
-@kernel
+@inlined
 def advance(local: Local, p: EgoParams, state: State, accel: float, time: float) -> tuple[State, int]:
     """One step of the simulation towards an acceleration (m/s2), from `time` (s from now) on.
 
@@ -95,7 +95,7 @@ def _moved(p: EgoParams, v: float, speed: float) -> float:
     return 0.5 * (v + speed) * p.step if p.ballistic else speed * p.step
 
 
-@kernel
+@inlined
 def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, a: float, time: float) -> tuple[State, int]:
     """Along the lane and into the next ones; a lane change goes on."""
     node, other, s, progress, event = state.node, state.other, state.s + moved, state.progress, FREE

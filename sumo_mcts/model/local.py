@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.model.kernel import kernel, making_arrays
+from sumo_mcts.model.kernel import entry, kernel
 from sumo_mcts.model.paths import Ahead, Areas, ahead_of, areas_of, leads_to
-from sumo_mcts.model.route import LENGTH, UPSTREAM_VIEW, Indices, RouteMap, lane_pose, stop_ahead
+from sumo_mcts.model.route import LENGTH, UPSTREAM_VIEW, Indices, RouteMap, Upstream, lane_pose, stop_ahead
 from sumo_mcts.scene import GREEN, YELLOW, Agents, Bools, EgoState, Floats, Forecast, Ints, RoadMap, Scene, Signals
 
 BACK = UPSTREAM_VIEW  # m of the route behind the ego where followers are seen: as far as on the lanes that lead into it
@@ -133,11 +133,12 @@ def build_local(
     lane_node[route.lane[view][::-1]] = np.arange(last - 1, first - 1, -1, dtype=np.int64)
     lane = forecast.lane[hypothesis]
     node = np.where(lane >= 0, lane_node[lane], -1).astype(np.int64)
-    ahead = _ahead(route.next, route.length, first, w)
+    ahead = np.full((w, w), np.inf)
+    _fill_ahead(ahead, route.next, route.length, first)
     node[~forecast.valid[hypothesis]] = GONE
     s, v = forecast.s[hypothesis], forecast.v[hypothesis]
     position = s.copy()  # those upstream count from their node
-    _fill_upstream(node, position, lane, lane_node, route.upstream.lane, route.upstream.onto, route.upstream.begin)
+    _fill_upstream(node, position, lane, lane_node, route.upstream, np.full(len(lane_node), -1, np.int64))
     driven = np.zeros_like(v)
     driven[1:] = np.cumsum(np.where(lane[1:] == lane[:-1], s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * forecast.dt), axis=0)
     level, place = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
@@ -160,13 +161,15 @@ def build_local(
     )  # fmt: skip
 
 
-@making_arrays
-def _fill_upstream(node: Indices, s: Floats, lane: Ints, lane_node: Indices, upstream: Indices, onto: Indices, begin: Floats) -> None:
-    """Of agents [T, N] on lanes that lead into the ego's, write down which node they come to and how far before it they are; not of those who turn off."""
-    to = np.full(len(lane_node), -1, np.int64)
-    for k in range(len(upstream)):
-        if lane_node[onto[k]] >= 0:
-            to[upstream[k]] = k
+@entry
+def _fill_upstream(node: Indices, s: Floats, lane: Ints, lane_node: Indices, upstream: Upstream, to: Indices) -> None:
+    """Of agents [T, N] on lanes that lead into the ego's, write down which node they come to and how far before it they are; not of those who turn off.
+
+    `to` [lanes of the road] is room to work in, all -1.
+    """
+    for k in range(len(upstream.lane)):
+        if lane_node[upstream.onto[k]] >= 0:
+            to[upstream.lane[k]] = k
     for i in range(lane.shape[1]):
         comes = True  # until it is known better: at the end of the forecast
         for t in range(len(lane) - 1, -1, -1):
@@ -176,8 +179,8 @@ def _fill_upstream(node: Indices, s: Floats, lane: Ints, lane_node: Indices, ups
             k = to[lane[t, i]] if comes and lane[t, i] >= 0 else -1
             comes = k >= 0
             if comes:
-                node[t, i] = UPSTREAM - lane_node[onto[k]]
-                s[t, i] += begin[k]
+                node[t, i] = UPSTREAM - lane_node[upstream.onto[k]]
+                s[t, i] += upstream.begin[k]
 
 
 @kernel
@@ -315,7 +318,7 @@ class _Coming(NamedTuple):
     lets_pass: Bools  # [N] the ego
 
 
-@kernel
+@entry
 def _find_duties(rows: Floats, nodes: Indices, node_lane: Indices, areas: Areas, ahead: Ahead, coming: _Coming) -> int:
     """How many of the `rows` were written."""
     used = 0
@@ -348,9 +351,10 @@ def _enters(coming: _Coming, ahead: Ahead, i: int, lane: int, begin: float) -> f
     return math.inf
 
 
-@making_arrays
-def _ahead(nxt: Indices, length: Floats, first: int, w: int) -> Floats:
-    ahead = np.full((w, w), np.inf)
+@entry
+def _fill_ahead(ahead: Floats, nxt: Indices, length: Floats, first: int) -> None:
+    """Local.ahead [W, W], which is inf everywhere before."""
+    w = len(ahead)
     for i in range(w):
         ahead[i, i] = 0.0
         distance, n = length[first + i], nxt[first + i]
@@ -358,10 +362,9 @@ def _ahead(nxt: Indices, length: Floats, first: int, w: int) -> Floats:
             ahead[i, n - first] = distance
             distance += length[n]
             n = nxt[n]
-    return ahead
 
 
-@kernel
+@entry
 def _followers(node: Indices, s: Floats, reacts: Bools, bits: Indices, ahead: Floats, state: State, first: int) -> int:
     """Bit mask of the agents that react and whose lane leads to where the ego is, with the ego in front of them."""
     result = 0

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.kernel import inlined, kernel, making_arrays
+from sumo_mcts.model.kernel import entry, inlined, kernel
 from sumo_mcts.model.krauss import safe_speed
 from sumo_mcts.model.local import signal_states
 from sumo_mcts.model.paths import IN_TURN, MERGES, MUTUAL, NARROWS, Paths, conflicts_of
@@ -79,7 +79,7 @@ def drive(
     xs[0], vs[0] = drivers.x, drivers.v
     if params.interacting:
         course = _course(road, signals, paths, np.arange(times, dtype=np.float64) * params.step)
-        _step_all(xs, vs, polite, course, drivers, nominal, params, of_ego, np.full(len(road.lane_ids), -1, np.int32))
+        _step_all(xs, vs, polite, course, drivers, nominal, params, of_ego, _carried(len(drivers.x)), np.full(len(road.lane_ids), -1, np.int32))
     else:
         xs[:] = drivers.x + np.arange(times)[:, None] * params.step * drivers.v
         vs[:] = drivers.v
@@ -109,14 +109,27 @@ def _signs(road: RoadMap, paths: Paths) -> Bools:
     return np.asarray(sign)
 
 
-@making_arrays
-def _step_all(xs: Floats, vs: Floats, polite: Bools, c: _Course, d: Drivers, nominal: Floats, params: TrafficParams, of_ego: TrafficParams, mark: Ints) -> None:
+class _Carried(NamedTuple):
+    """What each of N vehicles carries from step to step."""
+
+    at: Ints  # lane of its path that it is on
+    rank: Floats  # when it came to a stand at the stop sign ahead, s from now; those inside a junction come before all others
+    liked: Floats  # speed that it does not exceed, m/s
+    habit: Floats  # m/s2 by which it accelerates otherwise than expected: its own car following is another one, or it knows more
+
+
+def _carried(n: int) -> _Carried:
+    return _Carried(np.zeros(n, np.int32), np.full(n, np.inf), np.full(n, np.inf), np.zeros(n))
+
+
+@entry
+def _step_all(
+    xs: Floats, vs: Floats, polite: Bools, c: _Course, d: Drivers, nominal: Floats, params: TrafficParams, of_ego: TrafficParams, carried: _Carried,
+    mark: Ints,
+) -> None:  # fmt: skip
     """`mark` [lanes of the road] is room to work in, all -1."""
     times, n = xs.shape
-    at = np.zeros(n, np.int32)  # lane of its path that each is on
-    rank = np.full(n, np.inf)  # when it came to a stand at the stop sign ahead; those inside a junction come before all others
-    liked = np.full(n, np.inf)
-    habit = np.zeros(n)  # m/s2 by which a driver accelerates otherwise than expected: its own car following is another one, or it knows more
+    at, rank, liked, habit = carried
     step, fading = params.step, math.exp(-params.step / params.persistence) if params.persistence > 0.0 else 0.0
     for t in range(times - 1):
         x, v = xs[t], vs[t]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.model.kernel import kernel, making_arrays
+from sumo_mcts.model.kernel import entry, kernel
 from sumo_mcts.scene import ALLWAY, IGNORING, LEFT, RIGHT, STRAIGHT, Agents, Bools, EgoState, Floats, Ints, RoadMap
 
 LANES = 20  # lanes of a path at most
@@ -103,7 +103,7 @@ def likely_paths(road: RoadMap, agents: Agents, ego: EgoState, ego_lanes: Ints, 
     return paths
 
 
-@kernel
+@entry
 def _likely(paths: Paths, true: Ints, lane: Ints, v: Floats, reach: Floats, blinker: Ints, kind: NDArray[np.uint64], ahead: Ahead) -> None:
     """The lanes each agent will most likely drive. The blinker speaks for the next turn only; `true` (-1: not told) knows better."""
     for i in range(len(lane)):
@@ -216,15 +216,14 @@ def conflicts_of(road: RoadMap, paths: Paths) -> Conflicts:
     """Where the paths of the vehicles meet."""
     n = len(paths.lane)
     found = Conflicts(np.full((n, FOES), -1, np.int32), np.zeros((n, FOES), np.int32), np.zeros((n, FOES, 4)))
-    _find_conflicts(found, paths, areas_of(road), np.full(len(road.lane_ids), -1, np.int32))
+    _find_conflicts(found, paths, areas_of(road), np.full(len(road.lane_ids), -1, np.int32), np.zeros(n, np.int32))
     return found
 
 
-@making_arrays
-def _find_conflicts(found: Conflicts, paths: Paths, areas: Areas, mark: Ints) -> None:
-    """`mark` [lanes of the road] is room to work in, all -1."""
+@entry
+def _find_conflicts(found: Conflicts, paths: Paths, areas: Areas, mark: Ints, used: Ints) -> None:
+    """`mark` [lanes of the road], all -1, and `used` [N], all 0, are room to work in."""
     n = len(paths.lane)
-    used = np.zeros(n, np.int32)
     for j in range(n):
         for k in range(paths.count[j] - 1, -1, -1):  # where a path comes to a lane twice, in a roundabout, the first time counts
             mark[paths.lane[j, k]] = k

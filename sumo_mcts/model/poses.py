@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.model.geometry import Lines, chord, lines_of, point_on, swung
-from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.kernel import entry, kernel
 from sumo_mcts.model.local import SIDEWAYS
 from sumo_mcts.model.paths import OPEN, Paths
 from sumo_mcts.scene import Agents, Bools, Floats, Ints, RoadMap
@@ -42,7 +42,7 @@ def poses(road: RoadMap, agents: Agents, paths: Paths, x: Floats, step: float) -
     return out
 
 
-@kernel
+@entry
 def _place(out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: Floats, step: float) -> None:
     for i in range(x.shape[1] - 1):
         if paths.count[i + 1] == 0:

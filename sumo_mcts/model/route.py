@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.model.geometry import Lines, chord, lines_of, point_on
-from sumo_mcts.model.kernel import kernel, making_arrays
+from sumo_mcts.model.kernel import entry, kernel
 from sumo_mcts.model.lanes import usable
 from sumo_mcts.scene import ALLWAY, STOP, Bools, Floats, RoadMap
 
@@ -96,7 +96,8 @@ def route_map(road: RoadMap, edges: tuple[int, ...], vclass: int, length: float,
     previous[nxt[nxt >= 0]] = np.flatnonzero(nxt >= 0)
     station, stop, internal = _stations(road, edges, lane, leg, nxt), (signal >= 0) | sign, road.internal[lane].copy()
     pose = _poses(road, lane, previous, row, node_length, length)
-    cap = _caps(nxt, row, node_length, limit, last & ~internal, decel)
+    cap = np.zeros(row[-1])
+    _fill_caps(cap, nxt, row, node_length, limit, last & ~internal, decel)
     return RouteMap(
         lane, leg, nxt, left, right, node_length, limit, station, changes, _needed(nxt, changes), reach, stop, signal,
         np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
@@ -233,7 +234,7 @@ def _poses(road: RoadMap, lane: Indices, previous: Indices, row: Indices, length
     return pose
 
 
-@kernel
+@entry
 def _fill_poses(pose: Floats, lane: Indices, previous: Indices, row: Indices, length: Floats, vehicle: float, lines: Lines) -> None:
     for i in range(len(lane)):
         for k in range(row[i], row[i + 1]):
@@ -249,10 +250,9 @@ def _fill_poses(pose: Floats, lane: Indices, previous: Indices, row: Indices, le
             pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = fx - 0.5 * vehicle * c, fy - 0.5 * vehicle * n, c, n
 
 
-@making_arrays
-def _caps(nxt: Indices, row: Indices, length: Floats, limit: Floats, goal: Bools, decel: float) -> Floats:
-    """[R] backward over the nodes: v^2 = v_next^2 + 2 b d."""
-    cap = np.zeros(row[-1])
+@entry
+def _fill_caps(cap: Floats, nxt: Indices, row: Indices, length: Floats, limit: Floats, goal: Bools, decel: float) -> None:
+    """RouteMap.cap [R], backward over the nodes: v^2 = v_next^2 + 2 b d."""
     for i in range(len(nxt) - 1, -1, -1):
         end = limit[i] if goal[i] else 0.0
         distance = -END_GAP
@@ -267,7 +267,6 @@ def _caps(nxt: Indices, row: Indices, length: Floats, limit: Floats, goal: Bools
         share = length[i] / SPACING - (beyond - 1 - row[i])
         if nxt[i] >= 0 and share > 1e-6:  # between the last two rows `end` is to be read where the lane ends
             cap[beyond] = max(0.0, cap[beyond - 1] + (end - cap[beyond - 1]) / share)
-    return cap
 
 
 @kernel

@@ -8,7 +8,7 @@ import numpy as np
 from sumo_mcts.model.cost import place_is_free
 from sumo_mcts.model.ego import EgoParams, advance, begin_change, can_change, follow_accel, pose_of
 from sumo_mcts.model.geometry import Box, boxes_touch
-from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.kernel import entry
 from sumo_mcts.model.local import COS, DRIVEN, ENTERS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, NODE_OF, SIN, WHO, Local, S, State, V, X, Y, apart
 from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, Indices, lane_pose
 from sumo_mcts.planners.base import STOP_DECEL, Drawing, Situation, Task, local_of
@@ -194,7 +194,7 @@ def _before(table: Floats, node: int, target: int) -> int:
     return node
 
 
-@kernel
+@entry
 def leader_on_the_way(local: Local, p: EgoParams, state: State, reach: float) -> tuple[float, float]:
     """How far (m, up to `reach`) the ego can go until its box would meet somebody's, and how fast (m/s) that one drives along the same way.
 
@@ -228,7 +228,7 @@ def leader_on_the_way(local: Local, p: EgoParams, state: State, reach: float) ->
     return gap, leader_v
 
 
-@kernel
+@entry
 def _follow(local: Local, p: EgoParams, follower: EgoParams, state: State, gap: float, leader_v: float, nodes: Indices, motion: Floats, pose: Floats) -> None:
     """Car following by the parameters of `follower` behind a leader that keeps its speed: nodes [M], s and v [M, 2] and poses [M, 4] step by step."""
     for k in range(len(nodes)):

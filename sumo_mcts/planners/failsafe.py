@@ -14,7 +14,7 @@ import numpy as np
 
 from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, obey, pose_of, within_step
 from sumo_mcts.model.geometry import Box, boxes_touch
-from sumo_mcts.model.kernel import kernel
+from sumo_mcts.model.kernel import entry, kernel
 from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, apart, chain_gap
 from sumo_mcts.model.route import INTERNAL, LEFT_NODE, LENGTH, NEXT, RIGHT_NODE, Indices
 from sumo_mcts.planners.base import Situation, Task, local_of
@@ -186,7 +186,7 @@ def coming(ego: EgoState, agents: Agents, i: int) -> str:
 # --- compiled ---
 
 
-@kernel
+@entry
 def drive(
     local: Local, p: EgoParams, q: Assumed, top: Floats, start: State, speeds: Floats, side: int, period: int, begin: int, decel: float,
     nodes: Indices, motion: Floats, pose: Floats,

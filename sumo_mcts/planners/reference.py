@@ -13,7 +13,7 @@ import numpy as np
 
 from sumo_mcts.model.cost import PICK_UP, CostParams, meet, step_comfort, terminal
 from sumo_mcts.model.ego import COMMANDED, FOLLOW, EgoParams, begin_change, can_change
-from sumo_mcts.model.kernel import kernel, making_arrays
+from sumo_mcts.model.kernel import kernel, lengthy
 from sumo_mcts.model.local import Local, State, keep_state, kept_state
 from sumo_mcts.model.react import at_rest
 from sumo_mcts.model.route import LIMIT, Indices
@@ -195,7 +195,7 @@ def _rest(problem: Problem) -> Rest:
 # --- compiled ---
 
 
-@making_arrays
+@lengthy
 def _solve(work: Work, root: State, at_root: Floats, lines: Floats, starts: Labels, now: Labels, then: Labels, best: Floats, way: Floats) -> None:
     """best [C, 2]: the lowest cost of the ways without a loss, and of those with one, that begin with each line; way [C, P]: the best of them."""
     free, same = np.full(len(work.ends), FOLLOW), np.arange(len(lines))

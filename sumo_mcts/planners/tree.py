@@ -22,7 +22,7 @@ from sumo_mcts.model.ego import (
     pose_of,
     within_step,
 )
-from sumo_mcts.model.kernel import inlined, kernel
+from sumo_mcts.model.kernel import entry, inlined, kernel
 from sumo_mcts.model.local import Local, State, index_at, keep_state, kept_state
 from sumo_mcts.model.react import react
 from sumo_mcts.model.route import LIMIT, Indices
@@ -119,7 +119,7 @@ def side_of(entry: float) -> int:
     return int(round(entry / 1000.0)) if abs(entry) > 500.0 else 0
 
 
-@kernel
+@inlined
 def simulate(
     local: Local, p: EgoParams, c: CostParams, q: SearchParams, state: State, others: Floats, followers: int, gap: float, leader_v: float,
     accel: float, at: int,
@@ -158,7 +158,7 @@ def simulate(
     return Ply(state, followers, gap, leader_v, safety, comfort, passability, other, ALIVE, 0.0)
 
 
-@kernel
+@entry
 def search(
     tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats, root: State, iterations: int, beat: float, rng: Generator
 ) -> tuple[int, int]:
@@ -174,35 +174,33 @@ def search(
     done, known = 0, 0
     while done + known < iterations and not tree.dead[0]:
         node = _select(tree, c, q, beat)
-        if tree.level[node] == q.look_ahead:
+        leaf = tree.level[node] == q.look_ahead
+        if not leaf:
+            if tree.used[0] >= len(tree.parent):
+                break
+            child = _expand(tree, local, p, c, q, actions, node, beat)
+            if child < 0:
+                if _exhausted(tree, node):
+                    _bury(tree, node)
+                continue
+            node = child
+            if tree.end[node] != ALIVE:
+                known += 1
+                line[:] = np.nan
+                _back_up(tree, actions, node, tree.best[node], line)
+                _bury(tree, node)
+                continue
+        for again in (False, True):  # at one place for all: what is inlined there takes long to compile
             j = _rollout(tree, local, p, c, q, node, line, rng)
             done += 1
             _back_up(tree, actions, node, j, line)
-            if q.adaptive and tree.visits[node] >= 3 + 4 * q.rollout:  # every continuation was driven, see _continuation
-                _bury(tree, node)
-            continue
-        if tree.used[0] >= len(tree.parent):
-            break
-        child = _expand(tree, local, p, c, q, actions, node, beat)
-        if child < 0:
-            if _exhausted(tree, node):
-                _bury(tree, node)
-            continue
-        if tree.end[child] != ALIVE:
-            known += 1
-            line[:] = np.nan
-            _back_up(tree, actions, child, tree.best[child], line)
-            _bury(tree, child)
-            continue
-        j = _rollout(tree, local, p, c, q, child, line, rng)
-        done += 1
-        _back_up(tree, actions, child, j, line)
-        # Would braking be better than car following? Asked of every beginning, since one that looks bad after a single try is not looked at again,
-        # and where car following ran into something.
-        if (tree.level[child] == 1 or j > c.contact * 0.5) and done + known < iterations:
-            j = _rollout(tree, local, p, c, q, child, line, rng)
-            done += 1
-            _back_up(tree, actions, child, j, line)
+            # Would braking be better than car following? Asked of every beginning, since one that looks bad after a single try is not looked at again,
+            # and where car following ran into something.
+            doubtful = not leaf and (tree.level[node] == 1 or j > c.contact * 0.5)
+            if again or not doubtful or done + known >= iterations:
+                break
+        if leaf and q.adaptive and tree.visits[node] >= 3 + 4 * q.rollout:  # every continuation was driven, see _continuation
+            _bury(tree, node)
     return done, known
 
 
@@ -225,6 +223,12 @@ def copy_pairs(source: Floats, target: Floats) -> None:
     """Copy rows of two: assigning slices would need an array in between."""
     for r in range(source.shape[0]):
         target[r, 0], target[r, 1] = source[r, 0], source[r, 1]
+
+
+@kernel
+def _spent(tree: Tree, node: int) -> float:
+    """J of the way from the root to a node."""
+    return float(tree.cost[node, 0] + tree.cost[node, 1] + tree.cost[node, 2] + tree.cost[node, 3])
 
 
 @kernel
@@ -255,7 +259,7 @@ def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
                 return node
             if i < 0 or tree.dead[i]:
                 continue
-            if _hopeless(tree, c, q, i, tree.cost[i].sum(), beat):
+            if _hopeless(tree, c, q, i, _spent(tree, i), beat):
                 tree.dead[i] = True
                 continue
             worth = -min((tree.best[i] - low) / (high - low), 1.0)
@@ -282,7 +286,7 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     state, side = kept_state(tree.where, tree.motion, node), int(actions[k, 1])
     changed = 0.0
     if side != 0:
-        if not may_change(local, p, c, state, side, actions[k, 0], tree.level[node] * q.ply * p.step):
+        if not may_change(local, p, c, state, side, actions[k, 0], tree.level[node] * q.ply * p.step, math.inf):
             tree.child[node, k] = IMPOSSIBLE
             return IMPOSSIBLE
         state = begin_change(local, p, state, side)
@@ -294,7 +298,7 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     dear = (
         tree.level[node] > 0
         and ply.end == ALIVE
-        and _hopeless(tree, c, q, node, tree.cost[node].sum() + ply.safety + ply.comfort + ply.passability + ply.other + changed, beat)
+        and _hopeless(tree, c, q, node, _spent(tree, node) + ply.safety + ply.comfort + ply.passability + ply.other + changed, beat)
     )
     if dear or (side == 0 and _known(tree, node, k, ply.state)):
         tree.child[node, k] = IMPOSSIBLE
@@ -310,7 +314,7 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     tree.cost[i, 3] = tree.cost[node, 3] + changed + ply.other
     tree.end[i] = ply.end
     if ply.end != ALIVE:
-        tree.best[i] = tree.cost[i].sum() + ply.loss
+        tree.best[i] = _spent(tree, i) + ply.loss
     return i
 
 
@@ -335,7 +339,7 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
     line[:] = np.nan
     others = tree.moving
     copy_pairs(tree.others[node], others)
-    j = tree.cost[node].sum()
+    j = _spent(tree, node)
     for k in range(level, last):
         accel = FOLLOW
         if policy == 1 or (policy == 3 and k >= turn):
@@ -452,7 +456,7 @@ def _bury(tree: Tree, node: int) -> None:
         i = tree.parent[i]
 
 
-@kernel
+@entry
 def replay(
     local: Local, p: EgoParams, c: CostParams, q: SearchParams, root: State, others: Floats, line: Floats, lanes: Indices, motion: Floats, pose: Floats,
     terms: Floats,
@@ -469,7 +473,7 @@ def replay(
     for at in range(len(line)):
         side = side_of(line[at])
         if side != 0:
-            if not may_change(local, p, c, state, side, entry_of(line[at], -side), at * p.step):
+            if not may_change(local, p, c, state, side, entry_of(line[at], -side), at * p.step, math.inf):
                 return at, IMPOSSIBLE
             state = begin_change(local, p, state, side)
             terms[3] += c.lane_change

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import Agent, Conflict, Lane, build, crossing, edges, ego_at
-from helpers_model import lanes_east, local_of, scenario, scene_of, task_of
+from helpers_model import compiled, lanes_east, local_of, scenario, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,12 +19,14 @@ from sumo_mcts.model.cost import RUN_UP, TAKEN, WAY_ROUND, _late, meet, place_is
 from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.geometry import Box
 from sumo_mcts.model.local import ENTERS, WHO, Local, State, _fill_upstream, _levels, apart, chain_gap, follows, upstream_of
-from sumo_mcts.model.route import route_map
+from sumo_mcts.model.route import Upstream, route_map
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.mcts import follow_line, in_steps
 from sumo_mcts.planners.tree import ALIVE, LOST
 from sumo_mcts.scene import STOP, RoadMap
 from sumo_mcts.world.roadmap import known_roadmap
+
+meet, place_is_free, step_passability, terminal = map(compiled, (meet, place_is_free, step_passability, terminal))
 
 NOBODY = np.zeros((0, 2))  # who reacts in the search
 
@@ -388,11 +390,11 @@ def test_who_comes_from_beside_the_route_leads_nobody_and_matters_to_lane_change
 
 def test_who_is_expected_to_turn_off_before_does_not_come() -> None:
     """Lanes: 0 leads into the route's lane 1, or to lane 2."""
-    lane_node, upstream, onto, begin = np.array([-1, 7, -1]), np.array([0]), np.array([1]), np.array([-50.0])
+    lane_node, upstream = np.array([-1, 7, -1]), Upstream(np.array([0]), np.array([1]), np.array([-50.0]))
     lane = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 2]], np.int32)  # [T, N]
     s = np.array([[10.0, 10.0, 10.0], [40.0, 20.0, 40.0], [5.0, 30.0, 5.0]])
     node = np.where(lane == 1, 7, -1)
-    _fill_upstream(node, s, lane, lane_node, upstream, onto, begin)
+    _fill_upstream(node, s, lane, lane_node, upstream, np.full(3, -1))
     assert [[upstream_of(n) for n in row] for row in node.tolist()] == [[7, 7, -1], [7, 7, -1], [-1, 7, -1]]
     assert s.tolist() == [[-40.0, -40.0, 10.0], [-10.0, -30.0, 40.0], [5.0, -20.0, 5.0]]
 

@@ -27,7 +27,7 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import assumed, make_planner
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.model.ego import can_change, obey
-from sumo_mcts.model.kernel import Stopwatch, kernel
+from sumo_mcts.model.kernel import Stopwatch, entry
 from sumo_mcts.model.local import build_local
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.failsafe import ACCELERATE, ALONG, BRAKE, HOLD, LONGEST_S, FailSafe, drive, nonsense
@@ -503,7 +503,7 @@ class Loading:
         self.decisions += 1
         if self.decisions == 1:
             while time.perf_counter() - began < 0.4:
-                kernel(lambda x: x * x + 1.0)(situation.state.v)
+                entry(lambda x: x * x + 1.0)(situation.state.v)
             self.took_s = time.perf_counter() - began
         else:
             time.sleep(self.took_s)
@@ -524,11 +524,11 @@ def test_compiling_a_kernel_does_not_make_a_decision_late() -> None:
 
 
 def test_loading_counts_where_the_kernel_is_needed_and_not_elsewhere() -> None:
-    watch, other = Stopwatch(), threading.Thread(target=kernel(lambda x: x - 1.0), args=(2.0,))
+    watch, other = Stopwatch(), threading.Thread(target=entry(lambda x: x - 1.0), args=(2.0,))
     other.start()
     other.join()
     assert watch.loading_s == 0.0  # this thread was free to think meanwhile
-    kernel(lambda x: x + 2.0)(1.0)
+    entry(lambda x: x + 2.0)(1.0)
     assert 0.0 < watch.loading_s < time.perf_counter() - watch.began
     assert watch.seconds == pytest.approx(time.perf_counter() - watch.began - watch.loading_s, abs=0.05)
 

@@ -1,0 +1,416 @@
+"""What is compiled, when, and how often; what is said of it."""
+
+import importlib
+import inspect
+import os
+import pkgutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sumo_mcts
+from sumo_mcts.model import kernel, prepare
+from sumo_mcts.model.announce import COMPILING, WAITING, Growth, Teller, announced, unannounced, watched
+from sumo_mcts.model.kept import NOTHING_KEPT, Kept
+
+pytestmark = pytest.mark.skipif(kernel.is_plain(), reason="nothing is compiled")
+
+SOURCE = """
+from sumo_mcts.model.kernel import entry, kernel, lengthy, making_arrays
+import numpy as np
+
+@kernel
+def smallest(a, b):
+    return a if a < b else b
+
+@kernel
+def clipped(x, least):
+    return -smallest(-x, -least)
+
+@entry
+def total(values, short):
+    result = clipped(0, 0) + clipped(short[0], 1) * 0.0
+    for k in range(len(values)):
+        result += clipped(values[k], 1.5)
+    return result
+
+@lengthy
+def counted(n):
+    return np.arange(n).sum()
+"""
+VALUES, SHORT = np.array([1.0, 2.0, 3.0]), np.array([7], np.int32)
+
+
+@pytest.fixture
+def kept_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder in which kernels are kept meanwhile."""
+    place = tmp_path / "kept"
+    place.mkdir()
+    monkeypatch.setattr(kernel, "_given", [place])
+    return place
+
+
+@pytest.fixture
+def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept_in: Path) -> ModuleType:
+    """A module with some kernels."""
+    (tmp_path / "toys.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(tmp_path)
+    return _anew(monkeypatch)
+
+
+def _anew(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """As in another process: nothing is loaded yet."""
+    monkeypatch.delitem(sys.modules, "toys", raising=False)
+    return importlib.import_module("toys")
+
+
+def _said(use: Any) -> list[str]:
+    said: list[str] = []
+    with announced(said.append):
+        use()
+    return said
+
+
+# --- what is compiled ---
+
+
+def test_python_runs_the_source_of_a_kernel_that_only_kernels_call(toys: ModuleType) -> None:
+    assert _said(lambda: toys.clipped(1.0, least=1.5)) == []
+    assert toys.clipped(1.0, least=1.5) == 1.5
+    assert not toys.clipped.signatures
+
+
+def test_a_constant_or_a_shorter_integer_is_no_reason_to_compile_again(toys: ModuleType) -> None:
+    assert toys.total(VALUES, SHORT) == pytest.approx(6.5)
+    assert {tuple(map(str, each)) for each in toys.clipped.signatures} == {("int64", "int64"), ("float64", "float64")}
+
+
+def test_what_is_compiled_is_announced_and_kept(toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = _said(lambda: toys.total(VALUES, SHORT))
+    assert [line.partition("  ")[0] for line in said] == [COMPILING] * 5  # total, and two of each other
+    assert said[-1].endswith("  5 kernels")
+    assert kernel.kept_kernels() == 5
+    again = _anew(monkeypatch)
+    assert _said(lambda: again.total(VALUES, SHORT)) == []
+    assert again.total(VALUES, SHORT) == pytest.approx(6.5)
+
+
+def test_a_changed_source_is_compiled(toys: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert toys.counted(4) == 6
+    (tmp_path / "toys.py").write_text(SOURCE.replace(".sum()", ".sum() + 100"))
+    kernel._source.cache_clear()
+    importlib.invalidate_caches()
+    assert _anew(monkeypatch).counted(4) == 106
+
+
+@pytest.mark.parametrize("keep", [0, 1, 40, -1])
+def test_a_damaged_file_is_compiled_again_without_a_word_of_it(toys: ModuleType, kept_in: Path, keep: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    toys.counted(4)
+    (file,) = kept_in.glob("toys.counted-*")
+    whole = file.read_bytes()
+    file.write_bytes(whole[:keep])
+    again = _anew(monkeypatch)
+    said = _said(lambda: again.counted(4))
+    assert [line.partition("  ")[0] for line in said] == [COMPILING]
+    assert again.counted(4) == 6
+    assert file.stat().st_size == pytest.approx(len(whole), abs=200)
+
+
+def test_a_whole_file_that_means_nothing_is_compiled_again(toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    toys.counted(4)
+    (file,) = kept_in.glob("toys.counted-*")
+    for content in (b"no pickle", b"cos\nnothing_like_that\n."):
+        one = Kept(file)
+        one.take(lambda _: None)
+        one.write(content)
+        one.release()
+        assert _anew(monkeypatch).counted(4) == 6
+
+
+def test_on_a_full_disk_it_goes_on_and_says_so_once(toys: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def fails(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Kept, "_fill", fails)
+    monkeypatch.setattr("sumo_mcts.model.announce._said", set())
+    with announced(lambda _: None):
+        assert toys.total(VALUES, SHORT) == pytest.approx(6.5)
+        assert toys.counted(4) == 6
+    line, _, rest = capsys.readouterr().err.partition("\n")
+    assert NOTHING_KEPT in line
+    assert "No space left on device" in line
+    assert rest == ""
+
+
+def test_where_nothing_can_be_kept_it_works_too(toys: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernel, "folder", lambda: None)
+    assert toys.total(VALUES, SHORT) == pytest.approx(6.5)
+    assert kernel.kept_kernels() == 0
+
+
+def test_what_fails_to_compile_leaves_no_lock(tmp_path: Path, toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "wrong.py").write_text("from sumo_mcts.model.kernel import entry\n\n@entry\ndef wrong(x):\n    return x.nothing\n")
+    wrong = importlib.import_module("wrong").wrong
+    with pytest.raises(Exception, match="nothing"):
+        wrong(1.0)
+    (file,) = kept_in.glob("wrong.*")
+    assert not Kept(file).is_taken()
+
+
+# --- which environment it is for ---
+
+
+def test_each_environment_has_a_folder_of_its_own_and_compiles_aloud(tmp_path: Path, toys: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What another version of numba or Python, or another processor, left in its folder does not count."""
+    monkeypatch.setattr(kernel, "_given", [])
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folders = set()
+    places = [("numba.__version__", "0.99"), ("sys.version", "4.0"), ("sumo_mcts.model.kernel.version", lambda _: "99"), (None, None)]
+    for place, value in places:
+        with monkeypatch.context() as patch:
+            if place is not None:
+                patch.setattr(place, value)
+            kernel._own_folder.cache_clear()
+            folders.add(kernel.folder())
+            module = _anew(patch)
+            assert kernel.kept_kernels() == 0
+            assert [line.partition("  ")[0] for line in _said(lambda m=module: m.counted(4))] == [COMPILING]
+            assert kernel.kept_kernels() == 1
+    kernel._own_folder.cache_clear()
+    assert len(folders) == len(places)
+
+
+def test_the_environment_names_the_processor() -> None:
+    processor = kernel._NUMBA.registry.cpu_target.target_context.codegen().magic_tuple()
+    assert len(processor) == 3
+    assert set(map(str, processor)) <= set(kernel.environment())
+
+
+# --- prepared ---
+
+
+def test_what_is_missing_runs_as_plain_python_and_is_compiled_then(toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The result is that of the compiled function, which is not compiled again when it is used."""
+    results: list[float] = []
+
+    def use() -> None:
+        results.append(toys.total(VALUES, SHORT))
+        assert kernel.kept_kernels() == 0
+
+    said = _said(lambda: prepare.prepare(use))
+    assert said
+    assert kernel.kept_kernels() == 5
+    assert _said(lambda: results.append(toys.total(VALUES, SHORT))) == []
+    assert results == [pytest.approx(6.5)] * 2
+
+
+def test_what_is_called_is_compiled_before_what_calls_it(toys: ModuleType) -> None:
+    trial = prepare._Trial()
+    with kernel.tried(trial.run):
+        toys.total(VALUES, SHORT)
+    tasks = trial.tasks()
+    assert [task.kernel.py_func.__name__ for task in tasks] == ["smallest", "clipped", "total"]
+    assert [{called.py_func.__name__ for called in task.calls} for task in tasks] == [set(), {"smallest"}, {"clipped"}]
+
+
+def test_what_takes_too_long_as_plain_python_is_compiled_at_once(toys: ModuleType) -> None:
+    def use() -> None:
+        assert toys.counted(4) == 6
+        assert kernel.kept_kernels() == 1
+
+    prepare.prepare(use)
+
+
+def test_what_is_kept_is_not_compiled_however_much_of_it_is_used(toys: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    toys.total(VALUES, SHORT)
+    again = _anew(monkeypatch)
+    assert _said(lambda: prepare.prepare(lambda: again.total(VALUES, SHORT))) == []
+    assert len(again.total.signatures) == 1
+
+
+def test_an_interrupted_compilation_goes_on_where_it_was(toys: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(line: str) -> None:
+        if "5 kernels" in line:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), announced(interrupt):
+        toys.total(VALUES, SHORT)
+    done = kernel.kept_kernels()
+    again = _anew(monkeypatch)
+    said = _said(lambda: again.total(VALUES, SHORT))
+    assert 0 < done < 5
+    assert len(said) == 5 - done
+
+
+TWO = """
+import sys
+from pathlib import Path
+from sumo_mcts.model import kernel, prepare
+from sumo_mcts.model.announce import announced
+kernel.keep_in(Path(sys.argv[1]))
+prepare.FEW = int(sys.argv[2])
+import numpy as np, toys
+said = []
+with announced(said.append):
+    prepare.prepare(lambda: toys.total(np.ones(3), np.ones(1, np.int32)))
+    assert toys.total(np.ones(3), np.ones(1, np.int32)) == 4.5
+print(sum("compiling the search" in line for line in said))
+"""
+
+
+def test_processes_that_start_at_the_same_time_compile_everything_once(toys: ModuleType, tmp_path: Path, kept_in: Path) -> None:
+    """Together; and with a process of their own to help them."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+
+    def run(few: int) -> int:
+        done = subprocess.run([sys.executable, "-c", TWO, str(kept_in), str(few)], capture_output=True, text=True, check=True, env=environment)
+        return int(done.stdout)
+
+    with ThreadPoolExecutor() as pool:
+        assert sum(pool.map(run, (99, 99))) == 5
+    assert kernel.kept_kernels() == 5
+    for file in kept_in.iterdir():
+        file.unlink()
+    assert run(0) <= 5  # the other process may have come in time for some
+    assert kernel.kept_kernels() == 5
+
+
+def test_a_helper_that_cannot_start_or_fails_is_done_without(toys: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(prepare, "FEW", 0)
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    prepare.prepare(lambda: toys.total(VALUES, SHORT))
+    assert kernel.kept_kernels() == 5
+    monkeypatch.setattr(sys, "executable", "/nothing/there")
+    prepare.prepare(lambda: _anew(monkeypatch).total(VALUES, SHORT + 1))
+
+
+NAMES = """
+from sumo_mcts import assets, config
+from sumo_mcts.driver import Physics, warm_up
+from sumo_mcts.model import prepare
+from sumo_mcts.world.roadmap import read_roadmap
+import sys
+prepare._work_off = lambda tasks: print(*(f"{t.kernel.py_func.__module__.rpartition('.')[2]}.{t.kernel.py_func.__name__}" for t in tasks)) or sys.exit()
+scenario = config.load(assets.scenario_path("unprotected-left-turn"))
+warm_up(scenario, read_roadmap(str(scenario.sumo.net)), Physics(0.1, False, 3.0))
+"""
+# By default each of these is compiled before the first decision, and what they call where the ego of the trial does not come to it.
+NEEDED = {
+    "cost": """
+        _before_sign _behind _gap_ahead _gap_behind _headway _leaves _near _nearness _swept _to_leaving
+        _to_sign _too_slow _touch _urgent leads_nowhere meet step_comfort step_own step_passability terminal
+    """,
+    "ego": """
+        _cap _move _moved _next_speed _to_line _towards_line _turned advance follow_accel is_closed pose_of
+        within_step
+    """,
+    "geometry": "boxes_touch chord point_at point_on swung",
+    "krauss": "safe_speed",
+    "local": """
+        _fill_ahead _fill_upstream _find_duties _followers apart chain_gap follows index_at keep_state
+        kept_state
+    """,
+    "others": "_follow _free _halt _leader _rank _red_accel _step_all _to_sign _yield_accel",
+    "paths": "_agreement _beside _find_conflicts _leading_on _likely _turn_worth",
+    "poses": "_lane_at _place _place_on_path _point",
+    "route": "_fill_caps _fill_poses lane_pose",
+    "tree": """
+        _action_of _back_up _continuation _expand _known _needed_side _plant _rollout _select _spent _store
+        _trace_back copy_pairs entry_of replay search side_of simulate
+    """,
+}
+
+
+def test_by_default_just_so_much_is_compiled(tmp_path: Path) -> None:
+    """A kernel more costs a quarter of a second of the first minute: it is to be noticed."""
+    done = subprocess.run(
+        [sys.executable, "-c", NAMES], capture_output=True, text=True, check=True, env={**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
+    )
+    assert sorted(done.stdout.split()) == sorted(f"{module}.{name}" for module, names in NEEDED.items() for name in names.split())
+
+
+def _functions(module: ModuleType) -> Iterator[FunctionType]:
+    """The functions of a module that are plain Python, those of its classes too."""
+    for found in vars(module).values():
+        within = vars(found).values() if inspect.isclass(found) else [found]
+        yield from (each for each in within if isinstance(each, FunctionType) and each.__module__ == module.__name__)
+
+
+# Python calls these a few times a decision: what that takes as plain Python is nothing beside their compilation.
+CHEAP = {
+    "advance", "begin_change", "box_distance", "can_change", "entry_of", "follow_accel", "lane_pose", "may_change",
+    "place_is_free", "pose_of", "side_of", "step_comfort",
+}  # fmt: skip
+
+
+def _names(code: CodeType) -> set[str]:
+    """The names of what is around that a function uses, also within comprehensions."""
+    inner = (each for each in code.co_consts if isinstance(each, CodeType))
+    return set(code.co_names).union(*map(_names, inner))
+
+
+def test_python_calls_no_kernel_that_runs_as_plain_python_but_the_cheap_ones() -> None:
+    rooms = [room.name for room in pkgutil.walk_packages(sumo_mcts.__path__, "sumo_mcts.") if room.name != "sumo_mcts.__main__"]
+    functions = [function for room in rooms for function in _functions(importlib.import_module(room))]
+    called = {name for function in functions for name in _names(function.__code__) if isinstance(function.__globals__.get(name), kernel.Part)}
+    assert len(functions) > 500
+    assert called == CHEAP
+
+
+# --- what is said ---
+
+
+def test_where_nobody_listens_standard_error_is_told_once(toys: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sumo_mcts.model.announce._said", set())
+    toys.total(VALUES, SHORT)
+    assert capsys.readouterr().err == f"sumo-mcts: {COMPILING}\n"
+    with unannounced():
+        toys.counted(4)
+    assert capsys.readouterr().err == ""
+
+
+def test_waiting_is_said_after_a_while() -> None:
+    said: list[str] = []
+    teller = Teller(said.append)
+    teller.waits(0.5)
+    teller.waits(5.2)
+    assert said == [f"{WAITING}  5 s"]
+
+
+def test_of_a_plan_it_is_said_how_far_it_is() -> None:
+    said: list[str] = []
+    teller = Teller(said.append)
+    teller.plans((7, 90))
+    teller.compiles()
+    assert said == [f"{COMPILING}  7 of 90 kernels"]
+
+
+def test_that_other_processes_compile_is_seen_from_what_they_keep(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = iter([5, 5, 6, 8, 8])
+    now = iter([100.0, 100.5, 100.5, 101.0, 101.0, 104.0])
+    monkeypatch.setattr("time.monotonic", lambda: next(now))
+    growth = Growth(lambda: next(counts))
+    assert [growth.news() for _ in range(4)] == ["", f"{COMPILING}  1 kernels", f"{COMPILING}  3 kernels", ""]
+
+
+def test_while_a_worker_compiles_whoever_waits_for_it_is_told() -> None:
+    made, said = [0], list[str]()
+
+    def slow() -> int:
+        for _ in range(3):
+            made[0] += 1
+            time.sleep(0.4)
+        return 7
+
+    with ThreadPoolExecutor() as pool:
+        assert watched(pool.submit(slow), lambda: made[0], said.append) == 7
+    assert said
+    assert {line.partition("  ")[0] for line in said} == {COMPILING}
