@@ -14,7 +14,7 @@ from sumo_mcts import files
 MOST_BYTES = 1_000_000
 MOST_DEPTH = 40  # lists and mappings inside each other
 MOST_VALUES = 50_000  # what stands behind an alias counts as often as it is named
-MOST_DIGITS = 100  # of a number
+MOST_DIGITS = 1000  # of a number
 
 _TAG = "tag:yaml.org,2002:"
 _MERGE = f"{_TAG}merge"

@@ -51,6 +51,8 @@ def test_every_number_has_bounds(model: Any) -> None:
         ("planner.iterations=1.5", "planner.iterations: has to be a whole number, got 1.5"),
         ("planner.iterations=1000000000", "planner.iterations: has to be at most 1000000"),
         ("planner.iterations=99999999999999999999999999", "planner.iterations: has to be at most 1000000"),
+        (f"planner.iterations={10**400}", "planner.iterations: has to be "),
+        (f"cost.headway={10**400}", "cost.headway: has to be "),
         ("planner.look_ahead_steps=1000000000", "planner.look_ahead_steps: has to be at most 12"),
         ("planner.period_s=1e-300", "planner.period_s: has to be at least 0.01"),
         ("planner.period_s=true", "planner.period_s: has to be a number, got True"),

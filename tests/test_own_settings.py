@@ -48,3 +48,30 @@ def test_another_name_and_variables(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("SCEN", str(tmp_path))
     (tmp_path / "types.add.xml").write_text("<additional/>")
     assert row(tmp_path, '<additional-files value="${SCEN}/types.add.xml"/>', name="a.sumo.cfg")["outcome"] == "timeout"
+
+
+@pytest.mark.parametrize(("attribute", "value"), [("width", "inf"), ("length", "inf"), ("width", "1e9"), ("accel", "inf")])
+def test_a_vehicle_that_is_none(attribute: str, value: str, tmp_path: Path) -> None:
+    line = refused(tmp_path, ROUTES.format(parameters="").replace('id="mine"', f'id="mine" {attribute}="{value}"'))
+    assert "vehicle type of " in line and attribute in line
+
+
+@pytest.mark.parametrize("flow", ['number="99999999999"', 'number="inf"', 'period="exp(inf)"', 'period="exp(1e300)"', 'period="exp(nan)"'])
+def test_a_flow_without_end(flow: str, tmp_path: Path) -> None:
+    line = refused(tmp_path, ROUTES.format(parameters="").replace("</routes>", f'<flow id="f" begin="0" end="9" {flow} from="road" to="beyond"/></routes>'))
+    assert "route-files: " in line and "flow f: " in line
+
+
+def test_a_speed_that_is_none(tmp_path: Path) -> None:
+    line = refused(tmp_path, ROUTES.format(parameters="").replace('departSpeed="8"', 'departSpeed="nan"'))
+    assert "a.sumocfg: vehicle ego: SUMO tells no finite position and speed of it" in line
+
+
+def refused(folder: Path, routes: str) -> str:
+    """The line with which an episode with these routes is refused."""
+    (folder / "r.rou.xml").write_text(routes)
+    (folder / "a.sumocfg").write_text(f'<configuration><net-file value="{NET}"/><route-files value="r.rou.xml"/><step-length value="0.1"/></configuration>')
+    answer = CliRunner().invoke(app, ["run", str(folder / "a.sumocfg"), "--ego", "ego", "--planner", "constant", "--time-limit", "3", "--quiet"])
+    (line,) = answer.output.splitlines()
+    assert answer.exit_code == 2
+    return line

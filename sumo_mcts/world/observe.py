@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.scene import (
     GREEN,
     IGNORING,
@@ -61,6 +62,7 @@ class VehicleType(NamedTuple):
     articulated: bool  # SUMO's angle is that of the tractor
 
 
+MOST_SIZE = 2000.0  # m; trains are long
 _MEASURING = ("measures", "thresholds", "range", "extratime")  # of the SSM device
 
 
@@ -125,6 +127,7 @@ class Observer:
         get = self._libsumo.vehicle
         kind = self._type(vehicle)
         x, y = get.getPosition(vehicle)
+        _require_finite(vehicle, x, y, get.getSpeed(vehicle))
         heading = _heading(get.getAngle(vehicle))
         route = get.getRoute(vehicle)
         edges = tuple(self._edges.get(edge, -1) for edge in route[max(get.getRouteIndex(vehicle), 0) :])
@@ -192,6 +195,7 @@ class Observer:
         kind = self._type(vehicle)
         x, y, heading, lane, s = self._box(vehicle, px, py)
         v, a = get.getSpeed(vehicle), get.getAcceleration(vehicle)
+        _require_finite(vehicle, px, py, v)
         signals = get.getSignals(vehicle)
         return (
             vehicle, x, y, heading, v, a, self._smoothed(vehicle, a, time), kind.length, kind.width, lane, s, self._left * get.getLateralLanePosition(vehicle),
@@ -228,6 +232,7 @@ class Observer:
         get = self._libsumo.person
         v = get.getSpeed(person)
         length, width = max(get.getLength(person), 0.3), max(get.getWidth(person), 0.5)
+        _require_size(person, length, width)
         return (person, px, py, _heading(get.getAngle(person)), v, 0.0, 0.0, length, width, -1, 0.0, 0.0, 0, self._stood(person, v, time), True, PEDESTRIAN)
 
     def _stood(self, name: str, v: float, time: float) -> float:
@@ -251,10 +256,11 @@ class Observer:
             name = get.getVehicleClass(vehicle)
             vclass = VEHICLE_CLASSES.index(name) if name in VEHICLE_CLASSES else IGNORING
             kind = VehicleType(
-                within(get.getLength(vehicle), 0.1, 1000.0), within(get.getWidth(vehicle), 0.1, 100.0), within(get.getAccel(vehicle), 0.01, 100.0),
-                within(get.getDecel(vehicle), 0.01, 100.0), within(get.getEmergencyDecel(vehicle), 0.01, 100.0), within(get.getMaxSpeed(vehicle), 0.1, 1000.0),
-                within(get.getSpeedFactor(vehicle), 0.01, 10.0), vclass, "trailer" in get.getShapeClass(vehicle),
+                get.getLength(vehicle), get.getWidth(vehicle), get.getAccel(vehicle), get.getDecel(vehicle), get.getEmergencyDecel(vehicle),
+                get.getMaxSpeed(vehicle), get.getSpeedFactor(vehicle), vclass,
+                "trailer" in get.getShapeClass(vehicle),
             )  # fmt: skip
+            _require_sound(vehicle, kind)
             self._types[vehicle] = kind
         return kind
 
@@ -302,11 +308,6 @@ class Observer:
         return True
 
 
-def within(value: float, low: float, high: float) -> float:
-    """The number, or the bound beyond which it lies: SUMO takes vehicle types with any number in them, arithmetic does not. No number: the lower one."""
-    return min(max(value, low), high) if value == value else low  # noqa: PLR0124  # which tells NaN
-
-
 def departure(vehicle: str) -> float | None:
     """When a vehicle departed, s, which tells it from another one that has its id later; None: it is not there, on the road or between two in a teleport."""
     sumo = import_libsumo()
@@ -314,6 +315,27 @@ def departure(vehicle: str) -> float | None:
         return float(sumo.vehicle.getDeparture(vehicle))
     except sumo.TraCIException:
         return None
+
+
+def _require_sound(vehicle: str, kind: VehicleType) -> None:
+    """Raise ConfigError where a vehicle's type, which SUMO takes as it is, holds what nobody can compute with."""
+    _require_size(vehicle, kind.length, kind.width)
+    wrong = next((name for name, value in kind._asdict().items() if not math.isfinite(value)), None)
+    if wrong is not None:
+        raise ConfigError(f"vehicle type of {vehicle}: {wrong}: has to be a finite number")
+
+
+def _require_finite(vehicle: str, *state: float) -> None:
+    """Raise ConfigError where SUMO moves a vehicle by numbers that are none, which its files gave it."""
+    if not all(map(math.isfinite, state)):
+        raise ConfigError(f"vehicle {vehicle}: SUMO tells no finite position and speed of it; what its files say of its departure has to be numbers")
+
+
+def _require_size(name: str, length: float, width: float) -> None:
+    """Raise ConfigError where a vehicle or a person is larger than any."""
+    for what, value in (("length", length), ("width", width)):
+        if not 0.0 < value <= MOST_SIZE:
+            raise ConfigError(f"vehicle type of {name}: {what}: has to be greater than 0 and at most {MOST_SIZE:g} m, got {value:g}")
 
 
 PEDESTRIAN = VEHICLE_CLASSES.index("pedestrian")

@@ -10,6 +10,7 @@ from urllib.parse import unquote
 
 from sumo_mcts import files
 from sumo_mcts.config import ConfigError
+from sumo_mcts.world import flows
 
 _SYNONYMS = {
     "a": "additional-files", "additional": "additional-files", "abs-rand": "random", "b": "begin", "B": "breakpoints", "c": "configuration-file",
@@ -166,23 +167,23 @@ def require_file(path: Path, where: str, *, xml: bool) -> None:
     why = files.problem(path)
     if not why and xml:
         known = path.stat()
-        why = _not_xml(path, known.st_mtime_ns, known.st_size)
+        why = _unbearable(path, known.st_mtime_ns, known.st_size)
     if why:
         raise ConfigError(f"{where}: {path}: {why}")
 
 
 @lru_cache(maxsize=256)
-def _not_xml(path: Path, changed: int, size: int) -> str:
-    """Why a file, packed or not, is no XML, is damaged or cut off, or holds nothing but repetitions; "" where nothing is wrong. `changed` and `size` (bytes):
-    for the cache."""
+def _unbearable(path: Path, changed: int, size: int) -> str:
+    """Why a file, packed or not, is no XML, is damaged or cut off, holds nothing but repetitions, or a flow without end; "" where nothing is wrong. `changed`
+    and `size` (bytes): for the cache."""
     try:
         files.xml_root(path)
         files.require_whole(path, max(LEAST_UNPACKED, MOST_PACKED * size))
+        return flows.problem(path)
     except OSError as error:
         return error.strerror or str(error)
     except ValueError as error:
         return f"not a readable XML file ({error})"
-    return ""
 
 
 def _split(word: str) -> tuple[list[str], str | None]:
