@@ -1,6 +1,6 @@
 """Reads YAML of which nothing is known: bounded in size, depth and number of values, and only what JSON could say too.
 
-Keys are texts, taken as they are written (so `on` is no truth value), and none is given twice in a mapping.
+Keys are texts (`on` is one and no truth value), and none is given twice in a mapping.
 """
 
 import re
@@ -147,8 +147,8 @@ def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[str, Any]:
     own: dict[str, Any] = {}
     merged: dict[str, Any] = {}
     for key, value in node.value:
-        if not isinstance(key, yaml.ScalarNode):
-            raise _wrong(key.start_mark, "a key has to be a text")
+        if not _is_text(key):
+            raise _wrong(key.start_mark, f"{key.value!s:.40}: a key has to be a text; write it in quotes" if key.id == "scalar" else "a key has to be a text")
         _require_unicode(key)
         if key.value in own or (key.tag == _MERGE and merged):
             raise _wrong(key.start_mark, f"{key.value}: given twice")
@@ -157,6 +157,13 @@ def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[str, Any]:
         else:
             own[key.value] = _value(loader, value)
     return {**merged, **own}
+
+
+def _is_text(key: yaml.Node) -> bool:
+    """Whether a key is a text; what YAML 1.1 alone takes for a truth value (on, off, yes, no) is one too."""
+    if not isinstance(key, yaml.ScalarNode):
+        return False
+    return key.tag in {f"{_TAG}str", *_TEXTS} or (key.tag == f"{_TAG}bool" and key.value.lower() not in ("true", "false"))
 
 
 def _merged(loader: _Loader, node: yaml.Node) -> dict[str, Any]:

@@ -61,7 +61,8 @@ def _bases() -> Iterator[Path]:
         yield named / NAME
     else:
         with suppress(RuntimeError):  # a user without a home
-            yield Path.home() / ".cache" / NAME
+            if Path.home().is_dir():  # else root would make one
+                yield Path.home() / ".cache" / NAME
     own = _temporary() / (f"{NAME}-{os.getuid()}" if hasattr(os, "getuid") else NAME)
     with suppress(OSError):
         own.mkdir(mode=0o700, exist_ok=True)

@@ -172,6 +172,7 @@ WRONG = {
     "scenario number": ("name: x\nscenarios: [3]\n", "scenarios.0: has to be a mapping of keys, got 3"),
     "variants list": (SCENES + "variants: [a]\n", "variants: has to be a mapping of keys, got ['a']"),
     "variant number": (SCENES + "variants: {a: 3}\n", "variants.a: has to be a mapping of keys, got 3"),
+    "variant named by a number": (SCENES + "variants: {3: {}}\n", "not valid YAML: line 3, column 12: 3: a key has to be a text; write it in quotes"),
     "variant named by a list": (SCENES + "variants: {? [3] : {}}\n", "not valid YAML: line 3, column 14: a key has to be a text"),
     "section number": (SCENES + "variants: {a: {planner: 3}}\n", "variants.a: planner: has to be a mapping of keys, got 3"),
     "sweep number": (SCENES + "sweep: {planner.iterations: 3}\n", "sweep.planner.iterations: has to be a list, got 3"),

@@ -45,6 +45,10 @@ def test_it_lies_in_the_cache_folder_and_is_the_users_alone(own: Path) -> None:
 
 def test_without_a_named_cache_folder_it_lies_in_the_home(own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(own / "home"))
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    assert folder_for("key", _quiet) != own / "home" / ".cache" / "sumo_mcts" / "kernels-key"  # a home that there is not is not made
+    assert not (own / "home").exists()
+    (own / "home").mkdir()
     for ignored in ("", "relative/cache"):
         monkeypatch.setenv("XDG_CACHE_HOME", ignored)
         assert folder_for("key", _quiet) == own / "home" / ".cache" / "sumo_mcts" / "kernels-key"
@@ -260,12 +264,19 @@ def test_a_process_that_holds_the_lock_too_long_stops_nobody(file: Path, monkeyp
     assert one.read() is None
 
 
+HOLDER = """
+import sys, time
+from pathlib import Path
+from sumo_mcts.model.kept import Kept
+one = Kept(Path(sys.argv[1]))
+one.take(print)
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
 def test_the_lock_of_a_process_that_was_killed_is_free(file: Path) -> None:
-    program = (
-        "import sys, time, pathlib; from sumo_mcts.model.kept import Kept; k = Kept(pathlib.Path(sys.argv[1])); k.take(print); "
-        "print('held', flush=True); time.sleep(60)"
-    )
-    with subprocess.Popen([sys.executable, "-c", program, str(file)], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen([sys.executable, "-c", HOLDER, str(file)], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "held\n"
         assert Kept(file).is_taken()

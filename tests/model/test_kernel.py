@@ -24,8 +24,11 @@ from sumo_mcts.model.kept import NOTHING_KEPT, Kept
 pytestmark = pytest.mark.skipif(kernel.is_plain(), reason="nothing is compiled")
 
 SOURCE = """
+import os, time
 from sumo_mcts.model.kernel import entry, kernel, lengthy, making_arrays
 import numpy as np
+
+time.sleep(float(os.environ.get("IMPORT_S", 0)))
 
 @kernel
 def smallest(a, b):
@@ -292,6 +295,41 @@ def test_a_helper_that_cannot_start_or_fails_is_done_without(toys: ModuleType, m
     prepare.prepare(lambda: _anew(monkeypatch).total(VALUES, SHORT + 1))
 
 
+KILLED = """
+import os, sys
+from pathlib import Path
+from sumo_mcts.model import kernel, prepare
+import numpy as np, toys
+kernel.keep_in(Path(sys.argv[1]))
+prepare.FEW = 0
+os.environ["IMPORT_S"] = "60"  # for the other process
+made = prepare._helper
+def told():
+    helper = made()
+    print(helper.pid, flush=True)
+    return helper
+prepare._helper = told
+toys.total.compile = lambda _: sys.stdin.read()
+prepare.prepare(lambda: toys.total(np.ones(3), np.ones(1, np.int32)))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system tells processes of their parent's death")
+def test_the_helper_dies_with_the_process_that_it_helps(toys: ModuleType, tmp_path: Path, kept_in: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    command = [sys.executable, "-c", KILLED, str(kept_in)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout is not None
+        helper = Path("/proc") / process.stdout.readline().strip()
+        assert helper.is_dir()
+        time.sleep(0.5)
+        process.kill()
+    until = time.monotonic() + 20.0
+    while helper.is_dir() and "Z" not in (helper / "stat").read_text().split()[2] and time.monotonic() < until:
+        time.sleep(0.1)
+    assert time.monotonic() < until
+
+
 NAMES = """
 from sumo_mcts import assets, config
 from sumo_mcts.driver import Physics, warm_up
@@ -346,8 +384,8 @@ def _functions(module: ModuleType) -> Iterator[FunctionType]:
 
 # Python calls these a few times a decision: what that takes as plain Python is nothing beside their compilation.
 CHEAP = {
-    "advance", "begin_change", "box_distance", "can_change", "entry_of", "follow_accel", "lane_pose", "may_change",
-    "place_is_free", "pose_of", "side_of", "step_comfort",
+    "advance", "begin_change", "box_distance", "can_change", "entry_of", "follow_accel", "lane_pose", "may_change", "place_is_free", "pose_of", "side_of",
+    "step_comfort",
 }  # fmt: skip
 
 
@@ -358,7 +396,7 @@ def _names(code: CodeType) -> set[str]:
 
 
 def test_python_calls_no_kernel_that_runs_as_plain_python_but_the_cheap_ones() -> None:
-    rooms = [room.name for room in pkgutil.walk_packages(sumo_mcts.__path__, "sumo_mcts.") if room.name != "sumo_mcts.__main__"]
+    rooms = [room.name for room in pkgutil.walk_packages(sumo_mcts.__path__, "sumo_mcts.") if room.name not in ("sumo_mcts.__main__", "sumo_mcts.gym")]
     functions = [function for room in rooms for function in _functions(importlib.import_module(room))]
     called = {name for function in functions for name in _names(function.__code__) if isinstance(function.__globals__.get(name), kernel.Part)}
     assert len(functions) > 500
@@ -414,3 +452,24 @@ def test_while_a_worker_compiles_whoever_waits_for_it_is_told() -> None:
         assert watched(pool.submit(slow), lambda: made[0], said.append) == 7
     assert said
     assert {line.partition("  ")[0] for line in said} == {COMPILING}
+
+
+def test_help_loads_nothing_that_takes_long() -> None:
+    program = (
+        "import sys; from sumo_mcts.cli import status; status(); print([m for m in ('numba', 'numpy', 'sumo_mcts.config', 'libsumo') if m in sys.modules])"
+    )
+    for words in ([], ["run"]):
+        done = subprocess.run([sys.executable, "-c", program, *words, "--help"], capture_output=True, text=True, check=True)
+        assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.slow
+def test_a_run_without_a_home_keeps_what_it_compiles_in_the_temporary_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "tmp").mkdir(mode=0o700)
+    homes = {"HOME": str(tmp_path / "file" / "home"), "XDG_CACHE_HOME": str(tmp_path / "file" / "cache"), "TMPDIR": str(tmp_path / "tmp")}
+    command = [sys.executable, "-m", "sumo_mcts", "run", "straight-line", "--planner", "constant", "--seed", "1"]
+    first, again = (subprocess.run(command, capture_output=True, text=True, check=True, env={**os.environ, **homes}) for _ in range(2))
+    assert COMPILING in first.stderr
+    assert COMPILING not in again.stderr
+    assert [path.name for path in (tmp_path / "tmp").iterdir()] == [f"sumo_mcts-{os.getuid()}"]

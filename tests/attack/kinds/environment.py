@@ -8,10 +8,10 @@ SEARCH = ("run", "good.yaml", "--planner", "mcts", "--iterations", "20", "--json
 COMPILING_S = 240.0  # where no compiled kernels are found
 
 VARIABLES: dict[str, tuple[str | None, ...]] = {
-    "HOME": (None, "", "/nowhere", "/dev/null", "a\nb", "relative", "/proc", "x" * 3000),
+    "HOME": (None, "", "/proc/nowhere", "/dev/null", "a\nb", "relative", "/proc", "x" * 3000),
     "XDG_CACHE_HOME": ("", "relative", "a\nb", "~"),
-    "TMPDIR": ("/nowhere", "/dev/null", "", "relative"),
-    "SUMO_HOME": (None, "", "/nowhere", "/dev/null", "a\nb", "."),
+    "TMPDIR": ("/proc/nowhere", "/dev/null", "", "relative"),
+    "SUMO_HOME": (None, "", "/proc/nowhere", "/dev/null", "a\nb", "."),
     "DISPLAY": ("", ":99", "nowhere:0", "a\nb"),
     "COLUMNS": ("", "0", "-1", "1", "x", "99999999999", "1e9"),
     "LINES": ("0", "x"),
@@ -22,15 +22,15 @@ VARIABLES: dict[str, tuple[str | None, ...]] = {
     "NO_COLOR": ("", "1"),
     "FORCE_COLOR": ("", "1", "x"),
     "TZ": ("", "x", "Nowhere/Town", "UTC+99"),
-    "PATH": ("", "/nowhere"),
+    "PATH": ("", "/proc/nowhere"),
     "MPLBACKEND": ("x", "TkAgg"),
-    "MPLCONFIGDIR": ("/nowhere/x", "/dev/null"),
-    "PROJ_LIB": ("/nowhere",),
+    "MPLCONFIGDIR": ("/proc/nowhere/x", "/dev/null"),
+    "PROJ_LIB": ("/proc/nowhere",),
     "SOURCE_DATE_EPOCH": ("x", "-1"),
 }
 COMPILER: dict[str, tuple[str, ...]] = {
-    "XDG_CACHE_HOME": ("/nowhere/x", "/dev/null/x", "/proc/x"),
-    "NUMBA_CACHE_DIR": ("/nowhere/x", "/dev/null"),
+    "XDG_CACHE_HOME": ("/proc/nowhere/x", "/dev/null/x", "/proc/x"),
+    "NUMBA_CACHE_DIR": ("/proc/nowhere/x", "/dev/null"),
     "NUMBA_NUM_THREADS": ("0", "x", "99999"),
     "NUMBA_THREADING_LAYER": ("x",),
     "NUMBA_DISABLE_JIT": ("x",),
