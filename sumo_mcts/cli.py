@@ -14,7 +14,7 @@ import typer
 
 from sumo_mcts import ending
 from sumo_mcts.ending import FAILED, INVALID, OK
-from sumo_mcts.errors import ConfigError
+from sumo_mcts.errors import ConfigError, printable
 from sumo_mcts.supervisor import results_are_out, supervised
 
 if TYPE_CHECKING:
@@ -257,7 +257,7 @@ def _list_recorded(folder: Path, as_json: bool) -> None:
         typer.echo(json.dumps([choice._asdict() for choice in found]))
         return
     typer.echo(f"Recorded episodes of {folder} (--episode KEY):")
-    typer.echo("\n".join(f"  {choice.key:60s} {choice.outcome}".rstrip() for choice in found))
+    typer.echo("\n".join(f"  {printable(choice.key):60s} {printable(choice.outcome)}".rstrip() for choice in found))
 
 
 # ---
@@ -310,7 +310,7 @@ class _BatchVoice:
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-            columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
+            columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}", markup=False))
             self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
             self._bar.start()
             self._task = self._bar.add_task("", total=None)
@@ -476,7 +476,7 @@ def _list_candidates(scenario: str, seed: int | None, sumo_options: tuple[str, .
         return
     typer.echo(f"Vehicles of {scenario} that could be the ego (--ego ID, or --ego any):" if found else f"{scenario}: no vehicle departs")
     for c in found:
-        typer.echo(f"  {c.id:30s} {c.vclass:12s} departs {c.depart_s:9.1f} s  {c.edges:4d} edges {c.length_m:8.0f} m  {c.why_not}")
+        typer.echo(f"  {printable(c.id):30s} {c.vclass:12s} departs {c.depart_s:9.1f} s  {c.edges:4d} edges {c.length_m:8.0f} m  {c.why_not}")
     if len(found) == commands.LISTED:
         typer.echo("  (the first that depart; --ego takes any other id too)")
 
@@ -494,9 +494,10 @@ class _Voice:
             yield _nothing
         elif sys.stderr.isatty():
             from rich.console import Console
+            from rich.text import Text
 
             with Console(stderr=True).status(what) as status:
-                yield status.update
+                yield lambda text: status.update(Text(printable(text)))  # ids may look like markup
         else:
             said: set[str] = set()
 

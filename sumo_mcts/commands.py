@@ -625,7 +625,7 @@ def _summary(row: dict[str, Any]) -> str:
 
     fault = "" if row["at_fault"] is None else ", at fault" if row["at_fault"] else ", not at fault"
     head = [
-        f"{row['scenario']}  ego {row['ego']}  planner {row['variant']}  seed {show(row['seed'])}",
+        f"{row['scenario']}  ego {printable(row['ego'])}  planner {row['variant']}  seed {show(row['seed'])}",
         f"  outcome      {row['outcome']}{fault}" + (f": {row['error']}" if row["error"] else ""),
     ]
     if row["free_flow_s"] is None:  # it was never on its way
