@@ -17,6 +17,7 @@ from sumo_mcts import assets, config, files, records, run_key
 from sumo_mcts.config import MOST_SEED, ConfigError, ScenarioConfig
 from sumo_mcts.driver import cost_params, make_planner, make_predictor
 from sumo_mcts.episode import EpisodeResult, check_edges, open_episode
+from sumo_mcts.errors import printable
 from sumo_mcts.experiments import drive, workers
 from sumo_mcts.experiments import folder as batch_folder
 from sumo_mcts.experiments.batch import SHARDS, Progress, built_in, listed, run_batch, tried
