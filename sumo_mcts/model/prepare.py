@@ -51,7 +51,7 @@ def prepare(use: Callable[[], object]) -> None:
         with kernel.tried(trial.run), np.errstate(all="ignore"):  # as compiled code does
             use()
     finally:
-        tasks = trial.tasks()
+        tasks = [task for task in trial.tasks() if not task.is_done()]
         with _assisted(tasks), _no_collection():
             _work_off(tasks)
         for task in tasks:
