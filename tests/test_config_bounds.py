@@ -129,11 +129,8 @@ def test_entries_whose_id_is_no_text(tmp_path: Path) -> None:
         load(path)
 
 
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=10), inner, max_size=4),
-    max_leaves=12,
-)
+SCALAR = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20)
+JSON: st.SearchStrategy[object] = st.deferred(lambda: SCALAR | st.lists(JSON, max_size=3) | st.dictionaries(st.text(max_size=10), JSON, max_size=3))
 KEYS = sorted(key for section in json_schema()["$defs"].values() for key in section.get("properties", {}))
 
 

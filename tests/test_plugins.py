@@ -77,7 +77,7 @@ def episode(folder: Path, *words: str) -> dict[str, Any]:
 @pytest.mark.slow
 def test_the_worked_example_drives(examples: Path) -> None:
     row = episode(examples, "scene.yaml", "--out", "out", "--set", "traffic.vary=0")
-    assert (row["outcome"], row["planner"], row["prediction"], row["variant"]) == ("arrived", "steady", "lively", "steady-lively")
+    assert (row["outcome"], row["planner"], row["prediction"], row["variant"]) == ("arrived", "steady", "lively", "steady-lively-traffic.vary-0.0")
     assert row["failsafe_interventions"] == 0
     manifest = json.loads((examples / "out" / "manifest.json").read_text())
     package = {"name": "courteous", "version": "0.1"}

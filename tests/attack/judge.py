@@ -142,6 +142,8 @@ def _end_all(mark: str) -> tuple[str, ...]:
     for pid in left:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
+    while left and running(mark):
+        time.sleep(0.01)
     return tuple(left.values())
 
 
