@@ -1,5 +1,6 @@
-"""What is said while kernels are compiled: nobody is to wait a quarter of a minute without a word."""
+"""What is said while kernels are compiled: that takes a quarter of a minute."""
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -64,7 +65,7 @@ _tellers = [Teller(_to_stderr)]  # the last one tells
 
 
 def teller() -> Teller:
-    """Tells whoever listens now; where there is nobody, standard error, and once."""
+    """The one that tells now; where no note is given, standard error is told, and once."""
     return _tellers[-1]
 
 
@@ -92,12 +93,12 @@ def _told_by(one: Teller) -> Iterator[None]:
 
 
 class Growth:
-    """Sees from the number of kept kernels whether kernels are being compiled, in whichever process."""
+    """Sees from the number of kept kernels whether any process is compiling."""
 
     def __init__(self, count: Callable[[], int]) -> None:
         self._count = count
         self._first = self._last = count()
-        self._grown_at = -PATIENCE_S
+        self._grown_at = -math.inf
 
     def news(self) -> str:
         """What to say of it; "" where nothing is being compiled."""

@@ -36,7 +36,7 @@ def folder_for(key: str, note: Note) -> Path | None:
     for base in _bases():
         folder = base / f"kernels-{key}"
         with suppress(OSError):
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            _make(folder)
             if is_ours(folder):
                 return folder
     return _passing(note)
@@ -52,6 +52,13 @@ def is_ours(folder: Path) -> bool:
         return alone and os.access(folder, os.W_OK | os.X_OK) and _is_safe_way(folder.parent)
     except OSError:
         return False
+
+
+def _make(folder: Path) -> None:
+    """Make a folder, and those that are missing on the way, for this user alone."""
+    if not folder.parent.exists():
+        _make(folder.parent)
+    folder.mkdir(mode=0o700, exist_ok=True)
 
 
 def _bases() -> Iterator[Path]:
@@ -94,7 +101,7 @@ def _remove(folder: Path, process: int) -> None:
 
 
 def _is_safe_way(folder: Path) -> bool:
-    """Whether every folder and link on the way belongs to this user or root, and nobody else can replace what lies in it. Raises OSError."""
+    """Whether every folder and link on the way belongs to this user or root, and no other user can replace what lies in it. Raises OSError."""
     here, todo, links = Path(folder.anchor), list(folder.parts[:0:-1]), 0
     while todo:
         if not _is_safe(here.lstat()):
@@ -123,8 +130,8 @@ def _is_safe(state: os.stat_result) -> bool:
 
 
 class Kept:
-    """Something that one process makes and all may read: a file, which is its lock too. It holds a digest, then the content; where nothing is kept, or
-    whoever made it was interrupted, it is empty."""
+    """Something that one process makes and all may read: a file, which is its lock too. It holds a digest, then the content; it is empty where nothing is
+    kept, or the process was interrupted."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -140,9 +147,9 @@ class Kept:
         return None
 
     def is_there(self) -> bool:
-        """Whether something was written, and is not being written now."""
+        """Whether something was written, is whole, and is not being written now."""
         with suppress(OSError):
-            return self._path.stat().st_size > 0 and not self.is_taken()
+            return self._path.stat().st_size > 0 and not self.is_taken() and self.read() is not None
         return False
 
     def is_taken(self) -> bool:

@@ -51,9 +51,10 @@ def prepare(use: Callable[[], object]) -> None:
         with kernel.tried(trial.run), np.errstate(all="ignore"):  # as compiled code does
             use()
     finally:
-        tasks = [task for task in trial.tasks() if not task.is_done()]
-        with _assisted(tasks), _no_collection():
-            _work_off(tasks)
+        tasks = trial.tasks()
+        missing = [task for task in tasks if not task.is_done()]
+        with _assisted(missing), _no_collection():
+            _work_off(missing)
         for task in tasks:
             if not isinstance(task.kernel, Part):
                 task.kernel.compile(task.wanted)  # loaded, unless the other process failed

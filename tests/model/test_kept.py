@@ -43,6 +43,15 @@ def test_it_lies_in_the_cache_folder_and_is_the_users_alone(own: Path) -> None:
     assert is_ours(folder)
 
 
+def test_folders_that_it_makes_are_closed_to_the_group_whatever_the_habit(own: Path) -> None:
+    before = os.umask(0o002)
+    try:
+        assert folder_for("key", _quiet) == own / "cache" / "sumo_mcts" / "kernels-key"
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((own / "cache").stat().st_mode) == 0o700
+
+
 def test_without_a_named_cache_folder_it_lies_in_the_home(own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(own / "home"))
     monkeypatch.setenv("XDG_CACHE_HOME", "")

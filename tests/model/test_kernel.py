@@ -239,6 +239,19 @@ def test_what_is_kept_is_not_compiled_however_much_of_it_is_used(toys: ModuleTyp
     assert len(again.total.signatures) == 1
 
 
+@pytest.mark.parametrize("damaged", ["toys.*", "toys.total-*", "toys.smallest-*"])
+def test_what_is_damaged_is_prepared_anew(toys: ModuleType, kept_in: Path, damaged: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As far as it is needed: what is part of another kernel is not asked for."""
+    toys.total(VALUES, SHORT)
+    for file in kept_in.glob(damaged):
+        file.write_bytes(file.read_bytes()[:-5])
+    again = _anew(monkeypatch)
+    said = _said(lambda: prepare.prepare(lambda: again.total(VALUES, SHORT)))
+    assert len(said) == {"toys.*": 5, "toys.total-*": 1, "toys.smallest-*": 0}[damaged]
+    assert all(Kept(file).is_there() for file in kept_in.glob("toys.total-*"))
+    assert again.total(VALUES, SHORT) == pytest.approx(6.5)
+
+
 def test_an_interrupted_compilation_goes_on_where_it_was(toys: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(line: str) -> None:
         if "5 kernels" in line:
