@@ -44,13 +44,15 @@ def supervised(command: Command) -> int:
     """The exit status of a command that runs in a child process, or in this one where that is impossible or DEBUG is set."""
     if not hasattr(signal, "sigtimedwait") or os.environ.get(DEBUG):
         return command()
+    watched = {signal.SIGCHLD, *_watched()}
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, watched)  # from now on they wait for us
     _open_standard_files()
     try:
         scratch = Path(tempfile.mkdtemp(prefix="sumo_mcts-"))
     except OSError as error:
         return _say_failed(f"{error.filename or 'temporary folder'}: {error.strerror or error}")
     try:
-        return _forked(command, scratch)
+        return _forked(command, scratch, watched, mask)
     except OSError as error:  # no room for a process
         return _say_failed(f"cannot start a process: {error.strerror}")
     finally:
@@ -156,12 +158,11 @@ def _open_standard_files() -> None:
     os.close(number)
 
 
-def _forked(command: Command, scratch: Path) -> int:
+def _forked(command: Command, scratch: Path, watched: set[int], mask: set[int | signal.Signals]) -> int:
+    """The exit status of a command in a child; the signals `watched` are blocked here, as `mask` tells they were before."""
     reading, writing = os.pipe()
     os.set_blocking(reading, False)
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # else a caller that ignores it would cost us the child's status
-    watched = {signal.SIGCHLD, *_watched()}
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, watched)
     child = os.fork()
     if child == 0:
         os.close(reading)

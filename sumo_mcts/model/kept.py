@@ -13,6 +13,8 @@ from pathlib import Path
 
 try:
     import fcntl
+    import grp
+    import pwd
 except ImportError:  # not on Windows
     fcntl = None  # type: ignore[assignment]
 
@@ -23,7 +25,6 @@ MOST_LINKS = 40  # on the way to a folder, as many as Linux follows
 POLL_S = 0.05  # between two looks whether another process is done
 LONGEST_WAIT_S = 120.0  # for what another process compiles: one that is stopped must not stop others
 _DIGEST = hashlib.sha256().digest_size
-_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 Note = Callable[[str], object]
 
@@ -48,7 +49,7 @@ def is_ours(folder: Path) -> bool:
         return True
     try:
         state = folder.lstat()
-        alone = stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and not state.st_mode & _OTHERS_WRITE
+        alone = stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and not _others_write(state)
         return alone and os.access(folder, os.W_OK | os.X_OK) and _is_safe_way(folder.parent)
     except OSError:
         return False
@@ -120,9 +121,23 @@ def _is_safe_way(folder: Path) -> bool:
     return _is_safe(here.lstat())
 
 
+def _others_write(state: os.stat_result) -> bool:
+    """Whether other users may write to a file or folder. A group of this user alone, as many systems give each user one, is no other."""
+    by_group = state.st_mode & stat.S_IWGRP and not _is_of_user_alone(state.st_gid)
+    return bool(state.st_mode & stat.S_IWOTH or by_group)
+
+
+def _is_of_user_alone(group: int) -> bool:
+    try:
+        known, user = grp.getgrgid(group), pwd.getpwuid(os.getuid())
+    except KeyError:
+        return False
+    return known.gr_name == user.pw_name and user.pw_gid == group and set(known.gr_mem) <= {user.pw_name}
+
+
 def _is_safe(state: os.stat_result) -> bool:
     """Of a folder: with the sticky bit, as /tmp has it, others may add files but not replace ours."""
-    open_to_others = state.st_mode & _OTHERS_WRITE and not state.st_mode & stat.S_ISVTX
+    open_to_others = _others_write(state) and not state.st_mode & stat.S_ISVTX
     return stat.S_ISDIR(state.st_mode) and state.st_uid in (0, os.getuid()) and not open_to_others
 
 

@@ -1,7 +1,9 @@
 """The folder of compiled kernels, and its files."""
 
 import errno
+import grp
 import os
+import pwd
 import signal
 import stat
 import subprocess
@@ -94,10 +96,22 @@ def _is_circle(own: Path) -> None:
 
 
 @pytest.mark.parametrize("spoil", [_is_file, _is_open_to_others, _is_open_to_the_group, _is_link_of_its_own, _is_link_into_an_open_folder, _is_circle])
-def test_where_the_cache_folder_is_no_good_it_lies_in_one_of_the_users_own_in_the_temporary_folder(own: Path, spoil: Callable[[Path], None]) -> None:
+def test_where_the_cache_folder_is_no_good_it_lies_in_one_of_the_users_own_in_the_temporary_folder(
+    own: Path, spoil: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(grp, "getgrgid", lambda group: grp.struct_group(("staff", "x", group, ["somebody"])))
     spoil(own)
     assert folder_for("key", _quiet) == _fallback(own)
     assert stat.S_IMODE(_fallback(own).parent.stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize(("name", "members", "ours"), [("me", [], True), ("me", ["me"], True), ("me", ["me", "her"], False), ("staff", [], False)])
+def test_a_group_of_this_user_alone_may_write(name: str, members: list[str], ours: bool, own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in the homes of systems that give each user a group."""
+    _is_open_to_the_group(own)
+    monkeypatch.setattr(grp, "getgrgid", lambda group: grp.struct_group((name, "x", group, members)))
+    monkeypatch.setattr(pwd, "getpwuid", lambda user: pwd.struct_passwd(("me", "x", user, own.stat().st_gid, "", str(own), "")))
+    assert is_ours(own / "cache" / "sumo_mcts" / "kernels-key") == ours
 
 
 def test_a_home_that_does_not_exist(own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,7 +157,7 @@ def test_a_link_that_somebody_else_made_is_not_followed(own: Path, monkeypatch: 
     assert folder_for("key", _quiet) == _fallback(own)
 
 
-@pytest.mark.parametrize("mode", [0o777, 0o770, None])
+@pytest.mark.parametrize("mode", [0o777, 0o702, None])
 def test_where_somebody_was_there_first_the_folder_is_this_processs_alone(own: Path, mode: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the temporary folder anybody can make a folder with our name."""
     monkeypatch.setattr("tempfile.tempdir", str(own))
