@@ -42,11 +42,11 @@ Command = Callable[[], int]
 
 def supervised(command: Command) -> int:
     """The exit status of a command that runs in a child process, or in this one where that is impossible or DEBUG is set."""
+    _open_standard_files()
     if not hasattr(signal, "sigtimedwait") or os.environ.get(DEBUG):
         return command()
     watched = {signal.SIGCHLD, *_watched()}
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, watched)  # from now on they wait for us
-    _open_standard_files()
     try:
         scratch = Path(tempfile.mkdtemp(prefix="sumo_mcts-"))
     except OSError as error:
@@ -152,10 +152,14 @@ def _leave(number: int) -> NoReturn:
 
 
 def _open_standard_files() -> None:
-    """Where standard input, output or error is closed, another file would get its number, and be written to by mistake."""
-    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
-        pass
-    os.close(number)
+    """Open those that are closed: else another file would get their number, and be written to by mistake. Reading finds nothing, what is written to standard
+    error is lost, and writing to standard output fails, as its reader is to know."""
+    for number, name, mode in ((0, "stdin", os.O_RDWR), (1, "stdout", os.O_RDONLY), (2, "stderr", os.O_RDWR)):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, mode)  # gets the lowest number that is free, which is this one
+            setattr(sys, name, os.fdopen(number, "r" if number == 0 else "w", closefd=False))
 
 
 def _forked(command: Command, scratch: Path, watched: set[int], mask: set[int | signal.Signals]) -> int:

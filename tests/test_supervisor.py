@@ -200,6 +200,15 @@ def test_closed_standard_files(closed: str, tmp_path: Path) -> None:
     assert (status, err) == (0, "")
 
 
+@pytest.mark.parametrize("words", ["scenarios --json", "run straight-line --planner constant --json --set episode.time_limit_s=1"])
+def test_a_closed_standard_output_is_status_1(words: str, tmp_path: Path) -> None:
+    assert command(f"sumo-mcts {words} >&-", tmp_path) == (1, "", "error: standard output: Bad file descriptor\n")
+
+
+def test_wrong_input_is_status_2_where_all_is_closed(tmp_path: Path) -> None:
+    assert command("sumo-mcts run nowhere.yaml <&- >&- 2>&-", tmp_path) == (2, "", "")
+
+
 def test_a_temporary_folder_that_is_none(tmp_path: Path) -> None:
     status, out, err = command("for k in TMPDIR TEMP TMP; do export $k=/nowhere; done; sumo-mcts scenarios --json > /dev/null", tmp_path)
     assert (status, out, err) == (0, "", "")  # Python falls back to others
