@@ -288,7 +288,7 @@ def _cycle_wrong(cycle: Any, name: str) -> Iterator[str]:
 
 
 def _beside_wrong(cycle: Any, name: str, road: RoadMap) -> Iterator[str]:
-    """A decision beside its map: by the table, its signals, and routes that are too long to be laid out."""
+    """A decision beside its map: by the table, its signals, and routes over edges without a lane, or too long to be laid out."""
     yield from _wrong(cycle, name, {"lanes": len(road.lane_ids), "edges": len(road.edge_ids)})
     yield from _cycle_wrong(cycle, name)
     links, lit = np.diff(cycle.signals.offset), np.flatnonzero(road.signal >= 0)
@@ -298,5 +298,6 @@ def _beside_wrong(cycle: Any, name: str, road: RoadMap) -> Iterator[str]:
         yield f"{name}.signals.offset: has fewer links than the map names"
     per_edge = np.bincount(road.edge, weights=road.length, minlength=len(road.edge_ids))
     for field, edges in (("ego.route", cycle.ego.route), ("memory.edges", cycle.memory.edges)):
+        yield from (f"{name}.{field}: no lane of the map belongs to edge {edge}" for edge in edges if edge >= 0 and not per_edge[edge])
         if sum(per_edge[edge] for edge in edges if edge >= 0) > ROUTE:
             yield f"{name}.{field}: has to be {ROUTE / 1000:,.0f} km of lanes at most"

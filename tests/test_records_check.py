@@ -173,6 +173,14 @@ def test_a_trace_beside_the_map_of_another_network_is_refused(result: EpisodeRes
         replan(trace, road, 4, recorded_config(trace.setting))
 
 
+def test_a_route_over_edges_to_which_no_lane_belongs_is_refused(result: EpisodeResult) -> None:
+    trace, road = result.traces[0], result.road
+    assert road is not None
+    one_edge = road._replace(edge=np.full_like(road.edge, trace.cycles[0].ego.route[0]))
+    with pytest.raises(TraceError, match=r"trace\.cycles\[0\]\.ego\.route: no lane of the map belongs to edge \d+; its map is maps/"):
+        records.require_fit(trace, one_edge)
+
+
 @pytest.mark.parametrize("column", ["trace/cycles/decision/command#tag", "trace/cycles/agents/ids#count", "trace/cycles/agents/x#shape"])
 @pytest.mark.parametrize("value", [-1, 99, 127])
 def test_counts_and_kinds_that_do_not_add_up_are_refused(column: str, value: int, copy: Path) -> None:
