@@ -28,6 +28,7 @@ WHOLE = (1, 1)  # the only shard
 SHARDS = "i/n with i from 1 to n, as in 2/8"  # what is allowed
 NEWS_S = 0.5  # between two words about the progress
 EPISODE_TIMEOUT_S = 3600.0  # of wall time, for an episode
+COMPILING_S = 120.0  # on top of it before the first episode
 
 _T = TypeVar("_T")
 
@@ -100,13 +101,13 @@ def run_batch(
         wanted = _manifest(plan, shard, command)
         manifest = _begun(out, wanted, fresh)
         if manifest is None:
-            egos = _prepared(plan, tell)
+            egos = _prepared(plan, tell, patience)
             found = _part(plan, egos, shard)
             started = {**wanted, "egos": egos, "rows": sum(len(episode.keys) for episode in found)}
             _kept(out, lambda: _begin(out, started, fresh))
         else:
             if not kept_kernels():
-                _prepared(plan, tell, manifest["egos"])
+                _prepared(plan, tell, patience, manifest["egos"])
             found = _part(plan, manifest["egos"], shard)
         with workers.local(count, patience) if scheduler is None else workers.cluster(scheduler) as crew:
             drive_one = drive.drive if scheduler is None else partial(drive.drive_within, patience)
@@ -120,7 +121,7 @@ def listed(
     plan = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins)
     wanted = _manifest(plan, shard, ())
     manifest = None if out is None else _begun(Path(out), wanted, fresh)
-    egos = _prepared(plan, _nobody, decide=False) if manifest is None else manifest["egos"]
+    egos = _prepared(plan, _nobody, EPISODE_TIMEOUT_S, decide=False) if manifest is None else manifest["egos"]
     found = _part(plan, egos, shard)
     done = set() if manifest is None or out is None else {row["key"] for row in folder.done(Path(out), found)}
     return [Listing(key, key in done) for episode in found for key in episode.keys]
@@ -290,9 +291,10 @@ def _begun(out: Path, wanted: Mapping[str, Any], fresh: bool) -> dict[str, Any] 
     return folder.begun(out, wanted)
 
 
-def _prepared(plan: Plan, tell: Watch, egos: Egos | None = None, decide: bool = True) -> Egos:
-    """The egos of each user's network, chosen unless they are given; the scenarios have been tried, up to a decision where asked. Raises ConfigError."""
-    with workers.local(1) as crew:
+def _prepared(plan: Plan, tell: Watch, patience_s: float, egos: Egos | None = None, decide: bool = True) -> Egos:
+    """The egos of each user's network, chosen unless they are given; the scenarios have been tried, up to a decision where asked. Raises ConfigError, and
+    BatchError where a step of that takes longer than an episode may (`patience_s`) and a compilation does."""
+    with workers.local(1, patience_s + COMPILING_S) as crew:
         chosen = _chosen(plan, crew, tell) if egos is None else egos
         _rehearse(plan, chosen, crew, tell, decide)
     return chosen
@@ -339,7 +341,11 @@ def _asked(plan: Plan, name: str, future: "Future[_T]", crew: Crew, tell: Watch)
     try:
         return watched(future, kept_kernels, lambda news: tell(_before(news)))
     except (ConfigError, crew.deaths) as error:
+        if getattr(error, "shortage", False):
+            raise _exhausted(name, error) from None
         raise ConfigError(f"{plan.origin}: scenarios: {name}: {error}") from None
+    except workers.SilentWorkerError as error:
+        raise BatchError(f"{plan.origin}: scenarios: {name}: {error}") from None
     except (OSError, MemoryError) as error:
         raise _exhausted(name, error) from None
 

@@ -139,7 +139,8 @@ def _interrupted(batch: Batch, blow: Blow, moment: float, chance: random.Random)
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             return True, False, ["the command does not end"]
-        problems = [f"status {status}, not {blow.status}"] if status not in _statuses(blow, moment) else []
+        allowed = _statuses(blow, moment)
+        problems = [f"status {status}, allowed {sorted(allowed)}"] if status not in allowed else []
         problems += _end_problems(blow, mark, struck, scratch)
         err.seek(0)
         said = err.read().decode(errors="replace")

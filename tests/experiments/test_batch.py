@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,11 @@ from sumo_mcts import assets, cli, config, plugins, records, run_batch
 from sumo_mcts.config import ConfigError, digest
 from sumo_mcts.episode import run_episode
 from sumo_mcts.experiments import folder, workers
-from sumo_mcts.experiments.batch import BatchError, Progress, _Batch, _kind, listed
+from sumo_mcts.experiments.batch import BatchError, Progress, _asked, _Batch, _kind, listed
 from sumo_mcts.experiments.drive import choose, drive, failed, rehearse
 from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode, episodes, load
 from sumo_mcts.experiments.statistics import Pair, pairs
-from sumo_mcts.experiments.workers import LocalPool, local
+from sumo_mcts.experiments.workers import DeadWorkerError, LocalPool, SilentWorkerError, here, local
 from sumo_mcts.experiments.worth import Worth
 from sumo_mcts.reporting.results import gather
 
@@ -317,6 +318,22 @@ def test_an_episode_that_the_system_killed_is_driven_again_by_the_next_call(whol
     with local(1) as crew:
         rows = _Batch(out, found, "worth", lambda _: None).run(crew)
     assert timeless(rows) == timeless(whole[1]) == timeless(on_disk(out))
+
+
+@pytest.mark.parametrize(
+    ("error", "raised"),
+    [
+        (DeadWorkerError("the worker died (SIGSEGV)"), ConfigError),  # of this input
+        (DeadWorkerError("the worker died (SIGKILL)", shortage=True), BatchError),
+        (SilentWorkerError("no end within 5 s (--episode-timeout)"), BatchError),
+        (MemoryError(), BatchError),
+    ],
+)
+def test_what_ends_a_worker_before_the_first_episode(error: Exception, raised: type[Exception], tmp_path: Path) -> None:
+    answer: Future[None] = Future()
+    answer.set_exception(error)
+    with here() as crew, pytest.raises(raised):
+        _asked(load(write(tmp_path)), "highway-exit", answer, crew, lambda _: None)
 
 
 def test_a_worker_without_room_ends_the_batch_and_no_row_is_spoilt(whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
