@@ -171,7 +171,7 @@ class _Batch:
             while self._waiting or self._flying:
                 self._hand_out(crew)
                 done, _ = wait(self._flying, NEWS_S, FIRST_COMPLETED)
-                for future in done:
+                for future in sorted(done, key=_failed):  # what is done is kept before what failed may end the batch
                     self._take(future, crew.deaths)
                 self._report()
         finally:
@@ -244,6 +244,10 @@ class _Batch:
         rate = (done - self._before) / (now - self._began) if done > self._before else None
         left = None if rate is None else (len(self._all) - done) / rate
         self._tell(Progress("" if last else self._compiled.news(), done, len(self._all), outcomes["collision"], outcomes["error"], rate, left))
+
+
+def _failed(future: "Future[Driven]") -> bool:
+    return future.cancelled() or future.exception() is not None
 
 
 # --- before the first episode ---

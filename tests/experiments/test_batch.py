@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from concurrent.futures import wait as real
 from pathlib import Path
 from typing import Any
 
@@ -346,6 +347,16 @@ def test_a_worker_without_room_ends_the_batch_and_no_row_is_spoilt(whole: Refere
     with local(1) as crew:
         rows = _Batch(out, found, "worth", lambda _: None).run(crew)
     assert timeless(rows) == timeless(whole[1])
+
+
+def test_what_is_done_is_kept_before_a_failure_ends_the_batch(whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where several futures are done at a time, the failed one first among them."""
+    monkeypatch.setattr("sumo_mcts.experiments.batch.wait", lambda futures, *_: (sorted(real(futures).done, key=lambda f: f.exception() is None), set()))
+    monkeypatch.setenv("EXHAUST", "highway-exit--constant--0")
+    found, out = episodes(load(write(tmp_path)), {}), tmp_path / "out"
+    with local(1) as crew, pytest.raises(BatchError, match="Too many open files"):
+        _Batch(out, found, "worth", lambda _: None, exhaust_or_drive).run(crew._replace(most=lambda: 3))
+    assert timeless(on_disk(out)) == timeless(whole[1][:2])
 
 
 def test_a_crew_that_cannot_be_asked_any_more_is_lost(whole: Reference, tmp_path: Path) -> None:
