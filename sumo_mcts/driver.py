@@ -8,6 +8,7 @@ import numpy as np
 
 from sumo_mcts import plugins
 from sumo_mcts.config import ORACLE_MARK, PLANNERS, PREDICTORS, ConfigError, ScenarioConfig, whole
+from sumo_mcts.errors import in_one_line
 from sumo_mcts.model.cost import CostParams, Term, compiled_term
 from sumo_mcts.model.ego import HALF, EgoParams
 from sumo_mcts.model.intentions import foresee
@@ -113,7 +114,7 @@ class Driver:
             try:
                 self._predictor.start(road, self._oracles if self._predictor.oracle else None)
             except Exception as error:  # whatever a predictor may do
-                raise ConfigError(f"prediction.name: {config.prediction.name}: does not start: {plugins.in_words(error)}") from None
+                raise ConfigError(f"prediction.name: {config.prediction.name}: does not start: {in_one_line(error)}") from None
         self._period = max(1, round(config.planner.period_s / physics.step)) * physics.step
         self._fail_safe = FailSafe(assumed(config), self._period)
         self._timekeeper = Timekeeper(time_budget_s(config))
@@ -234,7 +235,7 @@ class Driver:
         except ConfigError:  # of oracles that only know what was recorded
             raise
         except Exception as error:  # whatever a predictor may do
-            return self._forecast(scene, route, state, "idm", self._horizon()), plugins.in_words(error)
+            return self._forecast(scene, route, state, "idm", self._horizon()), in_one_line(error)
 
     def _keep_route(self, ego: EgoState) -> None:
         """Lay the route out when the ego is taken over, and again when SUMO gave it another one."""
@@ -255,7 +256,7 @@ class Driver:
         try:
             self._planner.start(self._task, self._seed)
         except Exception as error:  # whatever a planner may do
-            raise PlannerError(f"planner {self._config.planner.name} does not start: {plugins.in_words(error)}") from error
+            raise PlannerError(f"planner {self._config.planner.name} does not start: {in_one_line(error)}") from error
 
     def _note_stop(self, route: RouteMap, state: State, now: float) -> None:
         """Remember when the ego stood at a stop sign."""
@@ -448,7 +449,7 @@ def _term(name: str, weight: float) -> Term:
     except ConfigError:
         raise
     except Exception as error:  # numba's errors share no base of use
-        raise ConfigError(f"cost.term: {name}: cannot be compiled: {plugins.in_words(error)}") from None
+        raise ConfigError(f"cost.term: {name}: cannot be compiled: {in_one_line(error)}") from None
 
 
 def assumed(config: ScenarioConfig) -> Assumed:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_mcts.config import PLANNER_GROUP, PREDICTOR_GROUP, TERM_GROUP, ConfigError, ScenarioConfig, plugin_names
+from sumo_mcts.errors import in_one_line
 
 _GROUPS = {"planner.name": PLANNER_GROUP, "prediction.name": PREDICTOR_GROUP, "cost.term": TERM_GROUP}  # by the key that names a plugin
 
@@ -21,7 +22,7 @@ def loaded(key: str, name: str) -> Any:
     try:
         module = importlib.import_module(point.module)
     except Exception as error:  # whatever an import may do
-        raise ConfigError(f"{key}: {name}: {point.module} cannot be imported: {in_words(error)}") from None
+        raise ConfigError(f"{key}: {name}: {point.module} cannot be imported: {in_one_line(error)}") from None
     if not hasattr(module, point.attr):
         raise ConfigError(f"{key}: {name}: {point.module} has no {point.attr}")
     return getattr(module, point.attr)
@@ -33,7 +34,7 @@ def made(key: str, name: str, members: Sequence[str], options: Mapping[str, Any]
     try:
         plugin = factory(dict(options), scenario)
     except Exception as error:  # whatever a constructor may do
-        raise ConfigError(f"{key}: {name}: does not take {key.partition('.')[0]}.options {dict(options)}: {in_words(error)}") from None
+        raise ConfigError(f"{key}: {name}: does not take {key.partition('.')[0]}.options {dict(options)}: {in_one_line(error)}") from None
     missing = [member for member in members if not hasattr(plugin, member)]
     if missing:
         raise ConfigError(f"{key}: {name}: lacks {', '.join(missing)}; it needs {', '.join(members)}")
@@ -44,11 +45,6 @@ def described(scenario: ScenarioConfig) -> list[dict[str, Any]]:
     """For a manifest: the plugins that a scenario names, the code behind each, SHA-256 of the file with that code, and the package and version that an entry
     point belongs to."""
     return [_description(key, name) for key, name in plugin_names(scenario)]
-
-
-def in_words(error: Exception) -> str:
-    """An exception in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _entry_point(key: str, name: str) -> metadata.EntryPoint:

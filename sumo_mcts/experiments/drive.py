@@ -72,7 +72,7 @@ def drive_within(seconds: float, episode: Episode, bar: Bar) -> Driven:
 
 def of_shortage(row: Row) -> bool:
     """Whether a row tells of a shortage of the machine, so that its episode is driven again."""
-    return str(row["error"] or "").startswith(SHORTAGE)
+    return str(row.get("error") or "").startswith(SHORTAGE)
 
 
 def failed(episode: Episode, message: str, *, shortage: bool = False) -> tuple[Row, ...]:
