@@ -261,7 +261,7 @@ def _regret_file(out: Path | None, rows: list[Row]) -> Iterator[Callable[[Row], 
         yield rows.append
         return
     out.mkdir(parents=True, exist_ok=True)
-    with records.naming(out / "regret.jsonl"), (out / "regret.jsonl").open("w", encoding="utf-8") as file:
+    with files.naming(out / "regret.jsonl"), (out / "regret.jsonl").open("w", encoding="utf-8") as file:
 
         def keep(row: Row) -> None:
             rows.append(row)

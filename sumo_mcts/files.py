@@ -5,10 +5,12 @@ import os
 import stat
 import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 from xml.parsers import expat
 
+_MISSING = "no such file"
 _HERE = Path(__file__).resolve().parent
 _CHUNK = 1 << 16  # bytes read at a time
 _GZIP = b"\x1f\x8b"  # how a packed file begins
@@ -37,11 +39,11 @@ def problem(path: str | Path) -> str:
     try:
         mode = Path(path).stat().st_mode
     except FileNotFoundError:
-        return "no such file"
+        return _MISSING
     except OSError as error:
         return f"cannot be read: {error.strerror}"
     except ValueError:  # a name with a NUL
-        return "no such file"
+        return _MISSING
     if not stat.S_ISREG(mode):
         return next((words for is_kind, words in _KINDS if is_kind(mode)), "something else, not a file")
     return "" if os.access(path, os.R_OK) else f"cannot be read: {os.strerror(errno.EACCES)}"
@@ -55,9 +57,34 @@ def absolute(path: Path) -> Path:
         return path.absolute()
 
 
+@contextmanager
+def naming(path: Path, temporary: Path | None = None) -> Iterator[None]:
+    """Every OSError names a file: this one where it names none, or the one that was to take its place; a disk that is full names none by itself."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None:  # of a library, in its own words
+            raise OSError(errno.EIO, " ".join(str(error).split()), str(path)) from None
+        if error.filename is None or str(error.filename) == str(temporary):
+            error.filename = str(path)
+            error.filename2 = None
+        raise
+
+
+@contextmanager
+def opened(path: str | Path) -> Iterator[BinaryIO]:
+    """A regular file for reading: a folder, a pipe or a device may never end. Raises OSError that names it and whose `strerror` says what is wrong."""
+    with naming(Path(path)):
+        why = problem(path)
+        if why:
+            raise OSError(errno.ENOENT if why == _MISSING else errno.EINVAL, why, str(path))
+        with Path(path).open("rb") as file:
+            yield file
+
+
 def content(path: str | Path, most: int) -> bytes:
     """The bytes of a regular file. Raises OSError whose `strerror` says what is wrong, also where there are more than `most`."""
-    with _opened(path) as file:
+    with opened(path) as file:
         data = file.read(most + 1)
     if len(data) > most:
         raise _broken(path, f"more than {most:_} bytes".replace("_", " "))
@@ -67,7 +94,7 @@ def content(path: str | Path, most: int) -> bytes:
 def unpacked(path: str | Path, most: int) -> Iterator[bytes]:
     """The content of a regular file, unpacked where it is packed with gzip, in chunks of about 64 kB; it ends after `most` bytes. Raises OSError as
     `content` does, also where the archive is damaged or cut off."""
-    with _opened(path) as file:
+    with opened(path) as file:
         chunk = file.read(_CHUNK)
         pump = _Gzip(path) if chunk.startswith(_GZIP) else None
         left = most
@@ -84,7 +111,7 @@ def unpacked(path: str | Path, most: int) -> Iterator[bytes]:
 
 def require_whole(path: str | Path, most: int) -> None:
     """Raise OSError where a file that is packed with gzip is damaged, cut off, or more than `most` bytes when unpacked."""
-    with _opened(path) as file:
+    with opened(path) as file:
         if file.read(len(_GZIP)) != _GZIP:
             return
     if sum(len(part) for part in unpacked(path, most + 1)) > most:
@@ -157,13 +184,6 @@ class _Gzip:
         """Raise OSError where the archive is not whole."""
         if not self._inner.eof:
             raise _broken(self._path, "an archive that is cut off")
-
-
-def _opened(path: str | Path) -> BinaryIO:
-    why = problem(path)
-    if why:
-        raise _broken(path, why)
-    return Path(path).open("rb")
 
 
 def _broken(path: str | Path, why: str) -> OSError:

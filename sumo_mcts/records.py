@@ -1,7 +1,6 @@
 """What an episode leaves behind: rows (JSON Lines, CSV), a manifest, and a trace of every cycle (npz, no pickle)."""
 
 import csv
-import errno
 import functools
 import hashlib
 import io
@@ -10,7 +9,6 @@ import math
 import os
 import platform
 import re
-import stat
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,7 +21,7 @@ from typing import IO, Any, NamedTuple, Union, get_args, get_origin, get_type_hi
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts import records_check
+from sumo_mcts import files, records_check
 from sumo_mcts.scene import Agents, Answers, Bools, Decision, EgoState, Floats, Forecast, Ints, Memory, RoadMap, Signals
 
 SCHEMA_VERSION = 1
@@ -124,7 +122,7 @@ def episode_key(scenario: str, variant: str, seed: int | None, ego: str | None =
 def append_row(folder: Path, row: Mapping[str, Any]) -> None:
     """Add a row to episodes.jsonl; on disk when this returns. Raises OSError."""
     line = _line(row)
-    with naming(folder / ROWS):
+    with files.naming(folder / ROWS):
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / ROWS).open("a+b", buffering=0) as file:
             # A killed process may have left half a line: it must not swallow this one.
@@ -140,7 +138,7 @@ def put_row(folder: Path, row: Mapping[str, Any]) -> bool:
         append_row(folder, row)
         return False
     line = _line(row)
-    with opened(folder / ROWS) as file, written_whole(folder / ROWS) as unfinished, unfinished.open("wb") as copy:
+    with files.opened(folder / ROWS) as file, written_whole(folder / ROWS) as unfinished, unfinished.open("wb") as copy:
         for part, whole in _parts(file):
             known = _parsed(part) if whole else None
             if known is None or known["key"] != row["key"]:
@@ -160,7 +158,7 @@ def rows_and_torn(folder: Path) -> tuple[list[Row], int]:
     """The same, and how many lines are left out."""
     rows, torn, long = [], 0, False
     try:
-        with opened(folder / ROWS) as file:
+        with files.opened(folder / ROWS) as file:
             for part, whole in _parts(file):
                 row = _parsed(part) if whole else None
                 if row is not None:
@@ -241,7 +239,7 @@ def write_whole(path: Path, content: bytes) -> None:
 def written_whole(path: Path) -> Iterator[Path]:
     """Names a file to write, which in the end takes the place of `path`, unless something was raised; creates the folder. Raises OSError that names `path`."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    with naming(path, temporary):
+    with files.naming(path, temporary):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             yield temporary
@@ -251,32 +249,6 @@ def written_whole(path: Path) -> Iterator[Path]:
         finally:
             temporary.unlink(missing_ok=True)
         _sync_folder(path.parent)
-
-
-@contextmanager
-def naming(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Every OSError names a file: this one where it names none, or the one that was to take its place; a disk that is full names none by itself."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno is None:  # of a library, in its own words
-            raise OSError(errno.EIO, " ".join(str(error).split()), str(path)) from None
-        if error.filename is None or str(error.filename) == str(temporary):
-            error.filename = str(path)
-            error.filename2 = None
-        raise
-
-
-@contextmanager
-def opened(path: Path) -> Iterator[IO[bytes]]:
-    """A file for reading. Raises OSError that names it, also where it is a folder, a pipe or a device, which may never end."""
-    with naming(path):
-        number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-        if not stat.S_ISREG(os.fstat(number).st_mode):
-            os.close(number)
-            raise OSError(errno.EINVAL, "not a file", str(path))
-        with os.fdopen(number, "rb") as file:
-            yield file
 
 
 def _sync_folder(folder: Path) -> None:
@@ -321,7 +293,7 @@ def _last_byte(file: IO[bytes]) -> bytes:
 
 def _read_json(path: Path) -> dict[str, Any] | None:
     """The mapping in a file; None where it holds none. Raises OSError where it cannot be read."""
-    with opened(path) as file:
+    with files.opened(path) as file:
         content = file.read(LARGEST_MANIFEST + 1)
     try:
         found = json.loads(content) if len(content) <= LARGEST_MANIFEST else None
@@ -497,7 +469,7 @@ def _load(path: Path, kind: type, what: str, problem_of: Callable[[Any], str]) -
 
 def _unpacked(path: Path) -> Columns:
     """The columns of a file. What it says of its sizes is looked at before room is made for them."""
-    with opened(path) as file, zipfile.ZipFile(file) as archive:
+    with files.opened(path) as file, zipfile.ZipFile(file) as archive:
         members = archive.infolist()
         if sum(member.file_size for member in members) > MOST_BYTES:
             raise ValueError(f"unpacked it has more than {MOST_BYTES:,} bytes")

@@ -1,6 +1,9 @@
 """What fuzzing needs. Examples are as many as the profile says: 1000 and more with --hypothesis-profile=explore."""
 
-from collections.abc import Callable
+import copy
+import random
+from collections.abc import Callable, Sequence
+from xml.etree import ElementTree
 
 from sumo_mcts.errors import ConfigError
 
@@ -18,3 +21,21 @@ def refusal(function: Callable[[], object]) -> str:
     except ConfigError as error:
         return str(error)
     return ""
+
+
+def mutated(tree: ElementTree.ElementTree, seed: int, changes: int, values: Sequence[str] = HOSTILE) -> ElementTree.ElementTree:
+    """The tree with some of its values replaced, and elements removed, doubled or moved."""
+    draw = random.Random(seed)
+    for _ in range(changes):
+        pairs = [(parent, child) for parent in tree.iter() for child in parent]
+        parent, child = draw.choice(pairs)
+        kind = draw.random()
+        if kind < 0.6 and child.attrib:
+            child.set(draw.choice(list(child.attrib)), draw.choice(values))
+        elif kind < 0.8:
+            parent.remove(child)
+        elif kind < 0.9:
+            parent.append(copy.deepcopy(child))
+        else:
+            draw.choice(pairs)[1].append(copy.deepcopy(child))
+    return tree

@@ -3,14 +3,13 @@
 import copy
 import gzip
 import math
-import random
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from helpers_fuzz import HOSTILE, refusal
+from helpers_fuzz import mutated, refusal
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -145,29 +144,11 @@ def test_a_lane_on_which_nobody_can_drive(speed: str, tmp_path: Path) -> None:
         assert row["distance_m"] > 5.0
 
 
-def mutated(net: Path, seed: int, changes: int) -> ElementTree.ElementTree:
-    """A network with some of its numbers replaced, and elements removed, doubled or moved."""
-    tree, draw = ElementTree.parse(net), random.Random(seed)
-    for _ in range(changes):
-        pairs = [(parent, child) for parent in tree.getroot().iter() for child in parent]
-        parent, child = draw.choice(pairs)
-        kind = draw.random()
-        if kind < 0.6 and child.attrib:
-            child.set(draw.choice(list(child.attrib)), draw.choice(HOSTILE))
-        elif kind < 0.8:
-            parent.remove(child)
-        elif kind < 0.9:
-            parent.append(copy.deepcopy(child))
-        else:
-            draw.choice(pairs)[1].append(copy.deepcopy(child))
-    return tree  # type: ignore[return-value]  # stubs of several versions differ
-
-
 @given(st.integers(0, 2**32), st.integers(1, 3), st.sampled_from([NET, CROSSING]))
 def test_any_damage(seed: int, changes: int, net: Path) -> None:
     path = Path(__file__).parent / f".mutated-{seed}.net.xml"
     try:
-        mutated(net, seed, changes).write(path)
+        mutated(ElementTree.parse(net), seed, changes).write(path)
         said = refusal(lambda: _require_computable(str(path)))
     finally:
         path.unlink(missing_ok=True)
