@@ -190,7 +190,7 @@ OPTIONS = [
     (("run", "good.yaml", "--", "--remote-port", "9393"), "options after --: remote-port: SUMO would wait for another program; leave it out"),
     (("run", "good.yaml", "--", "-Cx"), "options after --: save-configuration: SUMO would write that and end; leave it out"),
     (("run", "good.yaml", "--", "-W", "help"), "good.yaml: "),
-    (("run", "good.sumocfg", "--", "-c", "other.sumocfg"), "options after --: configuration-file: set by the scenario; leave it out"),
+    (("run", "good.sumocfg", "--", "-c", "other.sumocfg"), "options after --: configuration-file: set by sumo_mcts itself; leave it out"),
     (("run", "good.yaml", "--ego", "a\nb\x1b[31m"), "a\\nb\\x1b[31m"),
     (("run", "/dev/zero"), "/dev/zero: a device, not a file"),
     (("run", "."), ".: a folder, not a file"),

@@ -18,7 +18,7 @@ REFEREE_OPTIONS = {"collision.action": "warn", "collision.check-junctions": "tru
 
 AFTER_DASHES = "options after --"
 
-_OURS = ("configuration-file", "net-file", "error-log")  # an option after -- may set anything but these and the referee's
+_OURS = ("configuration-file", "net-file", "error-log")  # an option may set anything but these and the referee's
 _CONFIGURATIONS = ("configuration", "sumoConfiguration", "sumo-configuration")  # root elements of a .sumocfg
 _MOST_BYTES = 10_000_000  # of a .sumocfg
 
@@ -72,8 +72,8 @@ def require_good(sumo: SumoConfig, extra: Sequence[str] = ()) -> None:
     in the scenario, in its .sumocfg, or in `extra` after the --."""
     require_files(sumo)
     after, own = sumo_options.on_command_line(extra, AFTER_DASHES), [Given(full_name(key), _text(value)) for key, value in sumo.options.items()]
-    _refuse("sumo.options", own, ())
-    _refuse(AFTER_DASHES, after, _OURS)
+    _refuse("sumo.options", own)
+    _refuse(AFTER_DASHES, after)
     sources = [(own, Path(), "sumo.options"), (after, Path(), AFTER_DASHES)]
     if sumo.sumocfg is not None:
         sources.append((_entries(sumo.sumocfg), files.absolute(Path(sumo.sumocfg)).parent, sumo.sumocfg))
@@ -168,13 +168,13 @@ def ssm_options(vehicles: Iterable[str], folder: Path) -> Options:
     }  # fmt: skip
 
 
-def _refuse(where: str, given: Sequence[Given], further: Sequence[str]) -> None:
+def _refuse(where: str, given: Sequence[Given]) -> None:
     """An option that is not the user's to set."""
     for name, value in sorted(given):
         if name in REFEREE_OPTIONS:
             raise ConfigError(f"{where}: {name}: the referee needs {REFEREE_OPTIONS[name]}; leave it out")
-        if name in further or name.startswith("device.ssm."):
-            raise ConfigError(f"{where}: {name}: set by the scenario; leave it out")
+        if name in _OURS or name.startswith("device.ssm."):
+            raise ConfigError(f"{where}: {name}: set by sumo_mcts itself; leave it out")
         if name == "random" and not sumo_options.is_off(value):
             raise ConfigError(f"{where}: random: an episode has a seed, so that it can be driven again; leave it out, and give --seed")
 

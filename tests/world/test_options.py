@@ -66,6 +66,11 @@ def test_refused_behind_the_dashes(words: str) -> None:
         require_good(sumo(), words.split())
 
 
+@pytest.mark.parametrize("name", ["configuration-file", "net-file", "n", "c", "error-log", "device.ssm.range"])
+def test_the_options_of_a_scenario_do_not_replace_its_network(name: str) -> None:
+    assert "set by sumo_mcts itself" in refusal(lambda: require_good(sumo(**{name: str(NET)})))
+
+
 @pytest.mark.parametrize(
     ("name", "value", "fine"),
     [
