@@ -12,16 +12,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sumo_mcts.api import load_scenario
     from sumo_mcts.controller import Controller
     from sumo_mcts.episode import run_episode
     from sumo_mcts.experiments.batch import run_batch
+    from sumo_mcts.scenarios import load_scenario
 
 __all__ = ["Controller", "load_scenario", "run_batch", "run_episode"]
 
 _HOMES = {
-    "Controller": "sumo_mcts.controller", "load_scenario": "sumo_mcts.api", "run_batch": "sumo_mcts.experiments.batch",
-    "run_episode": "sumo_mcts.episode",
+    "Controller": "sumo_mcts.controller", "load_scenario": "sumo_mcts.scenarios", "run_batch": "sumo_mcts.experiments.batch",
+    "run_episode": "sumo_mcts.episode.run",
 }  # fmt: skip
 
 

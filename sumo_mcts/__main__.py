@@ -2,7 +2,7 @@
 
 import sys
 
-from sumo_mcts.supervisor import silence_libraries, supervised
+from sumo_mcts.process.supervisor import silence_libraries, supervised
 
 
 def _command() -> int:

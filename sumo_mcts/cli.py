@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from sumo_mcts import ending
-from sumo_mcts.ending import FAILED, INVALID, OK
 from sumo_mcts.errors import ConfigError, printable
-from sumo_mcts.supervisor import results_are_out, supervised
+from sumo_mcts.process import ending
+from sumo_mcts.process.ending import FAILED, INVALID, OK
+from sumo_mcts.process.supervisor import results_are_out, supervised
 
 if TYPE_CHECKING:
-    from sumo_mcts import commands
-    from sumo_mcts.episode import EpisodeResult
+    from sumo_mcts.commands import drive
+    from sumo_mcts.episode.run import EpisodeResult
     from sumo_mcts.experiments.batch import Progress
 
 app = typer.Typer(
@@ -62,26 +62,27 @@ def run(
               "episode.time_limit_s": time_limit, "episode.stop_time_s": time_limit}  # fmt: skip
     overrides = (*(assign or ()), *(f"{key}={value}" for key, value in chosen.items() if value is not None))
     with ending.told(typer.Exit):
-        from sumo_mcts import commands
+        from sumo_mcts import scenarios
+        from sumo_mcts.commands import drive, folders
         from sumo_mcts.world.arguments import is_sumocfg
 
         say = _Voice(quiet=quiet or as_json)
         if out is not None:
-            commands.check_run_folder(out)
+            folders.check_run_folder(out)
         if not ego and is_sumocfg(scenario):
             _list_candidates(scenario, seed, _sumo_options(context), as_json, say)
             return
         with ExitStack() as stack:
             with say.progress("starting SUMO") as note:
-                config = commands.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, _sumo_options(context), allow_plugins=allow_plugins)
-                result = stack.enter_context(commands.run(config, scenario, seed, gui, _sumo_options(context), note))
+                config = scenarios.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, _sumo_options(context), allow_plugins=allow_plugins)
+                result = stack.enter_context(drive.run(config, scenario, seed, gui, _sumo_options(context), note))
             kept = _kept_and_told(result, out, as_json, quiet)
             if out is not None and kept is not None:
                 with say.progress("drawing") as note:
-                    drawn = [] if no_pictures else commands.draw(kept.result, out, note)
+                    drawn = [] if no_pictures else drive.draw(kept.result, out, note)
                 if not (quiet or as_json):
                     typer.echo("\n".join(f"  {path}" for path in (*drawn, *kept.files)))
-            failures = commands.failures(result)
+            failures = drive.failures(result)
             for failure in failures:
                 ending.tell(f"error: {failure}")
             if gui:
@@ -90,20 +91,20 @@ def run(
         raise typer.Exit(FAILED)
 
 
-def _kept_and_told(result: "EpisodeResult", out: Path | None, as_json: bool, quiet: bool) -> "commands.Kept | None":
+def _kept_and_told(result: "EpisodeResult", out: Path | None, as_json: bool, quiet: bool) -> "drive.Kept | None":
     """What was kept of a run in a folder, if there is one; the result is told in any case."""
-    from sumo_mcts import commands
+    from sumo_mcts.commands import drive, reports
 
     kept = None
     try:
         if out is not None:
-            kept = commands.keep(result, out, sys.argv[1:])
+            kept = drive.keep(result, out, sys.argv[1:])
     finally:
         told = result if kept is None else kept.result
         if as_json:
-            typer.echo(json.dumps(commands.document(told), allow_nan=False))
+            typer.echo(json.dumps(reports.document(told), allow_nan=False))
         elif not quiet:
-            typer.echo(commands.summary(told))
+            typer.echo(reports.summary(told))
     for remark in kept.remarks if kept is not None and not quiet else ():
         ending.tell(remark)
     return kept
@@ -125,12 +126,12 @@ def forecast(
     """Measure every forecast, oracles too, against what then happened. Options after -- go to SUMO."""
     overrides = (*(assign or ()), *([f"planner.name={planner}"] if planner is not None else []))
     with ending.told(typer.Exit):
-        from sumo_mcts import commands
+        from sumo_mcts.commands import forecasts
 
         with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
             options = _sumo_options(context)
-            result = commands.forecasts(scenario, tuple(ego or ()), ego_until, overrides, seeds, options, note, allow_plugins=allow_plugins)
-    typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.forecast_table(result))
+            result = forecasts.forecasts(scenario, tuple(ego or ()), ego_until, overrides, seeds, options, note, allow_plugins=allow_plugins)
+    typer.echo(json.dumps(result, allow_nan=False) if as_json else forecasts.forecast_table(result))
     for problem in result["problems"]:
         ending.tell(f"error: {problem}")
     if result["problems"]:
@@ -157,17 +158,18 @@ def regret(
 ) -> None:
     """Measure how near planners come to the optimum of a reference problem, in states from episodes driven by planner mcts."""
     with ending.told(typer.Exit):
-        from sumo_mcts import commands
-        from sumo_mcts.regret import Asked
+        from sumo_mcts.commands import folders
+        from sumo_mcts.commands import regret as command
+        from sumo_mcts.studies.regret import Asked
 
         if out is not None:
-            commands.check_folder(out)
-        asked = Asked(tuple(planners.split(",")), commands.counts(iterations), converged)
-        plan = commands.RegretPlan(asked, seeds, every, states, jobs)
+            folders.check_folder(out)
+        asked = Asked(tuple(planners.split(",")), command.counts(iterations), converged)
+        plan = command.RegretPlan(asked, seeds, every, states, jobs)
         with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
             egos = tuple(ego or ())
-            result = commands.regret(tuple(scenarios or ()), egos, ego_until, tuple(assign or ()), plan, out, note, allow_plugins=allow_plugins)
-    typer.echo(json.dumps(result, allow_nan=False) if as_json else commands.regret_table(result))
+            result = command.regret(tuple(scenarios or ()), egos, ego_until, tuple(assign or ()), plan, out, note, allow_plugins=allow_plugins)
+    typer.echo(json.dumps(result, allow_nan=False) if as_json else command.regret_table(result))
     for problem in result["problems"]:
         ending.tell(f"error: {problem}")
     if result["problems"]:
@@ -192,7 +194,7 @@ def render(
 ) -> None:
     """Draw a recorded episode from above."""
     with ending.told(typer.Exit):
-        from sumo_mcts import recorded
+        from sumo_mcts.commands import recorded
 
         _write_recorded(folder, episode, recorded.format_of(form, out, recorded.PICTURES), out, quiet)
 
@@ -207,7 +209,7 @@ def export(
 ) -> None:
     """Write a recorded episode for other programs: every vehicle in every decision period, as the planner saw them."""
     with ending.told(typer.Exit):
-        from sumo_mcts import recorded
+        from sumo_mcts.commands import recorded
 
         _write_recorded(folder, episode, recorded.format_of(form, out, recorded.TABLES), out, quiet)
 
@@ -224,7 +226,7 @@ def explain(
 ) -> None:
     """Tell why the ego did what it did at a moment of a recorded episode."""
     with ending.told(typer.Exit):
-        from sumo_mcts import recorded
+        from sumo_mcts.commands import recorded
         from sumo_mcts.records import json_text
 
         key = recorded.chosen(folder, episode)
@@ -237,7 +239,7 @@ def explain(
 
 
 def _write_recorded(folder: Path, episode: str | None, form: str, out: Path | None, quiet: bool) -> None:
-    from sumo_mcts import recorded
+    from sumo_mcts.commands import recorded
 
     key = recorded.chosen(folder, episode)
     if key is None:
@@ -250,7 +252,7 @@ def _write_recorded(folder: Path, episode: str | None, form: str, out: Path | No
 
 
 def _list_recorded(folder: Path, as_json: bool) -> None:
-    from sumo_mcts import recorded
+    from sumo_mcts.commands import recorded
 
     found = recorded.choices(folder)
     if as_json:
@@ -278,19 +280,19 @@ def batch(
 ) -> None:
     """Drive an experiment: scenarios x variants x seeds. Goes on where it was interrupted."""
     with ending.told(typer.Exit):
-        from sumo_mcts import commands
+        from sumo_mcts.commands import batches, folders
 
         if dry_run:
-            typer.echo(commands.batch_listing(experiment, out, shard, fresh, allow_plugins))
+            typer.echo(batches.batch_listing(experiment, out, shard, fresh, allow_plugins))
             return
         if out is None:
             raise ConfigError("batch: --out: a folder for rows and traces has to be given")
-        commands.check_folder(out)
+        folders.check_folder(out)
         with _BatchVoice(quiet) as voice:
-            rows = commands.batch(experiment, out, jobs, scheduler, shard, fresh, allow_plugins, episode_timeout, sys.argv[1:], voice.tell)
+            rows = batches.batch(experiment, out, jobs, scheduler, shard, fresh, allow_plugins, episode_timeout, sys.argv[1:], voice.tell)
     failed = [row for row in rows if row["outcome"] == "error"]
     if not quiet:
-        typer.echo(f"{commands.batch_summary(rows)}\n{out}: {len(rows)} rows")
+        typer.echo(f"{batches.batch_summary(rows)}\n{out}: {len(rows)} rows")
     if failed:
         ending.tell(f"error: {len(failed)} of {len(rows)} rows have outcome error, the first: {failed[0]['key']}: {failed[0]['error']}")
         raise typer.Exit(FAILED)
@@ -343,18 +345,18 @@ AsList = Annotated[bool, typer.Option("--json", help="A list of {name, descripti
 def scenarios(as_json: AsList = False) -> None:
     """The built-in scenarios."""
     with ending.told(typer.Exit):
-        from sumo_mcts import commands
+        from sumo_mcts.scenarios import listed_scenarios
 
-        _tell_built_in(commands.scenarios(), as_json)
+        _tell_built_in(listed_scenarios(), as_json)
 
 
 @app.command()
 def experiments(as_json: AsList = False) -> None:
     """The built-in experiments, for `batch`."""
     with ending.told(typer.Exit):
-        from sumo_mcts import commands
+        from sumo_mcts.scenarios import listed_experiments
 
-        _tell_built_in(commands.experiments(), as_json)
+        _tell_built_in(listed_experiments(), as_json)
 
 
 def _tell_built_in(found: list[dict[str, str]], as_json: bool) -> None:
@@ -374,12 +376,13 @@ def report(
 ) -> None:
     """Tables and one page with figures and replays, over the episodes of output folders."""
     with ending.told(typer.Exit):
-        from sumo_mcts import commands
+        from sumo_mcts.commands import reports
+        from sumo_mcts.commands.folders import check_folder
 
         if out is not None:
-            commands.check_folder(out)
+            check_folder(out)
         with _Voice(quiet=quiet or as_json).progress("reading") as note:
-            made = commands.report(folders, out or folders[0], sys.argv[1:], note)
+            made = reports.report(folders, out or folders[0], sys.argv[1:], note)
     if as_json:
         typer.echo(json.dumps(made.document, allow_nan=False))
     elif not quiet:
@@ -392,11 +395,11 @@ def validate(
     files: Annotated[list[Path], typer.Argument(help="Scenario files, experiment files, .sumocfg files.")], allow_plugins: AllowPlugins = False
 ) -> None:
     """Check all that `run` and `batch` check before anybody decides, and tell every mistake."""
-    from sumo_mcts import commands
+    from sumo_mcts.commands import checks
 
     bad = False
     for path in files:
-        problems = commands.problems_of(path, allow_plugins=allow_plugins)
+        problems = checks.problems_of(path, allow_plugins=allow_plugins)
         typer.echo("\n".join(f"error: {problem}" for problem in problems) or f"{path}: ok", err=bool(problems))
         bad = bad or bool(problems)
     if bad:
@@ -418,10 +421,10 @@ def bench(
 ) -> None:
     """Measure the budgets of docs/measures.md on this machine."""
     with ending.told(typer.Exit):
-        from sumo_mcts import benchmark
+        from sumo_mcts.studies import bench
 
         with _Voice(quiet=as_json).progress("measuring") as note:
-            rows = benchmark.run(0.1 if quick else 1.0, note)
+            rows = bench.run(0.1 if quick else 1.0, note)
     if as_json:
         typer.echo(json.dumps(rows))
         return
@@ -467,17 +470,17 @@ def _sumo_options(context: typer.Context) -> tuple[str, ...]:
 
 
 def _list_candidates(scenario: str, seed: int | None, sumo_options: tuple[str, ...], as_json: bool, say: "_Voice") -> None:
-    from sumo_mcts import commands
+    from sumo_mcts import scenarios
 
     with say.progress("looking for vehicles"):
-        found = commands.list_candidates(scenario, seed, sumo_options)
+        found = scenarios.list_candidates(scenario, seed, sumo_options)
     if as_json:
         typer.echo(json.dumps([c._asdict() for c in found]))
         return
     typer.echo(f"Vehicles of {scenario} that could be the ego (--ego ID, or --ego any):" if found else f"{scenario}: no vehicle departs")
     for c in found:
         typer.echo(f"  {printable(c.id):30s} {c.vclass:12s} departs {c.depart_s:9.1f} s  {c.edges:4d} edges {c.length_m:8.0f} m  {c.why_not}")
-    if len(found) == commands.LISTED:
+    if len(found) == scenarios.LISTED:
         typer.echo("  (the first that depart; --ego takes any other id too)")
 
 

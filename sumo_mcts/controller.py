@@ -15,10 +15,13 @@ from types import TracebackType
 from typing import Any, NoReturn, Self
 
 from sumo_mcts import config as scenario_files
-from sumo_mcts.config import ConfigError, ScenarioConfig
-from sumo_mcts.driver import Driver, Thought, streams, warm_up
-from sumo_mcts.model.predictor import Oracles
-from sumo_mcts.pilot import Pilot, never_departed, running_world
+from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.driver.driver import Driver, Thought
+from sumo_mcts.driver.params import streams
+from sumo_mcts.driver.vehicle import Pilot, never_departed, running_world
+from sumo_mcts.driver.warmup import warm_up
+from sumo_mcts.errors import ConfigError
+from sumo_mcts.prediction.interface import Oracles
 from sumo_mcts.world import simulation
 from sumo_mcts.world.candidates import near_ids
 from sumo_mcts.world.observe import departure

@@ -12,17 +12,20 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from sumo_mcts.api import load_scenario
-from sumo_mcts.config import ConfigError, whole
-from sumo_mcts.driver import Driver, Thought, streams
-from sumo_mcts.episode import Loop, completed
+from sumo_mcts.config import whole
+from sumo_mcts.driver.driver import Driver, Thought
+from sumo_mcts.driver.observation import Actions, Observation, Shown, bounds, observe
+from sumo_mcts.driver.params import streams
+from sumo_mcts.episode.loop import Loop
+from sumo_mcts.episode.recorder import Recorder
+from sumo_mcts.episode.run import completed
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.evaluation.referee import ARRIVED, COLLISION, ERROR, OFF_ROUTE, TELEPORTED, TIMEOUT
-from sumo_mcts.model.local import State
+from sumo_mcts.model.local_map import State
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.policy import Actions, Observation, Shown, bounds, observe
-from sumo_mcts.recorder import Recorder
 from sumo_mcts.records import Row, Setting
 from sumo_mcts.reporting.birdseye import picture
+from sumo_mcts.scenarios import load_scenario
 from sumo_mcts.scene import Decision, Release
 from sumo_mcts.world.arguments import without_outputs
 from sumo_mcts.world.simulation import is_running
@@ -30,6 +33,7 @@ from sumo_mcts.world.simulation import is_running
 ENVIRONMENT = "sumo_mcts/Drive-v0"
 NAME = "policy"  # who drives, in rows
 SEEDS = 2**31  # SUMO's are below
+
 # What one decision period adds to the return: the weight of each term, all of them measured by the referee.
 REWARD = {
     "progress": 0.1,  # per metre driven

@@ -16,10 +16,13 @@ Words = NDArray[np.uint64]
 
 # How a connection is entered (RoadMap.rule), in the order of growing duty.
 PRIORITY, YIELD, ZIPPER, STOP, ALLWAY = range(5)
+
 # Where a connection leads (RoadMap.direction).
 STRAIGHT, LEFT, RIGHT, TURN = range(4)
+
 # What a signal shows to a link (Signals.state).
 GREEN, YELLOW, RED = range(3)
+
 # What an agent is taken to do (Intent.does).
 USUAL, TURNS, FORCES, BRAKES, STARTS = range(5)
 
@@ -243,7 +246,6 @@ class Answers(NamedTuple):
 
 SAFETY, COMFORT, PASSABILITY, OTHER, LOSS = range(5)
 TERMS = ("safety", "comfort", "passability", "other", "loss")
-
 VEHICLE_CLASSES = (
     "passenger", "private", "emergency", "authority", "army", "vip", "hov", "taxi", "bus", "coach", "delivery", "truck", "trailer",
     "motorcycle", "moped", "bicycle", "evehicle", "pedestrian", "tram", "rail_urban", "rail", "rail_electric", "rail_fast", "ship",
@@ -273,3 +275,16 @@ class Frame(NamedTuple):
 
 REFEREE_RANGE = 100.0  # m
 STANDING = 0.1  # m/s: slower counts as standing
+
+
+class Scripted(NamedTuple):
+    """The coming states of an agent, known from its script or from a copy of the simulation, at the forecast's times. K times."""
+
+    pose: Floats  # [K, 4]
+    v: Floats  # [K]
+    lane: Ints  # [K]
+    s: Floats  # [K]
+    valid: Bools  # [K]
+
+
+Indices = NDArray[np.int64]

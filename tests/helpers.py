@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.scene import GREEN, PRIORITY, STRAIGHT, Agents, EgoState, Frame, Ints, RoadMap, Signals
-from sumo_mcts.world.roadmap import knots
+from sumo_mcts.world.links import knots
 
 ALL_CLASSES = 2**33 - 1
 

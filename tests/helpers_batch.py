@@ -6,10 +6,10 @@ import signal
 from pathlib import Path
 from typing import Any
 
-from sumo_mcts.experiments.drive import Driven, drive
 from sumo_mcts.experiments.experiment import Episode
-from sumo_mcts.experiments.worth import Bar
+from sumo_mcts.experiments.tasks import Driven, drive
 from sumo_mcts.records import ROW_KEYS, Row
+from sumo_mcts.records.highlights import Bar
 from sumo_mcts.scene import Decision, Release
 
 # No search, so nothing is compiled and an episode takes tenths of a second.

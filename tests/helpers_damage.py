@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts import recorded, records
-from sumo_mcts.config import ConfigError
+from sumo_mcts import records
+from sumo_mcts.commands import recorded
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.reporting.replay import packed
 
 WHOLE = (-1, -2, 0, 1, 7, 10**6, 2**31 - 1)

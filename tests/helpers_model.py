@@ -7,16 +7,17 @@ import numpy as np
 from helpers import Agent, Lane, agents_at, build, ego_at, lights
 
 from sumo_mcts import config as configuration
-from sumo_mcts import driver
 from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.driver import Physics, cost_params, ego_params
-from sumo_mcts.model.ego import EgoParams
-from sumo_mcts.model.kernel import entry
-from sumo_mcts.model.local import Local, State, build_local, ego_state
-from sumo_mcts.model.others import TrafficParams
+from sumo_mcts.driver import params
+from sumo_mcts.driver.params import Physics, cost_params, ego_params
+from sumo_mcts.model.local_build import build_local
+from sumo_mcts.model.local_map import Local, State, ego_state
+from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import RouteMap, route_map
-from sumo_mcts.model.traffic import Told, predict
+from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.planners.base import Situation, Task
+from sumo_mcts.prediction.behaviour import TrafficParams
+from sumo_mcts.prediction.forecast import Told, predict
 from sumo_mcts.scene import EgoState, Forecast, RoadMap, Scene, Signals
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -68,7 +69,7 @@ def task_of(road: RoadMap, ego: EgoState, config: ScenarioConfig | None = None, 
 
 def traffic_params(step: float = 0.2, *, interacting: bool = True, config: ScenarioConfig | None = None) -> TrafficParams:
     """The configuration's, at forecast times `step` s apart."""
-    return driver.traffic_params(config or scenario(), PHYSICS)._replace(step=step, interacting=interacting)
+    return params.traffic_params(config or scenario(), PHYSICS)._replace(step=step, interacting=interacting)
 
 
 def ego_lanes(route: RouteMap, state: State) -> Sequence[int]:

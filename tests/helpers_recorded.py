@@ -6,9 +6,9 @@ from pathlib import Path
 
 import sumo
 
-from sumo_mcts import assets, config, records
-from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.episode import EpisodeResult
+from sumo_mcts import config, records
+from sumo_mcts.config import ScenarioConfig, builtin
+from sumo_mcts.episode.run import EpisodeResult
 from sumo_mcts.records import Trace
 
 FAST = "planner.iterations=200"
@@ -36,7 +36,7 @@ def of_a_user(folder: Path) -> ScenarioConfig:
 
 def of_a_scene(name: str, *sets: str) -> ScenarioConfig:
     """A built-in scene, with few iterations."""
-    return config.load(assets.scenario_path(name), (FAST, *sets))
+    return config.load(builtin.scenario_path(name), (FAST, *sets))
 
 
 def keep(folder: Path, result: EpisodeResult) -> None:

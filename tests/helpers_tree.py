@@ -11,12 +11,14 @@ import numpy as np
 from helpers import Agent, edges, ego_at, lights
 from helpers_model import lanes_east, local_of, road_with_light, scenario, scene_of, situation_of, task_of
 
-from sumo_mcts.driver import make_planner, mcts_params
-from sumo_mcts.model.local import Local, State
-from sumo_mcts.model.react import at_rest
+from sumo_mcts.driver.params import mcts_params
+from sumo_mcts.driver.registry import make_planner
+from sumo_mcts.model.local_map import Local, State
+from sumo_mcts.model.reactions import at_rest
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.mcts import actions_of, in_steps
-from sumo_mcts.planners.tree import SearchParams, Tree, new_tree, search
+from sumo_mcts.planners.rollout import SearchParams
+from sumo_mcts.planners.tree import Tree, new_tree, search
 from sumo_mcts.scene import RED, Decision, EgoState, Floats, RoadMap, Scene
 
 GOLDEN = Path(__file__).parent / "planners" / "golden_tree.json"

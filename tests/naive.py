@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from shapely.geometry import LineString, Point, Polygon
 
-from sumo_mcts.model.ego import EgoParams
+from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import END_GAP, SPACING, RouteMap
 from sumo_mcts.scene import RoadMap, Signals
 

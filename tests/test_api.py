@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from sumo_mcts import load_scenario, run_batch, run_episode
-from sumo_mcts.config import ConfigError, whole
+from sumo_mcts.config import whole
+from sumo_mcts.errors import ConfigError
 
 SCENE = load_scenario("straight-line", "planner.name=sumo", "episode.stop_time_s=1")
 WRONG: dict[str, Callable[[Path], object]] = {

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from sumo_mcts import benchmark
-from sumo_mcts.driver import Driver
+from sumo_mcts.driver.driver import Driver
+from sumo_mcts.studies import bench
 
 
 @pytest.mark.slow
 def test_every_quantity_is_measured() -> None:
     said: list[str] = []
-    rows = benchmark.run(0.05, said.append)
+    rows = bench.run(0.05, said.append)
     assert all(list(row) == ["quantity", "value", "unit", "budget", "ok"] and row["value"] > 0 for row in rows)
     quantities = " ".join(row["quantity"] for row in rows)
     for words in ("--help", "warm start", "5 tabulated agents", "50 tabulated agents", "3000 iterations", "reactive", "300 vehicles"):
@@ -20,17 +20,17 @@ def test_every_quantity_is_measured() -> None:
 
 
 def test_whoever_is_near_reacts() -> None:
-    scenario, road = benchmark._scenario("planner.iterations=50", "planner.reactive=10")
+    scenario, road = bench._scenario("planner.iterations=50", "planner.reactive=10")
     for seed in range(3):
-        scene = benchmark._scene(road, 10, seed, near=True)
-        thought = Driver(scenario, road, benchmark.PHYSICS, 0).decide(scene)
+        scene = bench._scene(road, 10, seed, near=True)
+        thought = Driver(scenario, road, bench.PHYSICS, 0).decide(scene)
         assert thought.forecast is not None and thought.forecast.reacts.sum() == 10
-        own = [road.edge_ids.index(edge) for edge in benchmark.EGO_EDGES]
+        own = [road.edge_ids.index(edge) for edge in bench.EGO_EDGES]
         assert np.isin(road.edge[scene.agents.lane], own).all()
 
 
 def test_budgets_are_judged_from_their_side() -> None:
-    floor, ceiling = benchmark.Budget("rate", "1/s", 100.0, at_least=True), benchmark.Budget("time", "ms", 20.0)
-    assert [benchmark._row(floor, value)["ok"] for value in (99.0, 100.0)] == [False, True]
-    assert [benchmark._row(ceiling, value)["ok"] for value in (20.0, 20.1)] == [True, False]
-    assert benchmark._row(ceiling._replace(limit=None), 3.0)["ok"] is None
+    floor, ceiling = bench.Budget("rate", "1/s", 100.0, at_least=True), bench.Budget("time", "ms", 20.0)
+    assert [bench._row(floor, value)["ok"] for value in (99.0, 100.0)] == [False, True]
+    assert [bench._row(ceiling, value)["ok"] for value in (20.0, 20.1)] == [True, False]
+    assert bench._row(ceiling._replace(limit=None), 3.0)["ok"] is None

@@ -10,9 +10,9 @@ from helpers_fuzz import refusal
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.assets import root
-from sumo_mcts.config import ConfigError, ScenarioConfig, build, json_schema, load
-from sumo_mcts.errors import printable
+from sumo_mcts.config import ScenarioConfig, build, json_schema, load
+from sumo_mcts.config.builtin import root
+from sumo_mcts.errors import ConfigError, printable
 from sumo_mcts.experiments.experiment import Experiment
 
 LOWEST, HIGHEST = ("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum")

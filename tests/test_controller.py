@@ -8,11 +8,12 @@ import libsumo
 import numpy as np
 import pytest
 
-from sumo_mcts import assets, config
-from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts import config
+from sumo_mcts.config import ScenarioConfig, builtin
 from sumo_mcts.controller import Controller
-from sumo_mcts.driver import streams
+from sumo_mcts.driver.params import streams
 from sumo_mcts.episode import run_episode
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.world.actors import Actors
 from sumo_mcts.world.arguments import sumo_arguments
 from sumo_mcts.world.crowd import cast
@@ -23,7 +24,7 @@ State = tuple[float, str, float, float, float, float]
 
 
 def scenario(*overrides: str) -> ScenarioConfig:
-    return config.load(assets.scenario_path("highway-exit"), ("planner.iterations=200", *overrides))
+    return config.load(builtin.scenario_path("highway-exit"), ("planner.iterations=200", *overrides))
 
 
 def state_of(vehicle: str) -> State:
@@ -68,7 +69,7 @@ def test_the_same_trajectory_as_run_to_the_bit(sets: tuple[str, ...], simulation
     own = drive(simulation, Controller("ego", scenario(*sets), seed=SEED))
     libsumo.close()
 
-    from sumo_mcts.episode import Loop
+    from sumo_mcts.episode.loop import Loop
 
     seen = []
     step = Loop._step

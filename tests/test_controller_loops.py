@@ -13,9 +13,9 @@ from typing import Any
 import libsumo
 import pytest
 
-from sumo_mcts.config import ConfigError
 from sumo_mcts.controller import Controller
-from sumo_mcts.driver import PlannerError
+from sumo_mcts.driver.registry import PlannerError
+from sumo_mcts.errors import ConfigError
 
 NET, ROUTES = "networks/straight-line/straight-line.net.xml", "routes/straight-line.rou.xml"
 SETTINGS: dict[str, Any] = {"planner": {"iterations": 50}}
@@ -422,7 +422,7 @@ def test_release_never_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object) -> None:
         raise libsumo.TraCIException("no")
 
-    monkeypatch.setattr("sumo_mcts.pilot.Pilot.release", broken)
+    monkeypatch.setattr("sumo_mcts.driver.vehicle.Pilot.release", broken)
     controller.release()
     controller.release()
     libsumo.close()

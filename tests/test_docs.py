@@ -13,13 +13,15 @@ import typer
 import yaml
 from typer.testing import CliRunner
 
-from sumo_mcts import assets, commands, config
+from sumo_mcts import config
 from sumo_mcts.cli import app
+from sumo_mcts.commands import checks
+from sumo_mcts.config import builtin
+from sumo_mcts.config.docs import refreshed, schema_text, tables
 from sumo_mcts.episode import run_episode
 from sumo_mcts.evaluation import referee
 from sumo_mcts.experiments import experiment
 from sumo_mcts.records import ROW_KEYS
-from sumo_mcts.schema_docs import refreshed, schema_text, tables
 
 TOP = Path(__file__).resolve().parent.parent
 PAGES = [TOP / "README.md", TOP / "CHANGELOG.md", TOP / "CONTRIBUTING.md", *sorted((TOP / "docs").glob("*.md"))]
@@ -74,7 +76,7 @@ def test_the_schema_on_disk_is_up_to_date() -> None:
 
 
 def test_the_schema_is_no_scenario() -> None:
-    assert "schema" not in assets.scenario_names()
+    assert "schema" not in builtin.scenario_names()
 
 
 def test_every_key_has_a_meaning_a_type_and_a_default() -> None:
@@ -139,7 +141,7 @@ def test_commands_parse(arguments: list[str]) -> None:
     context = group.commands[name].make_context(name, rest)  # raises where an option or a value is wrong
     scenario = context.params.get("scenario")
     if scenario is not None and "." not in scenario:
-        assert scenario in assets.scenario_names()
+        assert scenario in builtin.scenario_names()
 
 
 @pytest.mark.parametrize("command", ["scenarios", "schema"])
@@ -167,7 +169,7 @@ def checkout(tmp_path: Path) -> Path:
 def test_scenario_examples_are_valid(text: str, checkout: Path) -> None:
     path = checkout / "example.yaml"
     path.write_text(text, encoding="utf-8")
-    assert commands.problems_of(path) == []
+    assert checks.problems_of(path) == []
 
 
 @pytest.mark.parametrize("text", fenced("python"))
@@ -201,14 +203,14 @@ def test_the_animation_is_small() -> None:
 
 def test_the_experiments_are_listed_with_what_they_are_about() -> None:
     found = json.loads(CliRunner().invoke(app, ["experiments", "--json"]).stdout)
-    files = {path.stem: yaml.safe_load(path.read_text()) for path in (assets.root() / "configs" / "experiments").glob("*.yaml")}
+    files = {path.stem: yaml.safe_load(path.read_text()) for path in (builtin.root() / "configs" / "experiments").glob("*.yaml")}
     assert found == [{"name": name, "description": files[name]["description"]} for name in sorted(files)]
     lines = CliRunner().invoke(app, ["experiments"]).stdout.splitlines()
     assert [line.split(None, 1) for line in lines] == [[item["name"], item["description"]] for item in found]
-    page = (assets.root() / "docs" / "experiments.md").read_text()
+    page = (builtin.root() / "docs" / "experiments.md").read_text()
     assert all(f"`{item['name']}`" in page for item in found)
 
 
 def test_json_of_scenarios_names_them_all() -> None:
     found = json.loads(CliRunner().invoke(app, ["scenarios", "--json"]).stdout)
-    assert [item["name"] for item in found] == assets.scenario_names()
+    assert [item["name"] for item in found] == builtin.scenario_names()

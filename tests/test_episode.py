@@ -9,18 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sumo_mcts import assets, config, records
-from sumo_mcts.driver import Driver, Thought
+from sumo_mcts import config, records
+from sumo_mcts.config import builtin
+from sumo_mcts.driver.driver import Driver, Thought
+from sumo_mcts.driver.vehicle import Pilot
 from sumo_mcts.episode import run_episode
-from sumo_mcts.pilot import Pilot
 from sumo_mcts.records import ROW_KEYS
 from sumo_mcts.reporting import birdseye
 from sumo_mcts.scene import Scene
 
 DIGEST = """
-from sumo_mcts import assets, config
+from sumo_mcts import config
+from sumo_mcts.config import builtin
 from sumo_mcts.episode import run_episode
-scene = config.load(assets.scenario_path("unprotected-left-turn"), ("planner.iterations=200", "planner.name={planner}"))
+scene = config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=200", "planner.name={planner}"))
 print(run_episode(scene, {seed}).rows[0]["trace_digest"])
 """
 
@@ -51,7 +53,7 @@ def test_another_seed_is_another_run() -> None:
 
 @pytest.mark.parametrize("name", ["unprotected-left-turn", "highway-exit", "straight-line"])
 def test_mcts_drives_the_reactive_scenes(name: str) -> None:
-    scene = config.load(assets.scenario_path(name))
+    scene = config.load(builtin.scenario_path(name))
     row = run_episode(scene, 1).rows[0]
     assert row["outcome"] == "arrived", row
     assert row["red_lights_run"] == 0
@@ -63,14 +65,14 @@ def test_mcts_drives_the_reactive_scenes(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["unprotected-left-turn", "highway-exit", "straight-line"])
 def test_the_oracle_solves_the_fixed_scripted_scenes(name: str) -> None:
-    scene = config.load(assets.scenario_path(f"{name}-scripted"), ("prediction.name=script", "traffic.vary=0"))
+    scene = config.load(builtin.scenario_path(f"{name}-scripted"), ("prediction.name=script", "traffic.vary=0"))
     row = run_episode(scene, 0).rows[0]
     assert row["outcome"] == "arrived", row
     assert row["inevitable"] is None
 
 
 def test_a_blind_driver_collides_where_the_search_does_not() -> None:
-    scene = config.load(assets.scenario_path("unprotected-left-turn-scripted"), ("planner.name=constant", "traffic.vary=0"))
+    scene = config.load(builtin.scenario_path("unprotected-left-turn-scripted"), ("planner.name=constant", "traffic.vary=0"))
     row = run_episode(scene, 0).rows[0]
     assert (row["outcome"], row["inevitable"]) == ("collision", False)
 
@@ -81,7 +83,7 @@ def walled(gap: float, *sets: str, pos_vary: float = 0.0, more: str = "") -> con
     place = f"route: [road, beyond], driver: script, vtype: car, vary: {{pos_m: {pos_vary}}}"
     wall = [f"{{id: wall_{k}, {place}, depart: {{lane: {k}, pos_m: {100 + gap + 4.7}}}}}" for k in range(3)]
     actors = f"traffic.actors=[{', '.join([ego, *wall, *([more] if more else [])])}]"
-    return config.load(assets.scenario_path("straight-line-scripted"), ("planner.name=constant", actors, *sets))
+    return config.load(builtin.scenario_path("straight-line-scripted"), ("planner.name=constant", actors, *sets))
 
 
 @pytest.mark.parametrize("fixed", [walled(15.0, "traffic.vary=0", pos_vary=3.0), walled(15.0)])
@@ -132,7 +134,7 @@ def test_a_scene_that_never_has_a_way_out_is_an_error() -> None:
 
 
 def test_the_twin_is_driven_by_sumo() -> None:
-    scene = config.load(assets.scenario_path("straight-line"), ("planner.name=sumo",))
+    scene = config.load(builtin.scenario_path("straight-line"), ("planner.name=sumo",))
     result = run_episode(scene, 1)
     row = result.rows[0]
     assert row["outcome"] == "arrived"
@@ -144,14 +146,14 @@ def test_the_twin_is_driven_by_sumo() -> None:
 def test_the_planner_knows_the_top_speed_of_its_actor() -> None:
     ego = "{id: ego, vtype: ego, route: [road, beyond], max_speed_mps: 4, depart: {lane: 1, pos_m: 250, speed_mps: 3}}"
     sets = ("planner.name=idm", f"traffic.actors=[{ego}]", "traffic.vary=0")
-    result = run_episode(config.load(assets.scenario_path("straight-line"), sets), 0)
+    result = run_episode(config.load(builtin.scenario_path("straight-line"), sets), 0)
     speeds = [cycle.ego.v for cycle in result.traces[0].cycles]
     assert 3.5 < max(speeds) <= 4.0
     assert result.rows[0]["free_flow_s"] == pytest.approx(result.rows[0]["distance_m"] / 4.0, rel=0.1)
 
 
 def test_two_egos_get_a_row_each() -> None:
-    scene = config.load(assets.scenario_path("straight-line"), ("planner.iterations=200", "egos=[{id: ego, until: road}, {id: behind, until: road}]"))
+    scene = config.load(builtin.scenario_path("straight-line"), ("planner.iterations=200", "egos=[{id: ego, until: road}, {id: behind, until: road}]"))
     result = run_episode(scene, 1)
     assert [row["ego"] for row in result.rows] == ["ego", "behind"]
     assert [row["outcome"] for row in result.rows] == ["arrived", "arrived"]
@@ -164,7 +166,7 @@ def test_a_planner_that_raises_is_an_outcome(monkeypatch: pytest.MonkeyPatch) ->
         raise ZeroDivisionError("as planned")
 
     monkeypatch.setattr(Driver, "decide", broken)
-    scene = config.load(assets.scenario_path("straight-line"))
+    scene = config.load(builtin.scenario_path("straight-line"))
     row = run_episode(scene, 1).rows[0]
     assert row["outcome"] == "error"
     assert "as planned" in row["error"]
@@ -176,7 +178,7 @@ def test_a_shortage_of_the_machine_is_no_outcome(shortage: Exception, monkeypatc
     def starve(*_: object) -> None:
         raise shortage
 
-    scene = config.load(assets.scenario_path("straight-line"), ("planner.name=constant",))
+    scene = config.load(builtin.scenario_path("straight-line"), ("planner.name=constant",))
     for where, what in ((Driver, "decide"), (Pilot, "before_step")):
         with monkeypatch.context() as patch:
             patch.setattr(where, what, starve)
@@ -185,14 +187,14 @@ def test_a_shortage_of_the_machine_is_no_outcome(shortage: Exception, monkeypatc
 
 
 def test_an_ego_that_never_comes_is_an_error() -> None:
-    scene = config.load(assets.scenario_path("straight-line"), ("egos=[{id: ahead.7}]", "episode.depart_limit_s=5"))
+    scene = config.load(builtin.scenario_path("straight-line"), ("egos=[{id: ahead.7}]", "episode.depart_limit_s=5"))
     row = run_episode(scene, 1).rows[0]
     assert row["outcome"] == "error"
     assert "never departed" in row["error"]
 
 
 def test_the_trace_tells_what_the_row_says(tmp_path: Path) -> None:
-    scene = config.load(assets.scenario_path("highway-exit"), ("planner.iterations=200",))
+    scene = config.load(builtin.scenario_path("highway-exit"), ("planner.iterations=200",))
     result = run_episode(scene, 2)
     trace = result.traces[0]
     assert len(trace.cycles) == result.rows[0]["cycles"]
@@ -215,7 +217,7 @@ def test_a_planner_that_raises_under_way_leaves_what_was_driven_so_far(monkeypat
         return decide(self, scene)
 
     monkeypatch.setattr(Driver, "decide", tired)
-    result = run_episode(config.load(assets.scenario_path("straight-line"), ("planner.iterations=50",)), 1)
+    result = run_episode(config.load(builtin.scenario_path("straight-line"), ("planner.iterations=50",)), 1)
     row = result.rows[0]
     assert (row["outcome"], row["error"], row["cycles"]) == ("error", "RuntimeError: enough", 6)
     assert len(result.traces[0].cycles) == 6
@@ -225,13 +227,13 @@ def test_a_planner_that_raises_under_way_leaves_what_was_driven_so_far(monkeypat
 
 
 def test_an_episode_leaves_nothing_behind_for_the_next() -> None:
-    scene = config.load(assets.scenario_path("highway-exit"), ("planner.iterations=50",))
+    scene = config.load(builtin.scenario_path("highway-exit"), ("planner.iterations=50",))
     first, _, again = (run_episode(scene, seed).rows[0]["trace_digest"] for seed in (5, 6, 5))
     assert first == again
 
 
 def test_a_trace_is_drawn_the_same_after_it_was_loaded(tmp_path: Path) -> None:
-    trace = run_episode(config.load(assets.scenario_path("unprotected-left-turn"), ("planner.iterations=100",)), 2).traces[0]
+    trace = run_episode(config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=100",)), 2).traces[0]
     records.save_trace(tmp_path / "trace.npz", trace)
     again = records.load_trace(tmp_path / "trace.npz")
     middle = trace.cycles[len(trace.cycles) // 2].time

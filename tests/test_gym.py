@@ -18,15 +18,15 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from sumo_mcts import config, driver
-from sumo_mcts.api import load_scenario
-from sumo_mcts.config import ConfigError
+from sumo_mcts import config
+from sumo_mcts.driver.observation import EGO, Actions, Shown, bounds
 from sumo_mcts.episode import run_episode
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.gym import ENVIRONMENT, REWARD, DriveEnv
-from sumo_mcts.model.ego import FOLLOW
+from sumo_mcts.model.motion import FOLLOW
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.policy import EGO, Actions, Shown, bounds
 from sumo_mcts.records import ROW_KEYS
+from sumo_mcts.scenarios import load_scenario
 from sumo_mcts.scene import Decision
 from sumo_mcts.world.simulation import Simulation, SimulationError
 
@@ -82,7 +82,7 @@ def test_a_policy_is_judged_alike_in_the_environment_and_as_a_planner(seed: int,
         def plan(self, situation: Situation) -> Decision:
             return self._actions.decision(self._task, situation, next(self._coming))
 
-    monkeypatch.setattr(driver, "make_planner", Policy)
+    monkeypatch.setattr("sumo_mcts.driver.driver.make_planner", Policy)
     ours = run_episode(scene, seed).rows[0]
     environment = DriveEnv("unprotected-left-turn", assignments=SHORT)
     seen, _, info = drive(environment, actions, seed)

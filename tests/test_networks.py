@@ -7,7 +7,7 @@ from types import ModuleType
 import pytest
 import sumolib
 
-from sumo_mcts.assets import root
+from sumo_mcts.config.builtin import root
 
 
 def _load_build() -> ModuleType:

@@ -21,21 +21,25 @@ from helpers_model import compiled
 from helpers_tree import TOYS, grow
 
 import sumo_mcts
-from sumo_mcts import commands, config, driver, plugins
-from sumo_mcts.api import load_scenario
-from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts import config
+from sumo_mcts.commands import checks, regret
+from sumo_mcts.config import ScenarioConfig, plugins
+from sumo_mcts.driver import registry
+from sumo_mcts.driver.replan import recorded_config, replan
 from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.experiments.drive import failed
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments.experiment import Episode
-from sumo_mcts.forecast_error import compare
-from sumo_mcts.model.cost import Term, compiled_term, step_own
-from sumo_mcts.model.ego import advance
+from sumo_mcts.experiments.tasks import failed
+from sumo_mcts.model.cost import step_own
+from sumo_mcts.model.cost_params import Term, compiled_term
+from sumo_mcts.model.motion import advance
 from sumo_mcts.planners.tree import search
-from sumo_mcts.regret import Asked
-from sumo_mcts.replan import recorded_config, replan
 from sumo_mcts.reporting.explanation import explain
-from sumo_mcts.reporting.explanation_text import text
+from sumo_mcts.reporting.explanation_words import text
+from sumo_mcts.scenarios import load_scenario
 from sumo_mcts.scene import Answers
+from sumo_mcts.studies.forecasts import compare
+from sumo_mcts.studies.regret import Asked
 
 STEP_OWN = compiled(step_own)
 
@@ -134,8 +138,8 @@ def test_names_are_loaded_when_they_are_used() -> None:
 
 CODE = """
 import numpy as np
-from sumo_mcts.driver import make_predictor
-from sumo_mcts.model.traffic import Told, predict
+from sumo_mcts.driver.registry import make_predictor
+from sumo_mcts.prediction.forecast import Told, predict
 from sumo_mcts.planners.baselines import ConstantPlanner
 from sumo_mcts.scene import Plan
 
@@ -242,9 +246,9 @@ def test_what_is_wrong_is_one_line(setting: str, mine: str, tmp_path: Path) -> N
     section, _, key = name.partition(".")
     inner = f"{section}: {{{key}: '{value}'}}" if key else f"{section}: {value}"
     path.write_text(f"base: {TOP}/configs/straight-line.yaml\n{inner}\n")
-    said = commands.problems_of(path, allow_plugins=True)[0]
+    said = checks.problems_of(path, allow_plugins=True)[0]
     assert said.startswith(f"{path}: ") and WRONG[setting] in said
-    assert "runs only with --allow-plugins" in commands.problems_of(path)[0]
+    assert "runs only with --allow-plugins" in checks.problems_of(path)[0]
 
 
 def test_a_predictor_that_does_not_start(mine: str) -> None:
@@ -270,9 +274,9 @@ def test_permission() -> None:
     with pytest.raises(ConfigError, match=r"cost.term: a.b:c: code"):
         config.build(dict(data), "x")
     assert config.build(dict(data), "x", allow_plugins=True).cost.term == "a.b:c"
-    plan = commands.RegretPlan(Asked(("mcts", "a:B"), (50,)), 1, 1, 1)
+    plan = regret.RegretPlan(Asked(("mcts", "a:B"), (50,)), 1, 1, 1)
     with pytest.raises(ConfigError, match=r"--planners: a:B: code"):
-        commands.regret(("straight-line",), (), None, (), plan, None, print)
+        regret.regret(("straight-line",), (), None, (), plan, None, print)
 
 
 @pytest.mark.parametrize("name", ["nothing", "a:", ":b", "a b:c", "a:b:c", "os.system('x'):y"])
@@ -367,8 +371,8 @@ def test_an_oracle_of_mine_cannot_be_asked_later(mine: str) -> None:
 
 
 def test_regret_asks_plugins(mine: str) -> None:
-    plan = commands.RegretPlan(Asked(("constant", "of_mine:Good"), (50,)), 1, 3, 2)
-    result = commands.regret(("straight-line",), (), None, ("planner.iterations=50", "episode.stop_time_s=4"), plan, None, print, allow_plugins=True)
+    plan = regret.RegretPlan(Asked(("constant", "of_mine:Good"), (50,)), 1, 3, 2)
+    result = regret.regret(("straight-line",), (), None, ("planner.iterations=50", "episode.stop_time_s=4"), plan, None, print, allow_plugins=True)
     one, same = result["planners"]
     assert {**one, "planner": ""} == {**same, "planner": ""} and same["planner"] == "of_mine:Good"
 
@@ -448,4 +452,4 @@ def test_a_name_that_two_packages_have(monkeypatch: pytest.MonkeyPatch) -> None:
     assert load_scenario("straight-line", "planner.name=mine").planner.name == "mine"  # installed: needs no permission
     with pytest.raises(ConfigError, match=r"mine: several packages have a plugin of this name: one.planner:Mine, two.planner:Mine"):
         plugins.loaded("planner.name", "mine")
-    assert driver.prediction_label(load_scenario("straight-line")) == "idm"
+    assert registry.prediction_label(load_scenario("straight-line")) == "idm"

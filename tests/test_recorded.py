@@ -16,8 +16,9 @@ from helpers_trace import crossing_trace
 from PIL import Image
 from typer.testing import CliRunner
 
-from sumo_mcts import assets, config, records
+from sumo_mcts import config, records
 from sumo_mcts.cli import app
+from sumo_mcts.config import builtin
 from sumo_mcts.episode import run_episode
 from sumo_mcts.reporting import export
 
@@ -243,7 +244,7 @@ def test_where_nothing_can_be_written_the_file_is_named(several: Path, name: str
 def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the page's `run` leaves, but for the pictures."""
     folder = tmp_path_factory.mktemp("page")
-    keep(folder / "out" / "straight", run_episode(config.load(assets.scenario_path("straight-line-varied")), 1))
+    keep(folder / "out" / "straight", run_episode(config.load(builtin.scenario_path("straight-line-varied")), 1))
     return folder
 
 

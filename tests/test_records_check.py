@@ -18,10 +18,11 @@ from helpers_trace import busy_trace, crossing_trace, highway_trace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts import recorded, records, records_check
+from sumo_mcts import records
+from sumo_mcts.commands import recorded
+from sumo_mcts.driver.replan import recorded_config, replan
 from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.records import TraceError
-from sumo_mcts.replan import recorded_config, replan
+from sumo_mcts.records import TraceError, check
 from sumo_mcts.scene import RoadMap
 
 KEY = "unprotected-left-turn--mcts-idm-200--3"
@@ -65,18 +66,18 @@ def test_every_number_of_a_record_has_a_rule() -> None:
         for field, annotation in get_type_hints(kind).items():
             members = [each for each in get_args(annotation) if each is not NoneType] if get_origin(annotation) in (Union, UnionType) else [annotation]
             itself = all(hasattr(each, "_fields") or each in (bool, str) for each in members)
-            assert itself or field in records_check.RULES[kind.__name__], f"{kind.__name__}.{field}"
+            assert itself or field in check.RULES[kind.__name__], f"{kind.__name__}.{field}"
 
 
 def test_a_rule_is_about_a_field_that_there_is() -> None:
     kinds = {kind.__name__: kind for kind in kinds_in(records.Trace) | kinds_in(RoadMap)}
-    for name, rules in records_check.RULES.items():
+    for name, rules in check.RULES.items():
         assert set(rules) <= set(kinds[name]._fields), name
 
 
 @pytest.mark.parametrize("trace", [crossing_trace(), highway_trace(), busy_trace(), crossing_trace()._replace(cycles=())])
 def test_what_is_made_up_passes(trace: records.Trace) -> None:
-    assert records_check.trace_problem(trace) == ""
+    assert check.trace_problem(trace) == ""
 
 
 @pytest.mark.parametrize(
@@ -86,9 +87,9 @@ def test_what_is_made_up_passes(trace: records.Trace) -> None:
 def test_what_is_recorded_passes(sets: tuple[str, ...]) -> None:
     result = run_episode(of_a_scene("highway-exit", "episode.stop_time_s=5", *sets), 1)
     assert result.road is not None
-    assert records_check.map_problem(result.road) == ""
+    assert check.map_problem(result.road) == ""
     for trace in result.traces:
-        assert records_check.trace_problem(trace) == ""
+        assert check.trace_problem(trace) == ""
         records.require_fit(trace, result.road)
 
 
@@ -121,11 +122,11 @@ def test_lanes_that_lead_round_in_a_circle_are_refused(result: EpisodeResult) ->
     inside = int(np.flatnonzero(road.internal & (np.diff(road.successor_offset) > 0))[0])
     successor = road.successor.copy()
     successor[road.successor_offset[inside]] = inside
-    assert "successor: leads round in a circle" in records_check.map_problem(road._replace(successor=successor))
+    assert "successor: leads round in a circle" in check.map_problem(road._replace(successor=successor))
     left = road.left.copy()
     beside = int(np.flatnonzero(left >= 0)[0])
     left[beside] = beside
-    assert "left: has to name the next lane" in records_check.map_problem(road._replace(left=left))
+    assert "left: has to name the next lane" in check.map_problem(road._replace(left=left))
 
 
 def test_offsets_that_fall_by_more_than_their_type_can_tell_are_refused() -> None:
@@ -133,13 +134,13 @@ def test_offsets_that_fall_by_more_than_their_type_can_tell_are_refused() -> Non
     trace = crossing_trace()
     offset = trace.lanes.offset.copy()
     offset[1:3] = 2**31 - 1, -(2**31) + 10
-    assert "lanes.offset: has to rise" in records_check.trace_problem(trace._replace(lanes=trace.lanes._replace(offset=offset)))
+    assert "lanes.offset: has to rise" in check.trace_problem(trace._replace(lanes=trace.lanes._replace(offset=offset)))
 
 
 def test_offsets_of_nothing_are_refused() -> None:
     trace = crossing_trace()
     cycle = trace.cycles[0]._replace(signals=trace.cycles[0].signals._replace(offset=np.zeros(0, np.int32)))
-    assert "signals.offset: has to rise" in records_check.trace_problem(trace._replace(cycles=(cycle,)))
+    assert "signals.offset: has to rise" in check.trace_problem(trace._replace(cycles=(cycle,)))
 
 
 TRACE_DAMAGE = {
@@ -216,7 +217,7 @@ def test_a_map_is_named_by_letters_and_digits_alone(copy: Path) -> None:
 
 def test_an_archive_that_grows_beyond_bounds_is_refused_before_it_is_unpacked(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (path,) = (copy / records.TRACES).iterdir()
-    monkeypatch.setattr(records, "MOST_BYTES", 100_000)
+    monkeypatch.setattr("sumo_mcts.records.codec.MOST_BYTES", 100_000)
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("unpacked"))
     with pytest.raises(TraceError, match="unpacked it has more than 100,000 bytes"):
         records.load_trace(path)

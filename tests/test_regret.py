@@ -11,11 +11,11 @@ from helpers_tree import TOYS, Toy, on_three_lanes
 from test_bad_input import FILES
 from typer.testing import CliRunner
 
-from sumo_mcts import regret
 from sumo_mcts.cli import app
-from sumo_mcts.config import ConfigError
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.planners.reference import Solution, best_root, digest, problem_of, root_lines, solve
-from sumo_mcts.regret import Panel, Row, both_efforts, convergence, judged, ranking, standing
+from sumo_mcts.studies import regret
+from sumo_mcts.studies.regret import Panel, Row, both_efforts, convergence, judged, ranking, standing
 
 SCALE = 0.8
 SHORT = ("--set", "episode.time_limit_s=4", "--every", "4")

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from helpers_recorded import keep, of_a_scene, of_a_user
 
-from sumo_mcts.config import ConfigError, ScenarioConfig
+from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.driver.replan import READ, recorded_config, replan
 from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.planners.base import Situation
 from sumo_mcts.planners.mcts import MctsPlanner
 from sumo_mcts.records import TRACES, Trace, load_map, load_trace, same, save_map
-from sumo_mcts.replan import READ, recorded_config, replan
 from sumo_mcts.scene import USUAL, Decision, Follow, Forecast, RoadMap
 
 CASES = {

@@ -16,13 +16,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from sumo_mcts import assets, commands, records, run_key
-from sumo_mcts.api import load_scenario
+from sumo_mcts import records
 from sumo_mcts.cli import app
-from sumo_mcts.config import ConfigError, ScenarioConfig
-from sumo_mcts.episode import EpisodeResult
+from sumo_mcts.commands import drive, reports, run_key
+from sumo_mcts.config import ScenarioConfig, builtin
+from sumo_mcts.episode.run import EpisodeResult
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments.folder import only_here
-from sumo_mcts.experiments.statistics import place
+from sumo_mcts.records.statistics import place
+from sumo_mcts.scenarios import load_scenario
 
 LINE = "straight-line"
 SUMO = ("--planner", "sumo", "--no-pictures")  # quick: nothing is searched, nothing is drawn
@@ -128,11 +130,11 @@ def test_each_run_has_a_row_a_trace_and_a_manifest_of_its_own(folder: Path) -> N
     assert [told[key]["scenario"]["traffic"]["vary"] for key in keys] == [2.0, 0.0, 2.0, 0.0]
     assert told[keys[3]]["sumo_options"] == ["--default.speeddev", "0.2"]
     assert len({json.dumps(each) for each in told.values()}) == 4
-    assert len(commands.report([folder], folder / "r", (), lambda text: None).document["tables"]["outcomes"]["rows"]) == 3
+    assert len(reports.report([folder], folder / "r", (), lambda text: None).document["tables"]["outcomes"]["rows"]) == 3
 
 
 def test_scenario_files_of_one_name_are_told_apart_by_what_is_in_them(tmp_path: Path) -> None:
-    text = assets.scenario_path("straight-line").read_text(encoding="utf-8").replace("../", f"{assets.root()}/")
+    text = builtin.scenario_path("straight-line").read_text(encoding="utf-8").replace("../", f"{builtin.root()}/")
     out, files = tmp_path / "out", [tmp_path / "a.yaml", tmp_path / "b.yaml"]
     files[0].write_text(text)
     files[1].write_text(text + "\ncost: {headway_s: 2.0}\n")
@@ -154,7 +156,7 @@ def test_an_interrupt_while_pictures_are_drawn_leaves_the_rest_and_the_result_is
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("sumo_mcts.reporting.birdseye.storyboard", interrupted)
+    monkeypatch.setattr("sumo_mcts.reporting.storyboard.storyboard", interrupted)
     result = CliRunner().invoke(app, ["run", LINE, "--planner", "sumo", "--out", str(tmp_path)])
     assert "outcome      arrived" in result.stdout
     assert keys_of(tmp_path) == ["straight-line--sumo--0"]
@@ -166,7 +168,7 @@ def test_an_interrupt_while_pictures_are_drawn_leaves_the_rest_and_the_result_is
 
 def test_runs_at_the_same_time_lose_nothing(tmp_path: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda seed: commands.keep(made(seed), tmp_path, ()), range(4)))
+        list(pool.map(lambda seed: drive.keep(made(seed), tmp_path, ()), range(4)))
     keys = [made_row(seed=seed)["key"] for seed in range(4)]
     assert sorted(keys_of(tmp_path)) == sorted(keys)
     assert len((tmp_path / records.TABLE).read_text().splitlines()) == 5
@@ -174,20 +176,20 @@ def test_runs_at_the_same_time_lose_nothing(tmp_path: Path) -> None:
 
 
 def test_who_does_not_get_into_the_folder_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands, "PATIENCE_S", 0.1)
+    monkeypatch.setattr(drive, "PATIENCE_S", 0.1)
     with only_here(tmp_path), pytest.raises(ConfigError, match="another run or batch is at work there"):
-        commands.keep(made(), tmp_path, ())
-    commands.keep(made(), tmp_path, ())
+        drive.keep(made(), tmp_path, ())
+    drive.keep(made(), tmp_path, ())
 
 
 def test_a_row_is_replaced_in_its_place_and_all_other_lines_stay_as_they_were(tmp_path: Path) -> None:
     for seed in range(3):
-        commands.keep(made(seed), tmp_path, ())
+        drive.keep(made(seed), tmp_path, ())
     path = tmp_path / records.ROWS
     lines = path.read_bytes().splitlines(keepends=True)
     odd = [b'{"of": "another version"}\n', b"[" * (records.LONGEST_LINE + 10) + b"\n", b'{"key": "to\xff']
     path.write_bytes(b"".join([*lines[:2], *odd[:2], lines[2], lines[1], odd[2]]))
-    kept = commands.keep(made(1, outcome="collision", travel_time_s=None), tmp_path, ())
+    kept = drive.keep(made(1, outcome="collision", travel_time_s=None), tmp_path, ())
     now = path.read_bytes().splitlines(keepends=True)
     assert [now[0], *now[2:]] == [lines[0], *odd[:2], lines[2], odd[2]]
     assert json.loads(now[1])["outcome"] == "collision"
@@ -198,26 +200,26 @@ def test_what_an_earlier_folder_does_not_tell_is_told_by_its_rows(tmp_path: Path
     """Before there were manifests for each key."""
     records.append_row(tmp_path, made().rows[0])
     records.append_row(tmp_path, {**made(1).rows[0], "config_digest": "another"})
-    assert commands.keep(made(0), tmp_path, ()).result.rows[0]["scenario"] == "left"
-    assert commands.keep(made(1), tmp_path, ()).result.rows[0]["scenario"] == "left.aaaaaaaa"
+    assert drive.keep(made(0), tmp_path, ()).result.rows[0]["scenario"] == "left"
+    assert drive.keep(made(1), tmp_path, ()).result.rows[0]["scenario"] == "left.aaaaaaaa"
     assert len(keys_of(tmp_path)) == 3
 
 
 def test_pictures_of_another_drive_go_and_those_of_the_same_stay(tmp_path: Path) -> None:
-    commands.keep(made(), tmp_path, ())
+    drive.keep(made(), tmp_path, ())
     picture = tmp_path / records.FIGURES / f"{made().rows[0]['key']}.gif"
     records.write_whole(picture, b"GIF")
-    commands.keep(made(), tmp_path, ())
+    drive.keep(made(), tmp_path, ())
     assert picture.exists()
     other = made()
-    commands.keep(other._replace(rows=({**other.rows[0], "trace_digest": "u"},), traces=()), tmp_path, ())
+    drive.keep(other._replace(rows=({**other.rows[0], "trace_digest": "u"},), traces=()), tmp_path, ())
     assert not picture.exists()
     assert list((tmp_path / records.TRACES).iterdir()) == [], "a drive without a decision leaves no trace, and none of an earlier one"
 
 
 @pytest.mark.parametrize("at", range(1, 7))
 def test_on_a_full_disk_the_file_is_named_and_what_was_there_stays(at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    commands.keep(made(), tmp_path, ())
+    drive.keep(made(), tmp_path, ())
     before, count, fsync = (tmp_path / records.ROWS).read_bytes(), 0, os.fsync
 
     def full(number: int) -> None:
@@ -229,7 +231,7 @@ def test_on_a_full_disk_the_file_is_named_and_what_was_there_stays(at: int, tmp_
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space") as caught:
-        commands.keep(made(1), tmp_path, ())
+        drive.keep(made(1), tmp_path, ())
     assert str(caught.value.filename).startswith(str(tmp_path))
     now = (tmp_path / records.ROWS).read_bytes()
     assert now.startswith(before)
@@ -274,7 +276,7 @@ def test_egos_and_networks_of_a_user_are_told_apart(tmp_path: Path) -> None:
     assert keys[:2] == ["n--sumo--own--one", "n--sumo--own--two"]
     assert [re.sub(r"\.[0-9a-f]{8}", ".#", key) for key in keys[2:]] == ["n.#--sumo--own--two", "n.#--sumo--own--one"]
     assert sorted(path.stem for path in (out / records.TRACES).iterdir()) == sorted(keys)
-    assert commands.report([out], out / "r", (), lambda text: None).document["episodes"] == 4
+    assert reports.report([out], out / "r", (), lambda text: None).document["episodes"] == 4
 
 
 def test_what_was_driven_in_other_traffic_is_no_pair(folder: Path) -> None:

@@ -12,13 +12,15 @@ from hypothesis import strategies as st
 from naive import Box
 from naive import share_in_view as naive_share_in_view
 
-from sumo_mcts import assets, config
-from sumo_mcts.config import SensorConfig
-from sumo_mcts.driver import Driver, streams
-from sumo_mcts.episode import Loop, run_episode
+from sumo_mcts import config
+from sumo_mcts.config import SensorConfig, builtin
+from sumo_mcts.driver.driver import Driver
+from sumo_mcts.driver.params import streams
+from sumo_mcts.driver.sensor import Senses, matched, moved_on, room_m, share_in_view, with_errors
+from sumo_mcts.episode import run_episode
+from sumo_mcts.episode.loop import Loop
 from sumo_mcts.scene import RoadMap, Scene
-from sumo_mcts.sensing import Senses, matched, moved_on, room_m, share_in_view, with_errors
-from sumo_mcts.world.simulation import import_libsumo
+from sumo_mcts.world.library import import_libsumo
 
 PERIOD = 0.5
 NOISY = ("sensor.position_error_m=0.3", "sensor.speed_error_mps=0.3", "sensor.drop_probability=0.1", "sensor.occlusion=true")
@@ -329,9 +331,9 @@ def test_who_had_begun_to_leave_its_lane_has_not_gone_back_when_it_is_out_of_sig
 def test_the_lanes_of_sumo_are_found_again() -> None:
     """The true poses of whole episodes, matched: SUMO's own lane, position and offset."""
     for name in ("unprotected-left-turn", "highway-exit"):
-        loop = Loop(config.load(assets.scenario_path(name), ("planner.name=sumo",)), 3)
+        loop = Loop(config.load(builtin.scenario_path(name), ("planner.name=sumo",)), 3)
         loop.start()
-        from sumo_mcts.driver import Driver
+        from sumo_mcts.driver.driver import Driver
 
         driver = Driver(loop.config, loop.world.road, loop.world.physics, 0)
         compared = 0
@@ -349,7 +351,7 @@ def test_the_lanes_of_sumo_are_found_again() -> None:
 
 
 def test_the_referee_is_told_the_truth() -> None:
-    loop = Loop(config.load(assets.scenario_path("highway-exit"), NOISY), 2)
+    loop = Loop(config.load(builtin.scenario_path("highway-exit"), NOISY), 2)
     loop.start()
     try:
         scene, pilot = loop.scenes()["ego"], loop._egos[0].pilot
@@ -367,17 +369,17 @@ def test_the_referee_is_told_the_truth() -> None:
 
 
 def test_an_episode_with_noise_and_its_digest() -> None:
-    scene = config.load(assets.scenario_path("unprotected-left-turn"), ("planner.iterations=300", *NOISY))
+    scene = config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=300", *NOISY))
     first, again = (run_episode(scene, 5).rows[0] for _ in range(2))
     assert first["outcome"] == "arrived"
     assert first["trace_digest"] == again["trace_digest"]
-    quiet = run_episode(config.load(assets.scenario_path("unprotected-left-turn"), ("planner.iterations=300",)), 5).rows[0]
+    quiet = run_episode(config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=300",)), 5).rows[0]
     assert quiet["trace_digest"] != first["trace_digest"]
 
 
 def test_every_planner_is_shown_the_same_errors() -> None:
     def errors_at_the_start(planner: str) -> list[float]:
-        trace = run_episode(config.load(assets.scenario_path("straight-line"), (f"planner.name={planner}", "episode.stop_time_s=1", *NOISY)), 1).traces[0]
+        trace = run_episode(config.load(builtin.scenario_path("straight-line"), (f"planner.name={planner}", "episode.stop_time_s=1", *NOISY)), 1).traces[0]
         return [float(x) for x in trace.cycles[0].agents.x]
 
     assert errors_at_the_start("mcts") == errors_at_the_start("sumo")
@@ -386,7 +388,7 @@ def test_every_planner_is_shown_the_same_errors() -> None:
 def test_an_oracle_of_routes_can_be_asked_about_somebody_who_has_left() -> None:
     """Remembered agents may be gone in truth."""
     sets = ("prediction.name=routes", "planner.iterations=50", "sensor.drop_probability=0.6", "sensor.memory_s=30")
-    result = run_episode(config.load(assets.scenario_path("unprotected-left-turn"), sets), 1)
+    result = run_episode(config.load(builtin.scenario_path("unprotected-left-turn"), sets), 1)
     assert result.rows[0]["outcome"] != "error", result.rows[0]["error"]
 
 

@@ -18,8 +18,8 @@ PATIENCE_S = 60.0
 # A command that leaves a file in its temporary folder, says that it runs, and does {body}.
 PROGRAM = """
 import ctypes, os, signal, sys, tempfile, time
-from sumo_mcts import supervisor
-from sumo_mcts.ending import ended
+from sumo_mcts.process import supervisor
+from sumo_mcts.process.ending import ended
 from sumo_mcts.errors import ConfigError, FailedError
 
 def command():

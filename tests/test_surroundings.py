@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from sumo_mcts.episode.surroundings import lanes_around
 from sumo_mcts.scene import RoadMap
-from sumo_mcts.surroundings import lanes_around
 
 
 def _grid() -> RoadMap:

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from sumo_mcts import commands
 from sumo_mcts.cli import app
+from sumo_mcts.commands import checks
 
 FILES = Path(__file__).parent / "bad_inputs"
 TOP = Path(__file__).resolve().parents[1]
@@ -27,12 +27,12 @@ traffic:
 def problems(folder: Path, text: str, name: str = "mine.yaml") -> list[str]:
     path = folder / name
     path.write_text(text)
-    return commands.problems_of(path)
+    return checks.problems_of(path)
 
 
 def test_what_is_fine(tmp_path: Path) -> None:
     assert problems(tmp_path, SCENE + ACTORS) == []
-    assert commands.problems_of(FILES / "good.sumocfg") == []
+    assert checks.problems_of(FILES / "good.sumocfg") == []
     assert problems(tmp_path, "name: e\nscenarios: [straight-line]\nvariants: {a: {}, b: {planner.name: idm}}\n") == []
 
 
@@ -63,13 +63,13 @@ def test_every_missing_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["actor-type", "routes-unknown-edge", "routes-unknown-type", "option-unknown", "net-junk", "success-off-route"])
 def test_what_only_sumo_or_the_road_tells(name: str) -> None:
-    (line,) = commands.problems_of(FILES / f"{name}.yaml")
+    (line,) = checks.problems_of(FILES / f"{name}.yaml")
     assert f"{name}.yaml: " in line
 
 
 @pytest.mark.parametrize("name", ["truncated", "cfg-key-unknown", "cfg-step-text", "cfg-net-missing", "cfg-routes-missing", "cfg-no-net"])
 def test_configurations(name: str) -> None:
-    (line,) = commands.problems_of(FILES / f"{name}.sumocfg")
+    (line,) = checks.problems_of(FILES / f"{name}.sumocfg")
     assert f"{name}.sumocfg: " in line
 
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts import yaml_file
-from sumo_mcts.config import ConfigError, parsed
-from sumo_mcts.yaml_file import MOST_BYTES, MOST_DEPTH, MOST_VALUES, YamlError
+from sumo_mcts.config import parsed, yaml_file
+from sumo_mcts.config.yaml_file import MOST_BYTES, MOST_DEPTH, MOST_VALUES, YamlError
+from sumo_mcts.errors import ConfigError
 
 PATIENCE_S = 20.0  # of a test machine; a file of the largest size takes some 4 s
 

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from sumo_mcts.evaluation.contact import Contact, ahead_of, as_pose, boxes_of, boxes_overlap, first_contact, jumped, kept_apart, touch_point
 from sumo_mcts.evaluation.metrics import comfortable_share, events, jerks, rms
-from sumo_mcts.evaluation.ways import REACH, Drive, can_meet, driven, goal_reaching_edges, spread
-from sumo_mcts.model.lanes import successors
-from sumo_mcts.scene import GREEN, RED, STANDING, Agents, Bools, EgoState, Frame, Ints, RoadMap, Signals
+from sumo_mcts.evaluation.reachability import REACH, Drive, can_meet, driven, goal_reaching_edges, spread
+from sumo_mcts.numerics.lanes import successors
+from sumo_mcts.numerics.signals import shows
+from sumo_mcts.scene import GREEN, RED, STANDING, Agents, Bools, EgoState, Frame, Ints, RoadMap
 
 ARRIVED, COLLISION, TELEPORTED, OFF_ROUTE, TIMEOUT, ERROR = "arrived", "collision", "teleported", "off_route", "timeout", "error"
-
 HARD_BRAKE = 4.5  # m/s2
 IMPOSED = (2.0, 3.0, 4.0)  # m/s2
 STOPPABLE_RED, STOPPABLE_YELLOW = 4.5, 3.0  # m/s2: whoever needed more to stop could not be asked to
@@ -52,11 +52,6 @@ class _Stretch(NamedTuple):
 def needed_decel(v: float, distance: float) -> float:
     """Deceleration, m/s2, that stops from v, m/s, within distance, m."""
     return v * v / (2.0 * max(distance, 1e-3))
-
-
-def shows(signals: Signals, road: RoadMap, lane: int) -> int:
-    """What the signal before an internal lane shows now."""
-    return int(signals.state[signals.offset[road.signal[lane]] + road.link[lane], 0])
 
 
 class Referee:

@@ -10,17 +10,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from sumo_mcts import assets, files, plugins, records
-from sumo_mcts.config import ConfigError, ScenarioConfig, plugin_names, positive, whole
-from sumo_mcts.errors import FailedError, of_machine
-from sumo_mcts.experiments import drive, folder, workers
-from sumo_mcts.experiments.drive import Driven
+from sumo_mcts import files, records
+from sumo_mcts.config import ScenarioConfig, builtin, plugin_names, plugins, positive, whole
+from sumo_mcts.errors import ConfigError, FailedError, of_machine
+from sumo_mcts.experiments import folder, tasks, workers
 from sumo_mcts.experiments.experiment import Episode, Plan, all_egos, episodes, load, shard, with_ego
+from sumo_mcts.experiments.tasks import Driven
 from sumo_mcts.experiments.workers import Crew
-from sumo_mcts.experiments.worth import Bar, Worth
-from sumo_mcts.model.announce import COMPILING, Growth, watched
-from sumo_mcts.model.kernel import kept_kernels
+from sumo_mcts.numerics.announce import COMPILING, Growth, watched
+from sumo_mcts.numerics.kernel import kept_kernels
 from sumo_mcts.records import MAPS, TRACES, Row
+from sumo_mcts.records.highlights import Bar, Worth
 from sumo_mcts.world.arguments import REFEREE_OPTIONS, files_of
 
 TRIES = 2  # of an episode whose worker dies
@@ -93,7 +93,7 @@ def run_batch(
 
     Raises ConfigError where the input is wrong, or `out` holds something else; BatchError where the batch cannot go on.
     """
-    plan, out = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins), Path(out)
+    plan, out = load(builtin.experiment_path(str(experiment)), allow_plugins=allow_plugins), Path(out)
     tell = watch or _nobody
     count = workers.cores() if jobs is None else whole("jobs", jobs, 1)
     patience = positive("episode_timeout_s", episode_timeout_s)
@@ -110,7 +110,7 @@ def run_batch(
                 _prepared(plan, tell, patience, manifest["egos"])
             found = _part(plan, manifest["egos"], shard)
         with workers.local(count, patience) if scheduler is None else workers.cluster(scheduler) as crew:
-            drive_one = drive.drive if scheduler is None else partial(drive.drive_within, patience)
+            drive_one = tasks.drive if scheduler is None else partial(tasks.drive_within, patience)
             return _Batch(out, found, plan.experiment.traces, tell, drive_one).run(crew)
 
 
@@ -118,7 +118,7 @@ def listed(
     experiment: str | Path, out: str | Path | None = None, *, shard: tuple[int, int] = WHOLE, fresh: bool = False, allow_plugins: bool = False
 ) -> list[Listing]:
     """What `run_batch` would drive, after a look whether it can: every scenario is started, but nobody decides. Nothing is written. Raises as it does."""
-    plan = load(assets.experiment_path(str(experiment)), allow_plugins=allow_plugins)
+    plan = load(builtin.experiment_path(str(experiment)), allow_plugins=allow_plugins)
     wanted = _manifest(plan, shard, ())
     manifest = None if out is None else _begun(Path(out), wanted, fresh)
     egos = _prepared(plan, _nobody, EPISODE_TIMEOUT_S, decide=False) if manifest is None else manifest["egos"]
@@ -134,9 +134,9 @@ def tried(path: Path, seconds: float, *, allow_plugins: bool = False) -> list[st
     found = []
     for case in plan.cases:
         try:
-            egos = () if case.egos is None else drive.some_egos(case.base, case.egos, max(0.0, until - time.monotonic()))
+            egos = () if case.egos is None else tasks.some_egos(case.base, case.egos, max(0.0, until - time.monotonic()))
             configs = {_kind(config): with_ego(config, *egos) if egos else config for config in case.configs.values()}.values()
-            problems = [drive.rehearse(config, case.seeds[0], decide=False) for config in configs if time.monotonic() < until and (egos or case.egos is None)]
+            problems = [tasks.rehearse(config, case.seeds[0], decide=False) for config in configs if time.monotonic() < until and (egos or case.egos is None)]
         except ConfigError as error:
             problems = [str(error)]
         found += [f"{plan.origin}: scenarios: {case.name}: {problem}" for problem in dict.fromkeys(problems) if problem]
@@ -145,17 +145,17 @@ def tried(path: Path, seconds: float, *, allow_plugins: bool = False) -> list[st
 
 def built_in() -> list[dict[str, str]]:
     """Name and description of the built-in experiments."""
-    found = [load(assets.experiment_path(name)).experiment for name in assets.experiment_names()]
+    found = [load(builtin.experiment_path(name)).experiment for name in builtin.experiment_names()]
     return [{"name": experiment.name, "description": experiment.description} for experiment in found]
 
 
 class _Batch:
     """The episodes of one run, on their way into the folder."""
 
-    def __init__(self, out: Path, found: Sequence[Episode], traces: str, tell: Watch, drive_one: Drive = drive.drive) -> None:
+    def __init__(self, out: Path, found: Sequence[Episode], traces: str, tell: Watch, drive_one: Drive = tasks.drive) -> None:
         self._out, self._all, self._tell, self._drive = out, found, tell, drive_one
         self._worth = Worth(traces)
-        self._rows = [row for row in folder.done(out, found) if not drive.of_shortage(row)]
+        self._rows = [row for row in folder.done(out, found) if not tasks.of_shortage(row)]
         known = {row["key"] for row in self._rows}
         self._waiting = deque(episode for episode in found if not known.issuperset(episode.keys))
         self._flying: dict[Future[Driven], Episode] = {}
@@ -210,9 +210,9 @@ class _Batch:
                 self._waiting.append(episode)
                 return
             said = f"{' '.join(str(error).split())}, in each of {TRIES} tries"
-            driven = Driven(drive.failed(episode, said, shortage=getattr(error, "shortage", False)), {}, {})
+            driven = Driven(tasks.failed(episode, said, shortage=getattr(error, "shortage", False)), {}, {})
         except workers.SilentWorkerError as error:
-            driven = Driven(drive.failed(episode, str(error)), {}, {})
+            driven = Driven(tasks.failed(episode, str(error)), {}, {})
         except BaseException as error:  # a worker answers whatever happens to an episode: this is about the workers
             if isinstance(error, KeyboardInterrupt | SystemExit):
                 raise
@@ -317,7 +317,7 @@ def _chosen(plan: Plan, crew: Crew, tell: Watch) -> Egos:
     for case in plan.cases:
         if case.egos is not None:
             tell(_before(f"looking for egos in {case.name}"))
-            found[case.name] = _asked(plan, case.name, crew.executor.submit(drive.choose, case.base, case.egos), crew, tell)
+            found[case.name] = _asked(plan, case.name, crew.executor.submit(tasks.choose, case.base, case.egos), crew, tell)
     return found
 
 
@@ -329,7 +329,7 @@ def _rehearse(plan: Plan, egos: Egos, crew: Crew, tell: Watch, decide: bool) -> 
     for case in plan.cases:
         configs = [with_ego(config, egos[case.name][0]) if case.name in egos else config for config in case.configs.values()]
         for config in {_kind(config): config for config in configs}.values():
-            problem = _asked(plan, case.name, crew.executor.submit(drive.rehearse, config, case.seeds[0], decide, measured), crew, tell)
+            problem = _asked(plan, case.name, crew.executor.submit(tasks.rehearse, config, case.seeds[0], decide, measured), crew, tell)
             if problem:
                 raise ConfigError(f"{plan.origin}: scenarios: {case.name}: {problem}")
 

@@ -13,9 +13,10 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 
-from sumo_mcts import assets, config, files, records
-from sumo_mcts.config import MOST_SEED, ConfigError, EgoConfig, Flag, Id, ScenarioConfig
-from sumo_mcts.experiments.statistics import TWIN
+from sumo_mcts import config, files, records
+from sumo_mcts.config import MOST_SEED, EgoConfig, Flag, Id, ScenarioConfig, builtin
+from sumo_mcts.errors import ConfigError
+from sumo_mcts.records.statistics import TWIN
 from sumo_mcts.world.arguments import is_sumocfg, sumo_home
 
 TRAFFIC = ("sumo", "egos", "traffic", "episode")  # sections in which an episode and its twin have to agree
@@ -313,7 +314,7 @@ def _changed(data: dict[str, Any], changes: Changes, origin: str) -> ScenarioCon
 
 def _from_scenario(name: str, folder: Path) -> dict[str, Any]:
     beside = folder / name
-    return config.load(assets.scenario_path(name) if files.problem(beside) else beside, allow_plugins=True).model_dump(mode="json")
+    return config.load(builtin.scenario_path(name) if files.problem(beside) else beside, allow_plugins=True).model_dump(mode="json")
 
 
 def _from_sumocfg(entry: Entry, folder: Path) -> dict[str, Any]:

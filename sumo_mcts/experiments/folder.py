@@ -9,7 +9,7 @@ from shutil import rmtree
 from typing import Any
 
 from sumo_mcts import records
-from sumo_mcts.config import ConfigError
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments.experiment import DECIDING, Episode
 from sumo_mcts.records import MANIFEST, MAPS, ROWS, TABLE, TRACES, Row
 

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 from sumo_mcts import records
 from sumo_mcts.errors import ConfigError, in_one_line
 from sumo_mcts.experiments.experiment import DECIDING
-from sumo_mcts.supervisor import die_with_parent, silence_libraries
+from sumo_mcts.process.supervisor import die_with_parent, silence_libraries
 
 PATIENCE_S = 3.0  # for a worker that was told to end, before it is killed
 LONGEST = 200  # tasks of one process, then a new one takes over: it grows by 4 MB in a hundred episodes

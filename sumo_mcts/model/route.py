@@ -6,15 +6,14 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sumo_mcts.model.geometry import Lines, chord, lines_of, point_on
-from sumo_mcts.model.kernel import entry, kernel
-from sumo_mcts.model.lanes import usable
-from sumo_mcts.scene import ALLWAY, STOP, Bools, Floats, RoadMap
+from sumo_mcts.numerics.geometry import Lines, chord, lines_of, point_on
+from sumo_mcts.numerics.kernel import entry, kernel
+from sumo_mcts.numerics.lanes import usable
+from sumo_mcts.scene import ALLWAY, STOP, Bools, Floats, Indices, RoadMap
 
-Indices = NDArray[np.int64]
 SPACING = 1.0  # m between the rows of the pose and speed tables
+
 # Columns of RouteMap.table: compiled code is handed one array, since every array in a tuple costs at every call.
 NEXT, LEFT_NODE, RIGHT_NODE, LENGTH, LIMIT, STATION, REACH, STOP_LINE, INTERNAL, FIRST_ROW, LAST_ROW, JUNCTION = range(12)
 END_GAP = 1.5  # m kept to the end of a lane that leads nowhere

@@ -5,9 +5,10 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from sumo_mcts.model.cost import CostParams
-from sumo_mcts.model.ego import EgoParams
-from sumo_mcts.model.local import Local, State, build_local
+from sumo_mcts.model.cost_params import CostParams
+from sumo_mcts.model.local_build import build_local
+from sumo_mcts.model.local_map import Local, State
+from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.scene import Decision, Forecast, PlannerMemory, RoadMap, Scene, Words
 

@@ -5,16 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.cost import place_is_free
-from sumo_mcts.model.ego import EgoParams, advance, begin_change, can_change, follow_accel, pose_of
-from sumo_mcts.model.geometry import Box, boxes_touch
-from sumo_mcts.model.kernel import entry
-from sumo_mcts.model.local import COS, DRIVEN, ENTERS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, NODE_OF, SIN, WHO, Local, S, State, V, X, Y, apart
-from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, Indices, lane_pose
+from sumo_mcts.model.interaction import place_is_free
+from sumo_mcts.model.local_map import COS, DRIVEN, ENTERS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, NODE_OF, SIN, WHO, Local, S, State, V, X, Y, apart
+from sumo_mcts.model.motion import EgoParams, advance, begin_change, can_change, follow_accel, pose_of
+from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, lane_pose
+from sumo_mcts.numerics.geometry import Box, boxes_touch
+from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.planners.base import STOP_DECEL, Drawing, Situation, Task, local_of
 from sumo_mcts.planners.mcts import MctsParams, actions_of, follow_line, in_steps
-from sumo_mcts.planners.tree import entry_of
-from sumo_mcts.scene import Decision, Floats, Follow, Plan, PlannerMemory, Release
+from sumo_mcts.planners.rollout import entry_of
+from sumo_mcts.scene import Decision, Floats, Follow, Indices, Plan, PlannerMemory, Release
 
 LOOK = 1.0  # m between the places on the way ahead at which others are looked for
 VIEW_S = 6.0  # s of driving ahead for which they are

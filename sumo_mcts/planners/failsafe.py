@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.ego import GOAL, EgoParams, advance, begin_change, obey, pose_of, within_step
-from sumo_mcts.model.geometry import Box, boxes_touch
-from sumo_mcts.model.kernel import entry, kernel
-from sumo_mcts.model.local import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, apart, chain_gap
-from sumo_mcts.model.route import INTERNAL, LEFT_NODE, LENGTH, NEXT, RIGHT_NODE, Indices
+from sumo_mcts.model.local_map import COS, DRIVEN, GONE, HALF_LENGTH, HALF_WIDTH, NODE, REACTS, SIN, Local, S, State, V, X, Y, apart, chain_gap
+from sumo_mcts.model.motion import GOAL, EgoParams, advance, begin_change, obey, pose_of, within_step
+from sumo_mcts.model.route import INTERNAL, LEFT_NODE, LENGTH, NEXT, RIGHT_NODE
+from sumo_mcts.numerics.geometry import Box, boxes_touch
+from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.planners.base import Situation, Task, local_of
-from sumo_mcts.scene import Agents, Decision, EgoState, Floats, Follow, Manoeuvre, Plan, Release, RootChild
+from sumo_mcts.scene import Agents, Decision, EgoState, Floats, Follow, Indices, Manoeuvre, Plan, Release, RootChild
 
 LONGEST_S = 30.0  # a manoeuvre that has not come to its end by then is none
 CHECK_S = 0.25  # longest time between two checks

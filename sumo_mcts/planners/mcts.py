@@ -6,13 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.ego import FOLLOW
-from sumo_mcts.model.local import Local, State
-from sumo_mcts.model.react import at_rest
+from sumo_mcts.model.local_map import Local, State
+from sumo_mcts.model.motion import FOLLOW
+from sumo_mcts.model.reactions import at_rest
 from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
-from sumo_mcts.planners.effort import Effort, budget, next_passes, next_passes_in_time, part
+from sumo_mcts.planners.budget import Effort, budget, next_passes, next_passes_in_time, part
 from sumo_mcts.planners.risk import risk, shares
-from sumo_mcts.planners.tree import ALIVE, ARRIVED, LOST, SearchParams, Tree, entry_of, new_tree, replay, search, search_params, side_of
+from sumo_mcts.planners.rollout import ALIVE, ARRIVED, LOST, SearchParams, entry_of, replay, search_params, side_of
+from sumo_mcts.planners.tree import Tree, new_tree, search
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, PlannerMemory, RootChild
 
 

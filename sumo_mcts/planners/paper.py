@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from sumo_mcts.model.ego import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of, towards_other
-from sumo_mcts.model.geometry import Box, box_distance
-from sumo_mcts.model.kernel import kernel, making_arrays
-from sumo_mcts.model.local import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, follows, index_at, keep_state, kept_state
-from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION, Indices
+from sumo_mcts.model.local_map import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, follows, index_at, keep_state, kept_state
+from sumo_mcts.model.motion import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of, towards_other
+from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION
+from sumo_mcts.numerics.geometry import Box, box_distance
+from sumo_mcts.numerics.kernel import kernel, making_arrays
 from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
-from sumo_mcts.planners.effort import SLICE, budget
-from sumo_mcts.planners.tree import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
-from sumo_mcts.scene import LEFT, RIGHT, STANDING, Bools, Decision, Floats, Follow, Plan, RootChild
+from sumo_mcts.planners.budget import SLICE, budget
+from sumo_mcts.planners.rollout import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
+from sumo_mcts.scene import LEFT, RIGHT, STANDING, Bools, Decision, Floats, Follow, Indices, Plan, RootChild
 
 EMERGENCY = -8.0  # m/s2, when every action was discarded
 TIMED_SLICE = 20  # iterations between looks at the clock

@@ -11,15 +11,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.cost import PICK_UP, CostParams, meet, step_comfort, terminal
-from sumo_mcts.model.ego import COMMANDED, FOLLOW, EgoParams, begin_change, can_change
-from sumo_mcts.model.kernel import kernel, lengthy
-from sumo_mcts.model.local import Local, State, keep_state, kept_state
-from sumo_mcts.model.react import at_rest
-from sumo_mcts.model.route import LIMIT, Indices
+from sumo_mcts.model.cost import PICK_UP, step_comfort, terminal
+from sumo_mcts.model.cost_params import CostParams
+from sumo_mcts.model.interaction import meet
+from sumo_mcts.model.local_map import Local, State, keep_state, kept_state
+from sumo_mcts.model.motion import COMMANDED, FOLLOW, EgoParams, begin_change, can_change
+from sumo_mcts.model.reactions import at_rest
+from sumo_mcts.model.route import LIMIT
+from sumo_mcts.numerics.kernel import kernel, lengthy
 from sumo_mcts.planners.base import Situation, Task, local_of
-from sumo_mcts.planners.tree import ALIVE, LOST, Ply, SearchParams, copy_pairs, entry_of, may_change, search_params, side_of, simulate
-from sumo_mcts.scene import Bools, Floats, Follow
+from sumo_mcts.planners.rollout import ALIVE, LOST, Ply, SearchParams, copy_pairs, entry_of, may_change, search_params, side_of, simulate
+from sumo_mcts.scene import Bools, Floats, Follow, Indices
 
 COST = CostParams(
     contact=60.0, speed_at_contact=1.0, headway_s=1.2, headway_gap=2.0, headway=1.5, claim_s=1.6, claim=16.0, acceleration=0.02, jerk=0.005,

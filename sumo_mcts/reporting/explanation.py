@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 
 from sumo_mcts.config import ORACLE_MARK, PLANNERS, PREDICTORS
-from sumo_mcts.driver import FORECASTING, no_forecast
-from sumo_mcts.model.geometry import Box, box_distance
-from sumo_mcts.model.local import ego_state
+from sumo_mcts.driver.forecaster import no_forecast
+from sumo_mcts.driver.registry import FORECASTING
+from sumo_mcts.driver.replan import recorded_config, replan
+from sumo_mcts.model.local_map import ego_state
 from sumo_mcts.model.route import is_rest_of, route_map, stop_ahead
+from sumo_mcts.numerics.geometry import Box, box_distance
 from sumo_mcts.planners.failsafe import coming
 from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Setting, Trace, same, scenario_of
-from sumo_mcts.replan import recorded_config, replan
-from sumo_mcts.reporting.birdseye import action_words
+from sumo_mcts.reporting.words import action_words
 from sumo_mcts.scene import BRAKES, FORCES, STARTS, TERMS, TURNS, Decision, Floats, Follow, Intent, RoadMap, RootChild
 
 COLOURS = ("green", "yellow", "red")  # as scene.py numbers them

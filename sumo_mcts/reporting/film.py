@@ -10,7 +10,8 @@ import numpy as np
 from PIL import Image
 
 from sumo_mcts.records import Trace, written_whole
-from sumo_mcts.reporting.birdseye import FPS, HOLD_MS, Note, frames, silent
+from sumo_mcts.reporting.animation import FPS, HOLD_MS, frames
+from sumo_mcts.reporting.storyboard import Note, silent
 
 WIDTH = 1080  # px
 QUALITY = 8  # of the encoder, up to 10

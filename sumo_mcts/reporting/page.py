@@ -7,23 +7,8 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 
-from sumo_mcts.experiments.statistics import (
-    LEAST,
-    TWIN,
-    Contrast,
-    Estimate,
-    Rate,
-    Row,
-    arrived,
-    at_fault,
-    collided,
-    contrast,
-    pairs,
-    rate,
-    some,
-    time_ratio,
-)
 from sumo_mcts.records import TraceError, load_trace
+from sumo_mcts.records.statistics import LEAST, TWIN, Contrast, Estimate, Rate, Row, arrived, at_fault, collided, contrast, pairs, rate, some, time_ratio
 from sumo_mcts.reporting.plots import Measure, colours, spread_figure, sweep_figure, sweeps, twin_figure
 from sumo_mcts.reporting.replay import packed
 from sumo_mcts.reporting.results import Results, planner_rank

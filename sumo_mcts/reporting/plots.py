@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.experiments.statistics import TWIN, Pair, Rate, Row, arrived, collided, pairs, rate
+from sumo_mcts.records.statistics import TWIN, Pair, Rate, Row, arrived, collided, pairs, rate
 from sumo_mcts.reporting.tables import grouped, labelled, number, spread
 
 KNOWN = ("mcts", "paper", "idm", "sumo", "constant", "random", "exhaustive")  # planners with a colour of their own

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.records import CycleRecord, Lanes, Trace
-from sumo_mcts.reporting.birdseye import BRAKES, action_words
+from sumo_mcts.reporting.words import BRAKES, action_words
 from sumo_mcts.scene import TERMS, Decision, EgoState, Floats, Forecast, Release, RootChild
 
 MARK_S = 0.5  # between the points of a plan and of tried ways

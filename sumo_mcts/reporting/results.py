@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_mcts import records
-from sumo_mcts.config import ConfigError
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments.experiment import DECIDING
-from sumo_mcts.experiments.statistics import REDRAWN, TRAFFIC_DIGEST, TWIN, place
-from sumo_mcts.experiments.worth import order
 from sumo_mcts.records import ROW_KEYS, Row
+from sumo_mcts.records.highlights import order
+from sumo_mcts.records.statistics import REDRAWN, TRAFFIC_DIGEST, TWIN, place
 
 _TEXTS = ("key", "scenario", "variant", "planner", "prediction", "ego", "outcome", "error", "trace_digest", "config_digest", TRAFFIC_DIGEST)
 _TRUTHS = ("at_fault", "inevitable", "in_time")

@@ -9,25 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.config import is_oracle
-from sumo_mcts.experiments.statistics import (
-    TWIN,
-    Contrast,
-    Estimate,
-    Pair,
-    Rate,
-    Row,
-    arrived,
-    at_fault,
-    collided,
-    contrast,
-    pairs,
-    rate,
-    some,
-    time_ratio,
-    wilson,
-)
-from sumo_mcts.experiments.worth import KINDS, WRONG, order, reasons
 from sumo_mcts.records import SCHEMA_VERSION
+from sumo_mcts.records.highlights import KINDS, WRONG, order, reasons
+from sumo_mcts.records.statistics import TWIN, Contrast, Estimate, Pair, Rate, Row, arrived, at_fault, collided, contrast, pairs, rate, some, time_ratio, wilson
 from sumo_mcts.reporting.results import Results, planner_rank
 
 NOT_WORSE = 1.0  # so many more episodes in a hundred than the twin's are allowed

@@ -5,7 +5,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from sumo_mcts import files
-from sumo_mcts.config import MOST_SEED, ConfigError, ScenarioConfig, SumoConfig
+from sumo_mcts.config import MOST_SEED, ScenarioConfig, SumoConfig
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.world import options as sumo_options
 from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.options import Given, full_name, option_names

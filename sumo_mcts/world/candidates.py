@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_mcts import files
-from sumo_mcts.config import ConfigError
-from sumo_mcts.errors import near
-from sumo_mcts.world.simulation import Simulation, import_libsumo, named_files, option
+from sumo_mcts.errors import ConfigError, near
+from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.simulation import Simulation, named_files, option
 
 ROAD_CLASSES = frozenset(
     {"passenger", "private", "authority", "army", "vip", "hov", "taxi", "bus", "coach", "delivery", "truck", "trailer", "motorcycle", "moped", "evehicle",

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.scene import Floats, Follow, Release, RoadMap
+from sumo_mcts.world.library import import_libsumo
 from sumo_mcts.world.observe import Change, departure
 from sumo_mcts.world.roadmap import sumo_lane
-from sumo_mcts.world.simulation import import_libsumo
 
 _SLACK = 1e-6  # m/s2: rounding is no trespass
 _ALIGNED = 1e-3  # m off the centre line that are no lane change

@@ -9,7 +9,8 @@ import numpy as np
 
 from sumo_mcts.config import CROWD_ID, Actor, CrowdConfig, Depart, DriversConfig, Stream, TrafficConfig
 from sumo_mcts.scene import RoadMap
-from sumo_mcts.world.actors import check_way, draw
+from sumo_mcts.world.actors import draw
+from sumo_mcts.world.scripts import check_way
 
 ROOM_M, ROOM_S = 10.0, 1.5  # between fronts at the start: so many m, and what is driven in so many s
 TRIES = 20  # places that are tried for a vehicle before it has to come later

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
-from sumo_mcts.config import ConfigError
+from sumo_mcts.errors import ConfigError
 
 SIDE = 7  # junctions to each side
 BLOCK = 100.0  # m

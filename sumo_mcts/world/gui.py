@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from sumo_mcts.scene import Floats
-from sumo_mcts.world.simulation import import_libsumo
+from sumo_mcts.world.library import import_libsumo
 
 VIEW = "View #0"
 EGO_COLOUR = (0, 105, 210, 255)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from urllib.parse import unquote
 
 from sumo_mcts import files
-from sumo_mcts.config import ConfigError
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.world import flows
 
 _SYNONYMS = {
@@ -156,7 +156,7 @@ def unescaped(value: str) -> str:
 
 def _variable(name: str) -> str:
     if name == "SUMO_HOME":
-        from sumo_mcts.world.simulation import import_libsumo
+        from sumo_mcts.world.library import import_libsumo
 
         import_libsumo()  # it sets the variable where nobody did
     return str(os.getpid()) if name == "PID" else os.environ.get(name, "")

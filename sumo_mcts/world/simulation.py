@@ -15,43 +15,25 @@ from types import TracebackType
 from typing import Any, Self
 
 from sumo_mcts import files
-from sumo_mcts.config import ConfigError
-from sumo_mcts.supervisor import doing
+from sumo_mcts.errors import ConfigError
+from sumo_mcts.process.supervisor import doing
+from sumo_mcts.world.library import import_libsumo
 from sumo_mcts.world.options import expanded, full_name, is_number, option_names, paths_in, unescaped
-
-# What each shared library that libsumo asks for is called in Debian and Ubuntu.
-_PACKAGES = {"libGL.so": "libgl1", "libX11.so": "libx11-6", "libXext.so": "libxext6", "libXrender.so": "libxrender1", "libatomic.so": "libatomic1"}
 
 _QUIET = {"verbose": "false", "no-step-log": "true", "duration-log.disable": "true", "no-warnings": "true"}
 _WINDOW = {"start": "true", "quit-on-end": "true", "window-size": "1200,800"}
 WINDOW_DELAY_MS = 250.0  # for each simulated second, as SUMO's option `delay` means it: four times real time
-
 WINDOW_DELAY_MOST_MS = 60_000.0
 WAKING_STEPS = 3
-
 TYPES_WITHIN = 1 << 24  # bytes of a file in which types of vehicles are looked for
 _ACTION_STEP = re.compile(rb"""actionStepLength\s*=\s*["']([0-9]+\.?[0-9]*|\.[0-9]+)["']""")
 _END_OF_ERROR = re.compile(r"\n(?=\S)|\nQuitting")  # what belongs to an error is indented
-
 _WITHOUT_DISPLAY = "leave --gui out, or start a virtual one: xvfb-run -a sumo-mcts run ... --gui"
-
-
 _MARK = "sumo_mcts.simulation"  # a parameter of a lane: no output shows it, no state keeps it, and it goes with its simulation
 
 
 class SimulationError(Exception):
     """SUMO failed while running; the text is SUMO's own where it left one."""
-
-
-def import_libsumo() -> Any:
-    """The libsumo module. Raises ConfigError that says which package to install where a system library is missing."""
-    try:
-        import libsumo  # type: ignore[import-untyped]
-    except ImportError as error:
-        package = next((name for library, name in _PACKAGES.items() if library in str(error)), None)
-        hint = f"; install it with: apt-get install {package}" if package else ""
-        raise ConfigError(f"libsumo cannot be loaded: {error}{hint}") from None
-    return libsumo
 
 
 class Simulation:

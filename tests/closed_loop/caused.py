@@ -19,7 +19,8 @@ import libsumo  # type: ignore[import-untyped]
 import numpy as np
 from measure import span
 
-from sumo_mcts import assets, config
+from sumo_mcts import config
+from sumo_mcts.config import builtin
 from sumo_mcts.episode import run_episode
 from sumo_mcts.evaluation.referee import IMPOSED, Referee
 from sumo_mcts.scene import Floats
@@ -58,7 +59,7 @@ def main() -> None:
 def looked_at(job: Job) -> list[tuple[float, str, float, float]]:
     """Each step (s) and agent of one episode in which it brakes for the ego: with how many m/s2, and with how many it would without the ego."""
     scene, sets, seed = job
-    scenario = config.load(assets.scenario_path(scene), sets)
+    scenario = config.load(builtin.scenario_path(scene), sets)
     heard = Braking(scenario.egos[0].id)
     Referee.braking_for_ego, Simulation.step = heard.judge, heard.step  # type: ignore[method-assign]
     try:

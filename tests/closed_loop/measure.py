@@ -25,9 +25,10 @@ import numpy as np
 import sumo
 import sumolib
 
-from sumo_mcts import assets, config
+from sumo_mcts import config
+from sumo_mcts.config import builtin
 from sumo_mcts.episode import run_episode
-from sumo_mcts.experiments.statistics import wilson
+from sumo_mcts.records.statistics import wilson
 from sumo_mcts.world.arguments import sumo_arguments
 from sumo_mcts.world.candidates import candidates
 from sumo_mcts.world.crowd import Cast
@@ -163,7 +164,7 @@ def run_one(job: Job, *more: str) -> dict[str, Any]:
 def scenario_of(name: str, source: dict[str, Any], overrides: tuple[str, ...]) -> config.ScenarioConfig:
     """A built-in scene, or an ego in a network."""
     if "scene" in source:
-        return config.load(assets.scenario_path(source["scene"]), overrides)
+        return config.load(builtin.scenario_path(source["scene"]), overrides)
     return config.build(copy.deepcopy(source["data"]), name, overrides)
 
 

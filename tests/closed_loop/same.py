@@ -18,9 +18,9 @@ from typing import Any
 
 from made import KINDS, make
 
-from sumo_mcts.api import load_scenario
-from sumo_mcts.config import ConfigError
 from sumo_mcts.episode import run_episode
+from sumo_mcts.errors import ConfigError
+from sumo_mcts.scenarios import load_scenario
 
 TOP = Path(__file__).resolve().parents[2]
 PLANNERS = ("mcts", "paper")

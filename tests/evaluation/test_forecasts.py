@@ -5,12 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from sumo_mcts import assets, commands, config
-from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.episode import Loop, run_episode
-from sumo_mcts.evaluation.forecasts import errors, statistics, together
-from sumo_mcts.forecast_error import compare
+from sumo_mcts import config
+from sumo_mcts.commands import forecasts
+from sumo_mcts.config import ScenarioConfig, builtin
+from sumo_mcts.episode import run_episode
+from sumo_mcts.episode.loop import Loop
+from sumo_mcts.evaluation.forecast_errors import errors, statistics, together
 from sumo_mcts.scene import Floats, Forecast
+from sumo_mcts.studies.forecasts import compare
 
 
 def forecast(x: Floats, lane: list[list[int]], valid: list[list[bool]] | None = None) -> Forecast:
@@ -75,7 +77,7 @@ def test_statistics_are_over_all_pairs_not_over_cycles() -> None:
 
 
 def scene_of(name: str, *sets: str) -> ScenarioConfig:
-    return config.load(assets.scenario_path(name), sets)
+    return config.load(builtin.scenario_path(name), sets)
 
 
 def told(document: dict[str, object], name: str) -> list[dict[str, float]]:
@@ -127,7 +129,7 @@ def test_all_are_judged_on_the_same_pairs_and_nothing_is_disturbed() -> None:
 
 
 def test_each_ego_has_an_episode_of_its_own() -> None:
-    found = commands.forecasts("straight-line", ["ego", "ahead.7"], None, ("planner.name=sumo", "episode.depart_limit_s=1"), None, (), nothing)
+    found = forecasts.forecasts("straight-line", ["ego", "ahead.7"], None, ("planner.name=sumo", "episode.depart_limit_s=1"), None, (), nothing)
     assert found["outcomes"] == {"arrived": 1, "error": 1}
     assert found["seeds"] == [0]
 
@@ -169,7 +171,7 @@ def test_the_table_shows_every_row() -> None:
     none = {**row, "horizon_s": 3.0, "pairs": 0, "mean_m": None, "p95_m": None, "max_m": None, "right_lane": None, "gone": 0}
     other = [{**each, "prediction": "clone", "forecast_ms_p50": None} for each in (row, none)]
     document = {"scenario": "s", "variant": "mcts-idm-1000", "outcomes": {"arrived": 2}, "cycles": 40, "forecasts": [row, none, *other]}
-    lines = commands.forecast_table(document).splitlines()
+    lines = forecasts.forecast_table(document).splitlines()
     assert lines[0] == "s, driven by mcts-idm-1000: 2 arrived, 40 cycles; after 1, 3 s:"
     assert lines[-2] == "| s | idm | 8 0 | 0.13 - | 1.00 - | 2.00 - | 97.5 - | 1 0 | 0.3 |"
     assert lines[-1] == "| s | clone | 8 0 | 0.13 - | 1.00 - | 2.00 - | 97.5 - | 1 0 | - |"

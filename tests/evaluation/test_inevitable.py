@@ -10,14 +10,13 @@ import pytest
 from helpers import Agent, Lane, agents_at, build, edge, edges, ego_at, lights
 from helpers_model import PHYSICS, WIDTH, lanes_east, road_with_light, scenario, scene_of
 
-from sumo_mcts.driver import Physics, ego_params
-from sumo_mcts.evaluation import inevitable
-from sumo_mcts.evaluation.inevitable import ALIVE, BEFORE_S, CELL, MARGIN, Future, Futures, Hindsight, drive, way_out
+from sumo_mcts.driver.params import Physics, ego_params
+from sumo_mcts.evaluation import hindsight
+from sumo_mcts.evaluation.hindsight import ALIVE, BEFORE_S, CELL, MARGIN, Future, Futures, Hindsight, drive, way_out
 from sumo_mcts.evaluation.referee import Goal
-from sumo_mcts.model.ego import begin_change, can_change, pose_of, within_step
-from sumo_mcts.model.local import GONE, NODE, State, X, Y
-from sumo_mcts.model.traffic import Scripted
-from sumo_mcts.scene import GREEN, RED, EgoState, RoadMap, Signals
+from sumo_mcts.model.local_map import GONE, NODE, State, X, Y
+from sumo_mcts.model.motion import begin_change, can_change, pose_of, within_step
+from sumo_mcts.scene import GREEN, RED, EgoState, RoadMap, Scripted, Signals
 
 LENGTH, BREADTH = 5.0, 1.8  # m, of every car
 FINE = (1e-9,) * 5  # states count as one only where they are one
@@ -55,7 +54,7 @@ def goal_of(road: RoadMap) -> Goal:
     return Goal(tuple(range(len(road.edge_ids))), -1, 100.0, 10.0)
 
 
-def hindsight(road: RoadMap, ego: EgoState, *cars: Car, success: str = "", signals: Signals | None = None, moves: Physics = PHYSICS) -> Hindsight:
+def seen_later(road: RoadMap, ego: EgoState, *cars: Car, success: str = "", signals: Signals | None = None, moves: Physics = PHYSICS) -> Hindsight:
     """With this ego as its only state."""
     own = edges(road, *[name for name in road.edge_ids if not name.startswith(":")])
     goal = Goal(own, edge(road, success) if success else -1, 100.0, 10.0)
@@ -66,7 +65,7 @@ def hindsight(road: RoadMap, ego: EgoState, *cars: Car, success: str = "", signa
 
 def question(asked: Hindsight) -> tuple:
     """The arguments with which the search is called."""
-    with mock.patch.object(inevitable, "way_out", return_value=np.zeros(0, np.int64)) as search:
+    with mock.patch.object(hindsight, "way_out", return_value=np.zeros(0, np.int64)) as search:
         asked.inevitable()
     return search.call_args.args
 
@@ -82,7 +81,7 @@ def test_a_wall_is_met_from_as_near_as_the_strongest_braking_needs(v: float, mov
     need = naive.stopping_distance(ego_params(scenario(), ego, moves), v, 0.0) + MARGIN
 
     def wall(gap: float) -> bool | None:
-        return hindsight(road, ego, *(Car(100.0 + gap + LENGTH, y) for y in (-WIDTH, 0.0, WIDTH)), moves=moves).inevitable()
+        return seen_later(road, ego, *(Car(100.0 + gap + LENGTH, y) for y in (-WIDTH, 0.0, WIDTH)), moves=moves).inevitable()
 
     assert wall(need - 0.02) is True
     assert wall(need + 0.02) is False
@@ -92,49 +91,49 @@ def test_a_gap_in_the_wall_is_a_way_out() -> None:
     road = lanes_east(3, 1000.0, 30.0)
     ego = ego_at(road, "a_1", 100.0, 20.0)
     row = [Car(155.0, y) for y in (-WIDTH, 0.0)]
-    assert hindsight(road, ego, *row, Car(145.0, WIDTH)).inevitable() is False  # 50 m are enough for braking
-    assert hindsight(road, ego, Car(129.0, 0.0)).inevitable() is True  # a change takes 3 s
+    assert seen_later(road, ego, *row, Car(145.0, WIDTH)).inevitable() is False  # 50 m are enough for braking
+    assert seen_later(road, ego, Car(129.0, 0.0)).inevitable() is True  # a change takes 3 s
     ego = ego_at(road, "a_1", 100.0, 30.0)
     need = naive.stopping_distance(ego_params(scenario(), ego, PHYSICS), 30.0, 0.0)
     near = [Car(100.0 + need - 3.0 + LENGTH, y) for y in (-WIDTH, 0.0, WIDTH)]
-    assert hindsight(road, ego, *near).inevitable() is True
-    assert hindsight(road, ego, *near[:2]).inevitable() is False
+    assert seen_later(road, ego, *near).inevitable() is True
+    assert seen_later(road, ego, *near[:2]).inevitable() is False
 
 
 def test_a_follower_that_does_not_brake_cannot_be_outrun_but_let_past() -> None:
     one, two = lanes_east(1, 1000.0, 15.0), lanes_east(2, 1000.0, 15.0)
-    assert hindsight(one, ego_at(one, "a_0", 200.0, 5.0), Car(150.0, 0.0, 30.0)).inevitable() is True
-    assert hindsight(one, ego_at(one, "a_0", 200.0, 5.0), Car(150.0, 0.0, 14.0)).inevitable() is False
-    assert hindsight(two, ego_at(two, "a_0", 200.0, 10.0), Car(100.0, -WIDTH / 2, 30.0)).inevitable() is False
+    assert seen_later(one, ego_at(one, "a_0", 200.0, 5.0), Car(150.0, 0.0, 30.0)).inevitable() is True
+    assert seen_later(one, ego_at(one, "a_0", 200.0, 5.0), Car(150.0, 0.0, 14.0)).inevitable() is False
+    assert seen_later(two, ego_at(two, "a_0", 200.0, 10.0), Car(100.0, -WIDTH / 2, 30.0)).inevitable() is False
     beside = Car(205.0, WIDTH / 2, 15.0)  # as fast as the ego may drive
-    assert hindsight(two, ego_at(two, "a_0", 200.0, 15.0), Car(165.0, -WIDTH / 2, 30.0), beside).inevitable() is True
+    assert seen_later(two, ego_at(two, "a_0", 200.0, 15.0), Car(165.0, -WIDTH / 2, 30.0), beside).inevitable() is True
 
 
 def test_only_who_is_there_is_met() -> None:
     road = lanes_east(1, 1000.0, 15.0)
     ego = ego_at(road, "a_0", 200.0, 15.0)
-    assert hindsight(road, ego).inevitable() is False
-    assert hindsight(road, ego, Car(215.0, 0.0)).inevitable() is True
-    assert hindsight(road, ego, Car(215.0, 0.0, end=0.3)).inevitable() is False
-    assert hindsight(road, ego, Car(215.0, 0.0, begin=5.0)).inevitable() is False  # it will have passed, or stopped before
-    assert hindsight(road, ego, Car(70.0, 0.0, 33.0)).inevitable() is True
-    assert hindsight(road, ego, Car(70.0, 0.0, 33.0, begin=4.0)).inevitable() is True  # wherever the ego is by then
-    assert hindsight(road, ego, Car(70.0, 0.0, 33.0, end=4.0)).inevitable() is False
+    assert seen_later(road, ego).inevitable() is False
+    assert seen_later(road, ego, Car(215.0, 0.0)).inevitable() is True
+    assert seen_later(road, ego, Car(215.0, 0.0, end=0.3)).inevitable() is False
+    assert seen_later(road, ego, Car(215.0, 0.0, begin=5.0)).inevitable() is False  # it will have passed, or stopped before
+    assert seen_later(road, ego, Car(70.0, 0.0, 33.0)).inevitable() is True
+    assert seen_later(road, ego, Car(70.0, 0.0, 33.0, begin=4.0)).inevitable() is True  # wherever the ego is by then
+    assert seen_later(road, ego, Car(70.0, 0.0, 33.0, end=4.0)).inevitable() is False
 
 
 def test_red_holds_the_ego_in_front_of_a_follower() -> None:
     road = road_with_light(length=200.0, speed=15.0)
     ego, follower = ego_at(road, "a_0", 185.0, 8.0), Car(150.0, 0.0, 13.0)
-    assert hindsight(road, ego, follower, signals=lights(GREEN)).inevitable() is False
-    assert hindsight(road, ego, follower, signals=lights(RED)).inevitable() is True
+    assert seen_later(road, ego, follower, signals=lights(GREEN)).inevitable() is False
+    assert seen_later(road, ego, follower, signals=lights(RED)).inevitable() is True
 
 
 def test_whoever_arrives_before_is_out_of_it() -> None:
     road = build([Lane("a", 0, ((0.0, 0.0), (100.0, 0.0)), ("b_0",)), Lane("b", 0, ((100.0, 0.0), (400.0, 0.0)))])
     ego, wall = ego_at(road, "a_0", 90.0, 15.0), Car(110.0, 0.0)
-    assert hindsight(road, ego, wall).inevitable() is True
-    assert hindsight(road, ego, wall, success="b").inevitable() is False
-    assert hindsight(road, ego, Car(101.0, 0.0), success="b").inevitable() is True
+    assert seen_later(road, ego, wall).inevitable() is True
+    assert seen_later(road, ego, wall, success="b").inevitable() is False
+    assert seen_later(road, ego, Car(101.0, 0.0), success="b").inevitable() is True
 
 
 def test_looked_at_is_the_state_3_s_before_or_the_take_over() -> None:
@@ -162,12 +161,12 @@ def test_looked_at_is_the_state_3_s_before_or_the_take_over() -> None:
 
 def test_unknown_where_the_ego_goes_nobody_knows_where() -> None:
     road = lanes_east(2)
-    asked = hindsight(road, ego_at(road, "a_0", 100.0))
+    asked = seen_later(road, ego_at(road, "a_0", 100.0))
     asked._scenes[0] = asked._scenes[0]._replace(ego=ego_at(road, "a_0", 100.0)._replace(lane=-1))
     assert asked.inevitable() is None
-    assert hindsight(road, ego_at(road, "a_0", 100.0, d=0.8)).inevitable() is None
+    assert seen_later(road, ego_at(road, "a_0", 100.0, d=0.8)).inevitable() is None
     changing = ego_at(road, "a_0", 100.0, d=0.8)._replace(changing=0.25, change_from=0, change_to=1)
-    assert hindsight(road, changing).inevitable() is False
+    assert seen_later(road, changing).inevitable() is False
 
 
 def test_the_futures_say_who_is_there_whoever_is_in_view() -> None:
@@ -175,7 +174,7 @@ def test_the_futures_say_who_is_there_whoever_is_in_view() -> None:
     road = lanes_east(2)
     ego = ego_at(road, "a_0", 100.0, 10.0)
     cars = Car(130.0, -1.6), Car(500.0, -1.6, 5.0), Car(520.0, 1.6, 5.0, begin=60.0)
-    asked = hindsight(road, ego, *cars)
+    asked = seen_later(road, ego, *cars)
     answer = asked.inevitable()
     asked.note(asked._scenes[0]._replace(agents=agents_at(road, Agent("near", "a_0", 130.0), Agent("walks", "", x=140.0, y=9.0))))
     asked._scenes.popleft()
@@ -222,7 +221,7 @@ def test_finds_what_trying_everything_finds() -> None:
         ego = ego_at(road, "a_0", 300.0, float(rng.uniform(3.0, 25.0)))
         ahead = [Car(float(rng.uniform(306.0, 340.0)), side * WIDTH / 2, float(rng.uniform(0.0, 8.0))) for side in (-1, 1)]
         behind = Car(float(rng.uniform(280.0, 294.0)), -WIDTH / 2, float(rng.uniform(0.0, 35.0)))
-        local, p, root, choice, home, ply, _, looks, _ = asked = question(hindsight(road, ego, *ahead, behind))
+        local, p, root, choice, home, ply, _, looks, _ = asked = question(seen_later(road, ego, *ahead, behind))
         few = choice[[1, 3, 8, 11]]  # two changes to the left, full acceleration, full braking
         expected = naive_way_out((*asked[:3], few, *asked[4:]), root, 0, 3)
         assert len(way_out(local, p, root, few, home, ply, 3, looks, FINE)) == (3 if expected else 0)
@@ -239,7 +238,7 @@ def test_cells_hide_no_way_out() -> None:
         ego = ego_at(road, "a_1", 300.0, float(rng.uniform(3.0, 25.0)))
         cars = [Car(float(rng.uniform(306.0, 345.0)), side * WIDTH, float(rng.uniform(0.0, 6.0))) for side in (-1, 0, 1)]
         cars += [Car(float(rng.uniform(270.0, 294.0)), side * WIDTH, float(rng.uniform(10.0, 30.0))) for side in (-1, 0, 1)]
-        local, p, root, choice, home, ply, _, looks, _ = question(hindsight(road, ego, *cars))
+        local, p, root, choice, home, ply, _, looks, _ = question(seen_later(road, ego, *cars))
         pairs.append(tuple(bool(len(way_out(local, p, root, choice, home, ply, 5, looks, cell))) for cell in (CELL, FINE)))
     assert all(fine or not coarse for coarse, fine in pairs)
     assert 10 <= sum(fine for _, fine in pairs) <= 50
@@ -249,7 +248,7 @@ def test_cells_hide_no_way_out() -> None:
 def test_the_way_out_touches_nobody_when_it_is_driven() -> None:
     road = lanes_east(3, 1000.0, 30.0)
     ego = ego_at(road, "a_1", 300.0, 18.0)
-    local, p, root, choice, home, ply, plies, looks, cell = question(hindsight(road, ego, Car(345.0, 0.0), Car(335.0, WIDTH, 4.0), Car(240.0, 0.0, 25.0)))
+    local, p, root, choice, home, ply, plies, looks, cell = question(seen_later(road, ego, Car(345.0, 0.0), Car(335.0, WIDTH, 4.0), Car(240.0, 0.0, 25.0)))
     way = way_out(local, p, root, choice, home, ply, plies, looks, cell)
     assert len(way) == plies == 16
     assert choice[way, 1].any()  # it has to make room for who comes from behind

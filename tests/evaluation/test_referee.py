@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from shapely import Polygon, affinity, box  # type: ignore[import-untyped]
 
 from sumo_mcts.evaluation.contact import between, boxes_overlap, first_contact, jumped, kept_apart, touch_point
+from sumo_mcts.evaluation.reachability import can_meet, driven, goal_reaching_edges
 from sumo_mcts.evaluation.referee import Goal, Referee
-from sumo_mcts.evaluation.ways import can_meet, driven, goal_reaching_edges
 from sumo_mcts.scene import GREEN, RED, YELLOW, Frame, RoadMap
 
 STRAIGHT = straight_road()

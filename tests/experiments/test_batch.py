@@ -19,16 +19,17 @@ from typing import Any
 import pytest
 from helpers_batch import SMALL, crash_or_drive, die_for_want_of_memory_or_drive, exhaust_or_drive, hang_or_drive, timeless, write
 
-from sumo_mcts import assets, cli, config, plugins, records, run_batch
-from sumo_mcts.config import ConfigError, digest
+from sumo_mcts import cli, config, records, run_batch
+from sumo_mcts.config import builtin, digest, plugins
 from sumo_mcts.episode import run_episode
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments import folder, workers
 from sumo_mcts.experiments.batch import BatchError, Progress, _asked, _Batch, _kind, listed
-from sumo_mcts.experiments.drive import choose, drive, failed, rehearse
 from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode, episodes, load
-from sumo_mcts.experiments.statistics import Pair, pairs
+from sumo_mcts.experiments.tasks import choose, drive, failed, rehearse
 from sumo_mcts.experiments.workers import DeadWorkerError, LocalPool, SilentWorkerError, here, local
-from sumo_mcts.experiments.worth import Worth
+from sumo_mcts.records.highlights import Worth
+from sumo_mcts.records.statistics import Pair, pairs
 from sumo_mcts.reporting.results import gather
 
 GOOD = Path(__file__).parent.parent / "bad_inputs" / "good.sumocfg"
@@ -96,7 +97,7 @@ def test_rows_are_those_of_single_episodes(whole: Reference) -> None:
     assert [row["key"] for row in rows[:4]] == [f"{scene}--{v}--0" for scene in ("unprotected-left-turn", "highway-exit") for v in ("constant", "sumo")]
     alone = []
     for row in rows:
-        scenario = config.load(assets.scenario_path(row["scenario"]), (f"planner.name={row['planner']}",))
+        scenario = config.load(builtin.scenario_path(row["scenario"]), (f"planner.name={row['planner']}",))
         result = run_episode(scenario, row["seed"], variant=row["variant"])
         alone.append({**result.rows[0], "redrawn": result.manifest["redrawn"]})
     assert timeless(rows) == timeless(alone)
@@ -500,7 +501,7 @@ def test_one_batch_at_a_time(whole: Reference, tmp_path: Path) -> None:
 @pytest.fixture
 def two(tmp_path: Path) -> Episode:
     """One episode of two egos."""
-    (tmp_path / "two.yaml").write_text(f"base: {assets.scenario_path('highway-exit')}\nname: two\negos: [{{id: ego}}, {{id: left_lane}}]\n")
+    (tmp_path / "two.yaml").write_text(f"base: {builtin.scenario_path('highway-exit')}\nname: two\negos: [{{id: ego}}, {{id: left_lane}}]\n")
     (episode,) = episodes(load(write(tmp_path, "name: x\nscenarios: [two.yaml]\nvariants: {constant: {planner.name: constant}}\n")), {})
     return episode
 
@@ -524,7 +525,7 @@ def test_an_exception_is_the_outcome(two: Episode, monkeypatch: pytest.MonkeyPat
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("as asked")
 
-    monkeypatch.setattr("sumo_mcts.experiments.drive.run_episode", broken)
+    monkeypatch.setattr("sumo_mcts.experiments.tasks.run_episode", broken)
     driven = drive(two, Worth("all").bar("two", "constant"))
     assert [(row["outcome"], row["error"]) for row in driven.rows] == [("error", "RuntimeError: as asked")] * 2
     assert driven.traces == {}
@@ -535,8 +536,8 @@ def test_what_the_machine_lacks_is_no_outcome(error: Exception, two: Episode, mo
     def broken(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("sumo_mcts.experiments.drive.run_episode", broken)
-    monkeypatch.setattr("sumo_mcts.experiments.drive.warm_up", broken)
+    monkeypatch.setattr("sumo_mcts.experiments.tasks.run_episode", broken)
+    monkeypatch.setattr("sumo_mcts.experiments.tasks.warm_up", broken)
     with pytest.raises(type(error)):
         drive(two, Worth("all").bar("two", "constant"))
     with pytest.raises(type(error)):
@@ -577,7 +578,7 @@ MEASURED = """
 import sys
 import libsumo
 from sumo_mcts import config
-from sumo_mcts.episode import Loop
+from sumo_mcts.episode.loop import Loop
 for ego in ("ego", "other"):
     scene = config.build({"name": "x", "sumo": {"sumocfg": sys.argv[1]}, "egos": [{"id": ego}]}, "x")
     loop = Loop(scene, None, measured=sys.argv[2:])
@@ -606,8 +607,8 @@ def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="egos: random: asks for 3, 2 suitable vehicles depart within 3600 s"):
         choose(scenario, Egos(random=3))
     for wrong, said in (("sumo.options={warp-speed: 9}", "SUMO does not start"), ("egos=[{id: ego, until: nowhere}]", "the network has no edge nowhere")):
-        assert said in rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant", wrong)), 0)
-    assert rehearse(config.load(assets.scenario_path("highway-exit"), ("planner.name=constant",)), 0) == ""
+        assert said in rehearse(config.load(builtin.scenario_path("highway-exit"), ("planner.name=constant", wrong)), 0)
+    assert rehearse(config.load(builtin.scenario_path("highway-exit"), ("planner.name=constant",)), 0) == ""
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 from helpers_batch import SMALL, timeless, write
 
 from sumo_mcts import run_batch
-from sumo_mcts.config import ConfigError
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments import workers
 from sumo_mcts.experiments.batch import BatchError, Progress
 from sumo_mcts.experiments.workers import cluster

@@ -9,11 +9,12 @@ from helpers_batch import write
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts import assets, config
-from sumo_mcts.config import ConfigError
+from sumo_mcts import config
+from sumo_mcts.config import builtin
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments.experiment import Entry, Experiment, Plan, episodes, load, shard
 
-BUILT_IN = sorted((assets.root() / "configs" / "experiments").glob("*.yaml"))
+BUILT_IN = sorted((builtin.root() / "configs" / "experiments").glob("*.yaml"))
 GOOD = Path(__file__).parent.parent / "bad_inputs" / "good.sumocfg"
 SCENES = "name: x\nscenarios: [highway-exit]\n"
 
@@ -31,12 +32,12 @@ def test_built_in_experiments(path: Path) -> None:
     found = load(path)
     assert found.experiment.name == path.stem
     assert found.experiment.description
-    assert assets.experiment_path(path.stem) == path
+    assert builtin.experiment_path(path.stem) == path
 
 
 def test_the_fixed_table_is_fixed_and_knows_the_scripts() -> None:
     for name, planner in (("table1", "paper"), ("table1-mcts", "mcts")):
-        for episode in episodes(load(assets.experiment_path(name)), {}):
+        for episode in episodes(load(builtin.experiment_path(name)), {}):
             assert (episode.config.planner.name, episode.config.prediction.name, episode.config.traffic.vary) == (planner, "script", 0.0)
 
 
@@ -44,7 +45,7 @@ def test_a_configuration_is_that_of_run(tmp_path: Path) -> None:
     text = SCENES + "set: {cost.jerk: 0.1, planner.iterations: 5}\nvariants: {a: {planner.iterations: 7, planner.accelerations_mps2: [-2, 0, 0.00001]}}\n"
     (episode,) = episodes(plan(tmp_path, text), {})
     assignments = ("cost.jerk=0.1", "planner.iterations=7", "planner.accelerations_mps2=[-2, 0, 0.00001]")
-    assert episode.config == config.load(assets.scenario_path("highway-exit"), assignments)
+    assert episode.config == config.load(builtin.scenario_path("highway-exit"), assignments)
 
 
 def test_variants_times_sweep_times_seeds(tmp_path: Path) -> None:
@@ -86,7 +87,7 @@ def test_egos_of_a_network_are_an_episode_each(tmp_path: Path) -> None:
 
 
 def test_egos_of_a_scenario_file_share_an_episode(tmp_path: Path) -> None:
-    (tmp_path / "two.yaml").write_text(f"base: {assets.scenario_path('highway-exit')}\nname: two\negos: [{{id: ego}}, {{id: left_lane}}]\n")
+    (tmp_path / "two.yaml").write_text(f"base: {builtin.scenario_path('highway-exit')}\nname: two\negos: [{{id: ego}}, {{id: left_lane}}]\n")
     (episode,) = episodes(plan(tmp_path, "name: x\nscenarios: [two.yaml]\n"), {})
     assert episode.keys == ("two--default--0--ego", "two--default--0--left_lane")
 
@@ -99,21 +100,21 @@ def test_the_digest_knows_what_is_driven(tmp_path: Path) -> None:
     mine = tmp_path / "mine.yaml"
     digests = set()
     for jerk in (0.1, 0.2):
-        mine.write_text(f"base: {assets.scenario_path('highway-exit')}\ncost: {{jerk: {jerk}}}\n")
+        mine.write_text(f"base: {builtin.scenario_path('highway-exit')}\ncost: {{jerk: {jerk}}}\n")
         digests.add(plan(tmp_path, "name: x\nscenarios: [mine.yaml]\n").digest)
     assert len(digests) == 2
 
 
 @given(st.integers(1, 12))
 def test_each_episode_is_in_one_shard(count: int) -> None:
-    found = episodes(load(assets.experiment_path("quick")), {})
+    found = episodes(load(builtin.experiment_path("quick")), {})
     parts = [shard(found, number, count) for number in range(1, count + 1)]
     assert sorted(episode.keys for part in parts for episode in part) == sorted(episode.keys for episode in found)
     assert all(part == [episode for episode in found if episode in part] for part in parts)
 
 
 def test_shards_are_of_about_one_size() -> None:
-    found = episodes(load(assets.experiment_path("table1")), {})
+    found = episodes(load(builtin.experiment_path("table1")), {})
     assert all(abs(len(shard(found, number, 8)) - 450) < 100 for number in range(1, 9))
 
 
@@ -196,18 +197,18 @@ def test_wrong_files(case: str, tmp_path: Path) -> None:
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"nowhere: no such experiment; give a \.yaml, or one of: ablation, baselines"):
-        assets.experiment_path("nowhere")
+        builtin.experiment_path("nowhere")
     with pytest.raises(ConfigError, match=r"^vared: no such experiment \(near: varied\); give a \.yaml, or one of: ablation, baselines"):
-        assets.experiment_path("vared")
+        builtin.experiment_path("vared")
     with pytest.raises(ConfigError, match=r"^highway-exits: no such scenario \(near: highway-exit, "):
-        assets.scenario_path("highway-exits")
+        builtin.scenario_path("highway-exits")
     with pytest.raises(ConfigError, match=r"nowhere\.yaml: no such file"):
         load(tmp_path / "nowhere.yaml")
 
 
 # --- the page that describes it ---
 
-PAGE = (assets.root() / "docs" / "experiments.md").read_text(encoding="utf-8")
+PAGE = (builtin.root() / "docs" / "experiments.md").read_text(encoding="utf-8")
 
 
 def test_every_key_is_documented() -> None:
@@ -221,7 +222,7 @@ def test_the_sizes_of_the_built_in_ones() -> None:
         listed = re.findall(r"`([\w-]+)`", names)
         numbers = [int(number) for number in re.findall(r"\d+", counts)] * (len(listed) if "each" in counts else 1)
         for name, number in zip(listed, numbers, strict=True):
-            found = load(assets.experiment_path(name))
+            found = load(builtin.experiment_path(name))
             egos = {case.name: [str(k) for k in range(case.egos.random or 0)] for case in found.cases if case.egos is not None}
             assert len(episodes(found, egos)) == number, name
         described.update(listed)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from sumo_mcts import records
-from sumo_mcts.config import ConfigError
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments import folder
 from sumo_mcts.experiments.experiment import DECIDING
 

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.experiments import statistics
-from sumo_mcts.experiments.statistics import LEAST, Pair, Rate, arrived, at_fault, collided, contrast, interval, median, pairs, rate, some, time_ratio, wilson
-from sumo_mcts.records import row_defaults
+from sumo_mcts.records import row_defaults, statistics
+from sumo_mcts.records.statistics import LEAST, Pair, Rate, arrived, at_fault, collided, contrast, interval, median, pairs, rate, some, time_ratio, wilson
 
 
 def row(seed: int = 0, **known: Any) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.experiments.worth import HARDEST, Worth, is_worth
+from sumo_mcts.records.highlights import HARDEST, Worth, is_worth
 from sumo_mcts.reporting.tables import worth_a_look
 
 SCORES = st.one_of(st.none(), st.sampled_from([0.0, 0.5, 1.0, 2.0, 4.5]))

@@ -11,18 +11,20 @@ from helpers_model import compiled, lanes_east, local_of, scenario, scene_of, ta
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
-from sumo_mcts.driver import Physics, mcts_params
-from sumo_mcts.evaluation.ways import can_meet
-from sumo_mcts.model.cost import RUN_UP, TAKEN, WAY_ROUND, _late, meet, place_is_free, step_passability, terminal
-from sumo_mcts.model.ego import FREE, OFF_END, advance, begin_change, can_change, pose_of
-from sumo_mcts.model.geometry import Box
-from sumo_mcts.model.local import ENTERS, WHO, Local, State, _fill_upstream, _levels, apart, chain_gap, follows, upstream_of
+from sumo_mcts.config.builtin import scenario_path
+from sumo_mcts.driver.params import Physics, mcts_params
+from sumo_mcts.evaluation.reachability import can_meet
+from sumo_mcts.model.cost import RUN_UP, step_passability, terminal
+from sumo_mcts.model.interaction import TAKEN, WAY_ROUND, _late, meet, place_is_free
+from sumo_mcts.model.local_build import _fill_upstream, _levels
+from sumo_mcts.model.local_map import ENTERS, WHO, Local, State, apart, chain_gap, follows, upstream_of
+from sumo_mcts.model.motion import FREE, OFF_END, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.route import Upstream, route_map
+from sumo_mcts.numerics.geometry import Box
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.mcts import follow_line, in_steps
-from sumo_mcts.planners.tree import ALIVE, LOST
+from sumo_mcts.planners.rollout import ALIVE, LOST
 from sumo_mcts.scene import STOP, RoadMap
 from sumo_mcts.world.roadmap import known_roadmap
 

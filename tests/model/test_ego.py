@@ -12,9 +12,9 @@ from helpers_model import PHYSICS, lanes_east, local_of, road_with_light, scenar
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.driver import Physics
-from sumo_mcts.model.ego import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of, within_step
-from sumo_mcts.model.local import Local, State
+from sumo_mcts.driver.params import Physics
+from sumo_mcts.model.local_map import Local, State
+from sumo_mcts.model.motion import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of, within_step
 from sumo_mcts.model.route import LENGTH, STATION
 from sumo_mcts.planners.base import Task
 from sumo_mcts.scene import GREEN, RED, RoadMap, Signals

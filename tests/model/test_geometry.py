@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from shapely import LineString, Point
 
-from sumo_mcts.model.geometry import Box, box_distance, boxes_touch, chord, nearest, point_at
+from sumo_mcts.numerics.geometry import Box, box_distance, boxes_touch, chord, nearest, point_at
 
 near = st.floats(-12.0, 12.0)
 angle = st.one_of(st.floats(-math.pi, math.pi), st.sampled_from([0.0, math.pi / 2, math.pi, -math.pi / 2]))

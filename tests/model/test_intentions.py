@@ -9,7 +9,9 @@ from helpers_model import scene_of, traffic_params
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.model.intentions import (
+from sumo_mcts.prediction.behaviour import HARD
+from sumo_mcts.prediction.forecast import Told, predict
+from sumo_mcts.prediction.hypotheses import (
     COMES_OVER,
     HALTING,
     LEAST,
@@ -24,9 +26,7 @@ from sumo_mcts.model.intentions import (
     starting_odds,
     way_worth,
 )
-from sumo_mcts.model.others import HARD
-from sumo_mcts.model.paths import likely_paths
-from sumo_mcts.model.traffic import Told, predict
+from sumo_mcts.prediction.paths import likely_paths
 from sumo_mcts.scene import BRAKES, FORCES, LEFT, RIGHT, STARTS, STRAIGHT, TURNS, VEHICLE_CLASSES, EgoState, Forecast, Intent, RoadMap, Scene
 
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from sumo_mcts.model import kept
-from sumo_mcts.model.kept import NOTHING_KEPT, Kept, folder_for, is_ours
+from sumo_mcts.numerics import kept
+from sumo_mcts.numerics.kept import NOTHING_KEPT, Kept, folder_for, is_ours
 
 
 @pytest.fixture
@@ -192,7 +192,7 @@ def test_the_folder_of_a_process_goes_with_it(own: Path) -> None:
     (own / "tmp" / f"sumo_mcts-{os.getuid()}").write_text("")
     program = """
 import os, sys
-from sumo_mcts.model.kept import folder_for
+from sumo_mcts.numerics.kept import folder_for
 folder = folder_for("key", lambda _: None)
 if (child := os.fork()) == 0:
     sys.exit()
@@ -290,7 +290,7 @@ def test_a_process_that_holds_the_lock_too_long_stops_nobody(file: Path, monkeyp
 HOLDER = """
 import sys, time
 from pathlib import Path
-from sumo_mcts.model.kept import Kept
+from sumo_mcts.numerics.kept import Kept
 one = Kept(Path(sys.argv[1]))
 one.take(print)
 print("held", flush=True)

@@ -17,15 +17,15 @@ import numpy as np
 import pytest
 
 import sumo_mcts
-from sumo_mcts.model import kernel, prepare
-from sumo_mcts.model.announce import COMPILING, WAITING, Growth, Teller, announced, unannounced, watched
-from sumo_mcts.model.kept import NOTHING_KEPT, Kept
+from sumo_mcts.numerics import kernel, prepare
+from sumo_mcts.numerics.announce import COMPILING, WAITING, Growth, Teller, announced, unannounced, watched
+from sumo_mcts.numerics.kept import NOTHING_KEPT, Kept
 
 pytestmark = pytest.mark.skipif(kernel.is_plain(), reason="nothing is compiled")
 
 SOURCE = """
 import os, time
-from sumo_mcts.model.kernel import entry, kernel, lengthy, making_arrays
+from sumo_mcts.numerics.kernel import entry, kernel, lengthy, making_arrays
 import numpy as np
 
 time.sleep(float(os.environ.get("IMPORT_S", 0)))
@@ -143,7 +143,7 @@ def test_on_a_full_disk_it_goes_on_and_says_so_once(toys: ModuleType, monkeypatc
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Kept, "_fill", fails)
-    monkeypatch.setattr("sumo_mcts.model.announce._said", set())
+    monkeypatch.setattr("sumo_mcts.numerics.announce._said", set())
     with announced(lambda _: None):
         assert toys.total(VALUES, SHORT) == pytest.approx(6.5)
         assert toys.counted(4) == 6
@@ -160,7 +160,7 @@ def test_where_nothing_can_be_kept_it_works_too(toys: ModuleType, monkeypatch: p
 
 
 def test_what_fails_to_compile_leaves_no_lock(tmp_path: Path, toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "wrong.py").write_text("from sumo_mcts.model.kernel import entry\n\n@entry\ndef wrong(x):\n    return x.nothing\n")
+    (tmp_path / "wrong.py").write_text("from sumo_mcts.numerics.kernel import entry\n\n@entry\ndef wrong(x):\n    return x.nothing\n")
     wrong = importlib.import_module("wrong").wrong
     with pytest.raises(Exception, match="nothing"):
         wrong(1.0)
@@ -176,7 +176,7 @@ def test_each_environment_has_a_folder_of_its_own_and_compiles_aloud(tmp_path: P
     monkeypatch.setattr(kernel, "_given", [])
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     folders = set()
-    places = [("numba.__version__", "0.99"), ("sys.version", "4.0"), ("sumo_mcts.model.kernel.version", lambda _: "99"), (None, None)]
+    places = [("numba.__version__", "0.99"), ("sys.version", "4.0"), ("sumo_mcts.numerics.kernel.version", lambda _: "99"), (None, None)]
     for place, value in places:
         with monkeypatch.context() as patch:
             if place is not None:
@@ -270,7 +270,7 @@ TWO = """
 import sys
 from pathlib import Path
 from sumo_mcts.model import kernel, prepare
-from sumo_mcts.model.announce import announced
+from sumo_mcts.numerics.announce import announced
 kernel.keep_in(Path(sys.argv[1]))
 prepare.FEW = int(sys.argv[2])
 import numpy as np, toys
@@ -344,13 +344,15 @@ def test_the_helper_dies_with_the_process_that_it_helps(toys: ModuleType, tmp_pa
 
 
 NAMES = """
-from sumo_mcts import assets, config
-from sumo_mcts.driver import Physics, warm_up
+from sumo_mcts import config
+from sumo_mcts.config import builtin
+from sumo_mcts.driver.params import Physics
+from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.model import prepare
 from sumo_mcts.world.roadmap import read_roadmap
 import sys
 prepare._work_off = lambda tasks: print(*(f"{t.kernel.py_func.__module__.rpartition('.')[2]}.{t.kernel.py_func.__name__}" for t in tasks)) or sys.exit()
-scenario = config.load(assets.scenario_path("unprotected-left-turn"))
+scenario = config.load(builtin.scenario_path("unprotected-left-turn"))
 warm_up(scenario, read_roadmap(str(scenario.sumo.net)), Physics(0.1, False, 3.0))
 """
 # By default each of these is compiled before the first decision, and what they call where the ego of the trial does not come to it.
@@ -420,7 +422,7 @@ def test_python_calls_no_kernel_that_runs_as_plain_python_but_the_cheap_ones() -
 
 
 def test_where_nobody_listens_standard_error_is_told_once(toys: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("sumo_mcts.model.announce._said", set())
+    monkeypatch.setattr("sumo_mcts.numerics.announce._said", set())
     toys.total(VALUES, SHORT)
     assert capsys.readouterr().err == f"sumo-mcts: {COMPILING}\n"
     with unannounced():
@@ -468,9 +470,8 @@ def test_while_a_worker_compiles_whoever_waits_for_it_is_told() -> None:
 
 
 def test_help_loads_nothing_that_takes_long() -> None:
-    program = (
-        "import sys; from sumo_mcts.cli import status; status(); print([m for m in ('numba', 'numpy', 'sumo_mcts.config', 'libsumo') if m in sys.modules])"
-    )
+    heavy = ("numba", "numpy", "sumo_mcts.config", "libsumo")
+    program = f"import sys; from sumo_mcts.cli import status; status(); print([m for m in {heavy} if m in sys.modules])"
     for words in ([], ["run"]):
         done = subprocess.run([sys.executable, "-c", program, *words, "--help"], capture_output=True, text=True, check=True)
         assert done.stdout.splitlines()[-1] == "[]"

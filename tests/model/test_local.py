@@ -7,8 +7,8 @@ from helpers_model import PHYSICS, scenario, scene_of, task_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.driver import Driver
-from sumo_mcts.model.local import BACK, VIEW, window
+from sumo_mcts.driver.driver import Driver
+from sumo_mcts.model.local_build import BACK, VIEW, window
 from sumo_mcts.scene import RoadMap
 
 JUNCTION = 80.0  # m, of every lane inside a junction

@@ -8,8 +8,8 @@ import pytest
 from helpers import ALL_CLASSES, Agent, Conflict, Lane, build, ego_at
 from helpers_model import forecast_of, lanes_east, predicted, scene_of, task_of, traffic_params
 
-from sumo_mcts.model.intentions import alternatives
-from sumo_mcts.model.paths import LANES, NARROWS, PATH, likely_paths
+from sumo_mcts.prediction.hypotheses import alternatives
+from sumo_mcts.prediction.paths import LANES, NARROWS, PATH, likely_paths
 from sumo_mcts.scene import TURNS, VEHICLE_CLASSES, Forecast, RoadMap
 
 CYCLE_TRACK = 1 << VEHICLE_CLASSES.index("bicycle")

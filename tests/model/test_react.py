@@ -10,9 +10,9 @@ from helpers_model import lanes_east, local_of, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.model.krauss import DECEL, STANDSTILL, USUAL_S, safe_gap, safe_speed
-from sumo_mcts.model.local import COS, SIN, SLOT, Local, S, State, V, X, Y
-from sumo_mcts.model.react import CLOCK, IMPOSED, SPEED, at_rest, react, seen
+from sumo_mcts.model.local_map import COS, SIN, SLOT, Local, S, State, V, X, Y
+from sumo_mcts.model.reactions import CLOCK, IMPOSED, SPEED, at_rest, react, seen
+from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.planners.base import Task
 
 DT = 0.2  # s between looks, and between forecast times

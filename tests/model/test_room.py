@@ -7,8 +7,8 @@ import pytest
 from helpers import Agent, ego_at
 from helpers_model import PHYSICS, forecast_of, lanes_east, scenario, scene_of, task_of
 
-from sumo_mcts.driver import Driver
-from sumo_mcts.model.room import with_room
+from sumo_mcts.driver.driver import Driver
+from sumo_mcts.prediction.margins import with_room
 from sumo_mcts.scene import Forecast, Scene
 
 ROAD = lanes_east(1)

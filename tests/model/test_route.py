@@ -22,8 +22,8 @@ from helpers import Lane, build, edges
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import load
+from sumo_mcts.config.builtin import root, scenario_path
 from sumo_mcts.model.route import SPACING, UPSTREAM_VIEW, RouteMap, lane_pose, route_map
 from sumo_mcts.scene import STOP, EgoState, RoadMap
 from sumo_mcts.world.crowd import Cast, write_routes

@@ -13,12 +13,12 @@ from helpers_networks import netconvert, simulation
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.assets import root, scenario_path
 from sumo_mcts.config import load
+from sumo_mcts.config.builtin import root, scenario_path
 from sumo_mcts.episode import run_episode
-from sumo_mcts.model.local import signal_states
-from sumo_mcts.model.others import HARD, MOST_HABIT, _Course, _stop_place
-from sumo_mcts.model.traffic import CRUISING, Told, predict
+from sumo_mcts.numerics.signals import signal_states
+from sumo_mcts.prediction.behaviour import HARD, MOST_HABIT, _Course, _stop_place
+from sumo_mcts.prediction.forecast import CRUISING, Told, predict
 from sumo_mcts.scene import ALLWAY, BRAKES, GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, Intent, RoadMap, Signals
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap, read_roadmap

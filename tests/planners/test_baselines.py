@@ -12,10 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive import Box
 
-from sumo_mcts import assets, config
-from sumo_mcts.driver import make_planner, mcts_params
-from sumo_mcts.episode import default_variant, run_episode
-from sumo_mcts.model.ego import FOLLOW, begin_change
+from sumo_mcts import config
+from sumo_mcts.config import builtin
+from sumo_mcts.driver.params import mcts_params
+from sumo_mcts.driver.registry import make_planner
+from sumo_mcts.episode.run import default_variant, run_episode
+from sumo_mcts.model.motion import FOLLOW, begin_change
 from sumo_mcts.planners.base import Planner, Task
 from sumo_mcts.planners.baselines import accel_behind, leader_on_the_way, with_yield_lines
 from sumo_mcts.planners.mcts import actions_of
@@ -230,7 +232,7 @@ def test_random_changes_lanes_only_where_the_place_is_free() -> None:
 
 @pytest.mark.parametrize("name", ["unprotected-left-turn", "highway-exit", "straight-line"])
 def test_idm_drives_the_reactive_scenes(name: str) -> None:
-    first, again = (run_episode(config.load(assets.scenario_path(name), ("planner.name=idm",)), 1).rows[0] for _ in range(2))
+    first, again = (run_episode(config.load(builtin.scenario_path(name), ("planner.name=idm",)), 1).rows[0] for _ in range(2))
     assert first["outcome"] == "arrived", first
     assert (first["red_lights_run"], first["speeding_share"]) == (0, 0.0)
     assert (first["prediction"], first["variant"], first["iterations_per_decision"]) == ("idm", "idm-idm", None)
@@ -238,7 +240,7 @@ def test_idm_drives_the_reactive_scenes(name: str) -> None:
 
 
 def test_random_is_judged_like_everybody() -> None:
-    one, same, other = (run_episode(config.load(assets.scenario_path("straight-line"), ("planner.name=random",)), seed).rows[0] for seed in (2, 2, 3))
+    one, same, other = (run_episode(config.load(builtin.scenario_path("straight-line"), ("planner.name=random",)), seed).rows[0] for seed in (2, 2, 3))
     assert one["outcome"] in {"arrived", "collision", "timeout"}
     assert one["trace_digest"] == same["trace_digest"] != other["trace_digest"]
 

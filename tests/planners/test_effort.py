@@ -13,13 +13,15 @@ from helpers_tree import TOYS, Grown, Toy, decide, grow, on_three_lanes, steady
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts import assets, config
-from sumo_mcts.driver import mcts_params
+from sumo_mcts import config
+from sumo_mcts.config import builtin
+from sumo_mcts.driver.params import mcts_params
 from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.model.ego import FOLLOW
-from sumo_mcts.planners import effort, mcts
+from sumo_mcts.model.motion import FOLLOW
+from sumo_mcts.planners import budget as budgets
+from sumo_mcts.planners import mcts
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.effort import AT_FIRST, AT_MOST, SLICE, SPARE, Effort, Timekeeper, budget, is_close, next_passes, next_passes_in_time
+from sumo_mcts.planners.budget import AT_FIRST, AT_MOST, SLICE, SPARE, Effort, Timekeeper, budget, is_close, next_passes, next_passes_in_time
 from sumo_mcts.planners.mcts import MctsPlanner, follow_line
 from sumo_mcts.scene import Decision
 
@@ -115,7 +117,7 @@ def recorded(monkeypatch: pytest.MonkeyPatch, name: str) -> tuple[list[tuple[Tas
 
     with monkeypatch.context() as patch:
         patch.setattr(MctsPlanner, "plan", watched)
-        result = run_episode(config.load(assets.scenario_path(name), ("prediction.hypotheses=1",)), 3)
+        result = run_episode(config.load(builtin.scenario_path(name), ("prediction.hypotheses=1",)), 3)
     return found[-result.rows[0]["cycles"] :], result  # without the warm-up
 
 
@@ -124,7 +126,7 @@ def test_in_an_episode_what_was_decided_early_is_what_is_decided_late(name: str,
     decisions, _ = recorded(monkeypatch, name)
     early = [each for each in decisions if each[2].iterations + each[2].known < 1000 and each[2].reason != "brake"]
     assert len(early) > 8
-    params = mcts_params(config.load(assets.scenario_path(name), ("planner.adaptive=false", "planner.iterations=2500")))
+    params = mcts_params(config.load(builtin.scenario_path(name), ("planner.adaptive=false", "planner.iterations=2500")))
     for task, situation, decision in early[::2]:
         planner = MctsPlanner(params)
         planner.start(task, 7)
@@ -187,7 +189,7 @@ def test_more_passes_are_made_in_a_close_decision_only() -> None:
 
 def test_a_time_budget_is_no_budget_of_passes() -> None:
     assert budget(1000, math.inf) == 1000
-    assert 2000 < budget(1000, 0.02) < budget(1000, 60.0) == effort.LARGEST
+    assert 2000 < budget(1000, 0.02) < budget(1000, 60.0) == budgets.LARGEST
     tree = tree_with((2.0, 10.0, True), (2.1, 12.0, True))
     assert next_passes_in_time(tree, 0, 0.0, -1.0) == 2 * tree.child.shape[1]  # an answer in any case
     assert next_passes_in_time(tree, 100, 0.001, 0.01) == 500
@@ -204,7 +206,7 @@ def test_the_margin_covers_what_came_after_earlier_searches(shares: list[float])
         until = keeper.until(float(k))
         kept = float(k) + 1.0 - until
         assert 0.0 <= kept <= AT_MOST
-        assert kept == pytest.approx(min(SPARE * max(seen[-effort.MEMORY :]), AT_MOST) if seen else AT_FIRST)
+        assert kept == pytest.approx(min(SPARE * max(seen[-budgets.MEMORY :]), AT_MOST) if seen else AT_FIRST)
         keeper.note(until, until + after)
         seen += [after] if until + after > until else []
     until = keeper.until(100.0)
@@ -216,7 +218,7 @@ def test_the_margin_covers_what_came_after_earlier_searches(shares: list[float])
 def timed(monkeypatch: pytest.MonkeyPatch, name: str, *sets: str) -> tuple[dict[str, Any], list[float]]:
     """An episode on a clock that stands still while others have the processor: its row, and the times of its decisions in ms."""
     monkeypatch.setattr(time, "perf_counter", time.process_time)
-    result = run_episode(config.load(assets.scenario_path(name), sets), 1)
+    result = run_episode(config.load(builtin.scenario_path(name), sets), 1)
     return result.rows[0], [cycle.plan_ms for cycle in result.traces[0].cycles]
 
 

@@ -21,14 +21,16 @@ from hypothesis import strategies as st
 from naive import Box
 from typer.testing import CliRunner
 
-from sumo_mcts import assets, commands, config, driver
+from sumo_mcts import config, scenarios
 from sumo_mcts.cli import app
-from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.driver import assumed, make_planner
+from sumo_mcts.config import ScenarioConfig, builtin
+from sumo_mcts.driver import driver, registry, warm_up
+from sumo_mcts.driver.params import assumed
+from sumo_mcts.driver.registry import make_planner
 from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.model.ego import can_change, obey
-from sumo_mcts.model.kernel import Stopwatch, entry
-from sumo_mcts.model.local import build_local
+from sumo_mcts.model.local_build import build_local
+from sumo_mcts.model.motion import can_change, obey
+from sumo_mcts.numerics.kernel import Stopwatch, entry
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.failsafe import ACCELERATE, ALONG, BRAKE, HOLD, LONGEST_S, FailSafe, drive, nonsense
 from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Plan, Release, RoadMap
@@ -427,10 +429,10 @@ class Sick:
 
 def episode(monkeypatch: pytest.MonkeyPatch, fails: Callable[[int], bool], failure: Callable[[Decision], Any], *sets: str) -> EpisodeResult:
     """The left turn at seed 1 with a sick planner."""
-    healthy = driver.make_planner
-    monkeypatch.setattr(driver, "make_planner", lambda scene: Sick(scene, fails, failure))
+    healthy = registry.make_planner
+    monkeypatch.setattr("sumo_mcts.driver.driver.make_planner", lambda scene: Sick(scene, fails, failure))
     monkeypatch.setattr(sys.modules[__name__], "make_planner", healthy)
-    return run_episode(config.load(assets.scenario_path("unprotected-left-turn"), ("planner.iterations=100", *sets)), 1)
+    return run_episode(config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=100", *sets)), 1)
 
 
 def raises(_: Decision) -> Any:
@@ -516,7 +518,7 @@ def test_compiling_a_kernel_does_not_make_a_decision_late() -> None:
     ego, planner = ego_at(road, "a_1", 100.0), Loading()
     settings = scenario("planner.time_budget_ms=300", "planner.enforce_deadline=true")
     mind = driver.Driver(settings, road, PHYSICS, 0, planner=planner)
-    driver.warm_up(settings, road, PHYSICS)
+    warm_up.warm_up(settings, road, PHYSICS)
     first, second = (mind.decide(scene_of(ego, road)) for _ in range(2))
     assert not first.intervened and first.plan_ms < 300.0
     assert second.intervened and second.decision.reason.startswith("fail-safe: late: ")
@@ -540,7 +542,7 @@ def test_a_late_decision_is_executed_otherwise(monkeypatch: pytest.MonkeyPatch) 
 
 
 def blind(name: str, on: str, seed: int) -> EpisodeResult:
-    return run_episode(config.load(assets.scenario_path(name), ("planner.name=constant", f"failsafe.on={on}")), seed)
+    return run_episode(config.load(builtin.scenario_path(name), ("planner.name=constant", f"failsafe.on={on}")), seed)
 
 
 @pytest.mark.parametrize("name", ["unprotected-left-turn", "unprotected-left-turn-scripted"])
@@ -559,7 +561,7 @@ def test_a_blind_planner_is_kept_safe(name: str) -> None:
 
 def test_the_fail_safe_leaves_a_good_planner_alone() -> None:
     rows = [
-        run_episode(config.load(assets.scenario_path("unprotected-left-turn"), ("planner.iterations=300", f"failsafe.on={on}")), 2).rows[0]
+        run_episode(config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=300", f"failsafe.on={on}")), 2).rows[0]
         for on in ("true", "false")
     ]
     assert [row["failsafe_interventions"] for row in rows] == [0, 0]
@@ -574,8 +576,8 @@ def test_the_option_sets_the_key(given_option: bool, monkeypatch: pytest.MonkeyP
         said.extend(arguments[4])
         raise config.ConfigError("enough")
 
-    monkeypatch.setattr(commands, "resolve", resolve)
+    monkeypatch.setattr(scenarios, "resolve", resolve)
     assert CliRunner().invoke(app, ["run", "straight-line", *(["--enforce-deadline"] if given_option else [])]).exit_code == 2
     assert ("planner.enforce_deadline=True" in said) == given_option
-    scene = config.load(assets.scenario_path("straight-line"), tuple(said))
+    scene = config.load(builtin.scenario_path("straight-line"), tuple(said))
     assert scene.planner.enforce_deadline == given_option

@@ -16,13 +16,14 @@ from helpers_tree import TOYS, Toy, before_a_light, decide, on_three_lanes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts import assets, config
-from sumo_mcts.episode import default_variant, run_episode
-from sumo_mcts.model.ego import COMMANDED, FOLLOW
+from sumo_mcts import config
+from sumo_mcts.config import builtin
+from sumo_mcts.episode.run import default_variant, run_episode
+from sumo_mcts.model.motion import COMMANDED, FOLLOW
 from sumo_mcts.planners import reference
 from sumo_mcts.planners.mcts import follow_line
 from sumo_mcts.planners.reference import COST, Problem, Rest, Solution, best_root, problem_of, profile_line, root_lines, scale, solve, steps_of
-from sumo_mcts.planners.tree import ALIVE, IMPOSSIBLE, LOST, entry_of, side_of
+from sumo_mcts.planners.rollout import ALIVE, IMPOSSIBLE, LOST, entry_of, side_of
 from sumo_mcts.scene import GREEN, RED, Floats, Follow, Plan
 
 FINE = (1e-9,) * 6  # cells that nobody shares
@@ -250,7 +251,7 @@ def test_the_planner_takes_the_best_beginning(toy: Toy) -> None:
 
 
 def test_it_drives() -> None:
-    scene = config.load(assets.scenario_path("unprotected-left-turn"), ("planner.name=exhaustive", "episode.time_limit_s=5"))
+    scene = config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.name=exhaustive", "episode.time_limit_s=5"))
     assert default_variant(scene) == "exhaustive-idm"
     result = run_episode(scene, 1)
     row, (trace,) = result.rows[0], result.traces

@@ -11,16 +11,16 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import load
-from sumo_mcts.driver import make_planner
+from sumo_mcts.config.builtin import scenario_path
+from sumo_mcts.driver.registry import make_planner
 from sumo_mcts.episode import run_episode
-from sumo_mcts.model.intentions import together
-from sumo_mcts.model.traffic import Told, predict
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.risk import risk, shares
+from sumo_mcts.prediction.forecast import Told, predict
+from sumo_mcts.prediction.hypotheses import together
 from sumo_mcts.records import load_trace, save_trace
-from sumo_mcts.reporting.birdseye import storyboard
+from sumo_mcts.reporting.storyboard import storyboard
 from sumo_mcts.scene import FORCES, Decision, Floats, Follow, Intent
 
 ROAD = crossing(bridge=False)

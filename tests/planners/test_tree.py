@@ -19,10 +19,11 @@ from helpers_tree import GOLDEN, TOYS, Grown, Toy, before_a_light, decide, grow,
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.driver import make_planner
-from sumo_mcts.planners.effort import Effort
+from sumo_mcts.driver.registry import make_planner
+from sumo_mcts.planners.budget import Effort
 from sumo_mcts.planners.mcts import MctsPlanner
-from sumo_mcts.planners.tree import ALIVE, IMPOSSIBLE, LOST, NONE, new_tree, search
+from sumo_mcts.planners.rollout import ALIVE, IMPOSSIBLE, LOST, NONE
+from sumo_mcts.planners.tree import new_tree, search
 from sumo_mcts.scene import GREEN, RED, YELLOW, Follow
 
 PASSES = [1, 7, 40, 400, 3000]

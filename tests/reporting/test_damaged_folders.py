@@ -8,18 +8,18 @@ from typing import Any
 import pytest
 from helpers_rows import made_row, write_rows, write_traces
 
-from sumo_mcts import commands
-from sumo_mcts.config import ConfigError
-from sumo_mcts.experiments.statistics import pairs
+from sumo_mcts.commands import reports
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.records import LONGEST_LINE, MANIFEST, ROW_KEYS, ROWS, TRACES, WHOLE
+from sumo_mcts.records.statistics import pairs
 from sumo_mcts.reporting.results import gather
 
 STRANGE = (-1, 1.5, True, "text", "", [], {}, [[1]], float("nan"), float("inf"), 1e308, 10**400, "a\nb\x1b[31m", "=1+1")
 
 
-def reported(folder: Path) -> commands.Report:
+def reported(folder: Path) -> reports.Report:
     """What `sumo-mcts report` makes of a folder."""
-    return commands.report([folder], folder / "report", (), lambda text: None)
+    return reports.report([folder], folder / "report", (), lambda text: None)
 
 
 @pytest.mark.parametrize("key", [key for key in (*ROW_KEYS, "redrawn", "traffic_digest") if key not in WHOLE])

@@ -14,7 +14,7 @@ from sumo_mcts import records
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.records import CycleRecord
 from sumo_mcts.reporting.explanation import closest, explain, explain_again
-from sumo_mcts.reporting.explanation_text import text
+from sumo_mcts.reporting.explanation_words import text
 from sumo_mcts.scene import Floats, RoadMap
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers_trace import crossing_trace
 
-from sumo_mcts.reporting import birdseye, film
+from sumo_mcts.reporting import animation, film
 
 
 def test_the_film_holds_every_frame_and_stays_on_the_last(tmp_path: Path) -> None:
@@ -20,10 +20,10 @@ def test_the_film_holds_every_frame_and_stays_on_the_last(tmp_path: Path) -> Non
     decoded = subprocess.run(command, capture_output=True, check=True)
     assert b"Video: h264" in decoded.stderr
     assert b"10 fps" in decoded.stderr
-    drawn = [np.asarray(film._even(frame)) for frame in birdseye.frames(trace, film.WIDTH)]
+    drawn = [np.asarray(film._even(frame)) for frame in animation.frames(trace, film.WIDTH)]
     shown = np.frombuffer(decoded.stdout, np.uint8).reshape(-1, *drawn[0].shape)
     assert len(drawn) == 16
-    assert len(shown) == len(drawn) + birdseye.HOLD_MS * birdseye.FPS // 1000
+    assert len(shown) == len(drawn) + animation.HOLD_MS * animation.FPS // 1000
     for expected, frame in zip((*drawn, drawn[-1]), shown, strict=False):
         assert np.abs(expected.astype(int) - frame).mean() < 4.0
     assert told[-1] == "drawing the film  frame 16 of 16"
@@ -43,7 +43,7 @@ def test_a_film_that_is_broken_off_leaves_the_old_one(tmp_path: Path) -> None:
 
 
 def test_sizes_are_made_even() -> None:
-    frame = next(iter(birdseye.frames(crossing_trace(), 721)))
+    frame = next(iter(animation.frames(crossing_trace(), 721)))
     assert frame.width % 2 == 1
     even = film._even(frame)
     assert (even.width, even.height % 2) == (720, 0)

@@ -10,7 +10,7 @@ from helpers_rows import crashed, made_row, made_rows
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.experiments.statistics import Rate, wilson
+from sumo_mcts.records.statistics import Rate, wilson
 from sumo_mcts.reporting import plots
 from sumo_mcts.reporting.plots import FURTHER, KNOWN, Axis, Measure, colours
 

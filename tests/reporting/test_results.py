@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from helpers_rows import crashed, made_row, made_rows, write_rows, write_traces
 
-from sumo_mcts.config import ConfigError
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.records import MANIFEST, ROW_KEYS, ROWS
 from sumo_mcts.reporting.results import gather
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from helpers_rows import crashed, made_row, made_rows
 
 from sumo_mcts import records
-from sumo_mcts.experiments.statistics import Contrast, Estimate, Rate, wilson
+from sumo_mcts.records.statistics import Contrast, Estimate, Rate, wilson
 from sumo_mcts.reporting import tables
 from sumo_mcts.reporting.tables import Cell, Column, Table
 

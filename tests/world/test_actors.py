@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from helpers_networks import simulation
 
-from sumo_mcts.assets import root, scenario_path
-from sumo_mcts.config import Actor, ConfigError, TrafficConfig, VehicleEvent, load
+from sumo_mcts.config import Actor, TrafficConfig, VehicleEvent, load
+from sumo_mcts.config.builtin import root, scenario_path
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.scene import RoadMap
-from sumo_mcts.world.actors import Actors, appears, compile_script, draw
+from sumo_mcts.world.actors import Actors, appears, draw
 from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.roadmap import read_roadmap
+from sumo_mcts.world.scripts import compile_script
 
 SCENES = ["unprotected-left-turn", "highway-exit", "straight-line"]
 NETWORKS = root() / "networks"

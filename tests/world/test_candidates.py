@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from sumo_mcts import config, load_scenario, records, run_batch
-from sumo_mcts.commands import list_candidates
-from sumo_mcts.config import ConfigError
 from sumo_mcts.episode import run_episode
+from sumo_mcts.errors import ConfigError
+from sumo_mcts.scenarios import list_candidates
 from sumo_mcts.world.arguments import without_outputs
 from sumo_mcts.world.candidates import require_named
 from sumo_mcts.world.simulation import Simulation

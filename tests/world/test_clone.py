@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sumo_mcts import assets, config
-from sumo_mcts.config import ConfigError, ScenarioConfig
-from sumo_mcts.driver import Driver
-from sumo_mcts.episode import Loop, run_episode
+from sumo_mcts import config
+from sumo_mcts.config import ScenarioConfig, builtin
+from sumo_mcts.driver.driver import Driver
+from sumo_mcts.episode import run_episode
+from sumo_mcts.episode.loop import Loop
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.scene import Decision, Follow, Release, Scene
 from sumo_mcts.world import clone
 from sumo_mcts.world.observe import LANE, POSE, POSITION, SPEED, THERE
@@ -23,7 +25,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork") or not Path("/proc/self/
 
 
 def scene_of(name: str, *sets: str) -> ScenarioConfig:
-    return config.load(assets.scenario_path(name), sets)
+    return config.load(builtin.scenario_path(name), sets)
 
 
 def decided(command: Follow | Release) -> Decision:

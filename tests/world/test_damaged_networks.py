@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from sumo_mcts.config import build
 from sumo_mcts.episode import run_episode
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.world import roadmap
+from sumo_mcts.world import net_file
 from sumo_mcts.world.roadmap import LEAST_SPEED, known_roadmap, read_roadmap
 
 TOP = Path(__file__).resolve().parents[2]
@@ -119,7 +119,7 @@ def test_no_network_at_all(content: bytes, said: str, tmp_path: Path) -> None:
 
 
 def test_a_bomb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(roadmap, "MOST_UNPACKED", 1 << 20)
+    monkeypatch.setattr(net_file, "MOST_UNPACKED", 1 << 20)
     path = tmp_path / "n.net.xml.gz"
     path.write_bytes(gzip.compress(b'<net version="1.20">' + b" " * (1 << 21)))
     assert "unpacks to more than 1 MB" in refusal(lambda: read_roadmap(str(path)))

@@ -16,8 +16,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sumo_mcts.config import build
-from sumo_mcts.ending import FAILED, INVALID, OK, explained
 from sumo_mcts.episode import run_episode
+from sumo_mcts.process.ending import FAILED, INVALID, OK, explained
 
 TOP = Path(__file__).resolve().parents[2]
 NET = TOP / "networks" / "straight-line" / "straight-line.net.xml"

@@ -13,13 +13,14 @@ import pytest
 import sumo
 from helpers_networks import simulation
 
-from sumo_mcts import driver
-from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import ScenarioConfig, build, load
-from sumo_mcts.episode import EpisodeResult, Loop, run_episode
-from sumo_mcts.evaluation import inevitable
-from sumo_mcts.model.ego import FREE, advance, begin_change, can_change, pose_of
-from sumo_mcts.model.local import Local, State, build_local
+from sumo_mcts.config.builtin import scenario_path
+from sumo_mcts.episode import EpisodeResult, run_episode
+from sumo_mcts.episode.loop import Loop
+from sumo_mcts.evaluation import hindsight
+from sumo_mcts.model.local_build import build_local
+from sumo_mcts.model.local_map import Local, State
+from sumo_mcts.model.motion import FREE, advance, begin_change, can_change, pose_of
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.scene import Decision, Follow, Plan
 from sumo_mcts.world.roadmap import read_roadmap
@@ -138,7 +139,7 @@ def check(found: list[Difference], place: float = 0.01, speed: float = 0.001) ->
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("name", [STRAIGHT, CROSSING])
 def test_whatever_it_does_alone(name: str, step: float, change_s: float, ballistic: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(driver, "make_planner", lambda _: Erratic())
+    monkeypatch.setattr("sumo_mcts.driver.driver.make_planner", lambda _: Erratic())
     result = run_episode(alone(name, step, change_s, ballistic), seed=1)
     assert result.rows[0]["error"] is None
     found = differences(result)
@@ -151,7 +152,7 @@ def test_whatever_it_does_alone(name: str, step: float, change_s: float, ballist
 
 def test_one_lane_change_at_once_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that begins at a stand takes SUMO a step longer than its duration, and a wish that comes in this step is dropped."""
-    monkeypatch.setattr(driver, "make_planner", lambda _: Weaving())
+    monkeypatch.setattr("sumo_mcts.driver.driver.make_planner", lambda _: Weaving())
     result = run_episode(alone(STRAIGHT, 0.1), seed=1)
     found = differences(result)
     assert changes_begun(result) > 3
@@ -161,7 +162,7 @@ def test_one_lane_change_at_once_after_another(monkeypatch: pytest.MonkeyPatch) 
 
 def test_where_drivers_act_seldom(monkeypatch: pytest.MonkeyPatch) -> None:
     """SUMO then integrates ballistically, whatever its option says, and fails in lane changes of a vehicle that itself acts seldom."""
-    monkeypatch.setattr(driver, "make_planner", lambda _: Erratic())
+    monkeypatch.setattr("sumo_mcts.driver.driver.make_planner", lambda _: Erratic())
     config = alone(CROSSING, 0.1)
     seldom = config.sumo.model_copy(update={"options": {"lanechange.duration": 3.0, "default.action-step-length": 1.0}})
     result = run_episode(config.model_copy(update={"sumo": seldom}), seed=1)
@@ -215,17 +216,17 @@ def test_where_lanes_and_their_shapes_differ_in_length() -> None:
 @pytest.mark.parametrize(("name", "seed"), [(STRAIGHT, 1), (STRAIGHT, 4), ("highway-exit", 1), (CROSSING, 1)])
 def test_a_way_out_is_one_in_sumo(name: str, seed: int) -> None:
     """What the reference of inevitable collisions finds, driven: the box is where it was expected, turned as it was, and touches nobody."""
-    with mock.patch.object(inevitable, "way_out", wraps=inevitable.way_out) as search:
+    with mock.patch.object(hindsight, "way_out", wraps=hindsight.way_out) as search:
         loop = Loop(load(scenario_path(f"{name}-scripted")), seed)
         loop.start()
         loop.scenes()
     local, p, state, choice, home, ply, *_ = search.call_args.args
-    for k, action in enumerate(inevitable.way_out(*search.call_args.args)):
+    for k, action in enumerate(hindsight.way_out(*search.call_args.args)):
         accel, side = float(choice[action, 0]), int(choice[action, 1])
         state = begin_change(local, p, state, side) if side else state
         speeds = np.zeros(ply)
         for i in range(ply):
-            state, _ = inevitable.drive(local, p, home, state, accel, k * ply + i, 1, 1)
+            state, _ = hindsight.drive(local, p, home, state, accel, k * ply + i, 1, 1)
             speeds[i] = state.v
         loop.apply({"ego": Decision(Follow(speeds, side), None, (), -1, "way out", 0, 0)})
         scenes = loop.scenes()

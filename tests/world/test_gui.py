@@ -23,7 +23,8 @@ import faulthandler
 import sys
 import libsumo
 faulthandler.dump_traceback_later(100)  # should it hang, the report says where
-from sumo_mcts import assets, config
+from sumo_mcts import config
+from sumo_mcts.config import builtin
 from sumo_mcts.episode import run_episode
 from sumo_mcts.world import gui
 
@@ -38,7 +39,7 @@ def photographed(ego, poses):
         libsumo.gui.screenshot(gui.VIEW, sys.argv[1], 600, 400)
 
 gui.draw_plan = photographed
-scene = config.load(assets.scenario_path("highway-exit"), ("planner.iterations=50", "episode.time_limit_s=5"))
+scene = config.load(builtin.scenario_path("highway-exit"), ("planner.iterations=50", "episode.time_limit_s=5"))
 result = run_episode(scene, 1, gui=True, sumo_options=("--delay", "0"))
 print(result.rows[0]["outcome"], result.rows[0]["trace_digest"], drawn[3])
 assert run_episode(scene, 1).rows[0]["trace_digest"] == result.rows[0]["trace_digest"]

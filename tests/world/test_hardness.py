@@ -16,8 +16,8 @@ import libsumo
 import numpy as np
 import pytest
 
-from sumo_mcts.assets import scenario_path
 from sumo_mcts.config import ScenarioConfig, load
+from sumo_mcts.config.builtin import scenario_path
 from sumo_mcts.world.actors import Actors, draw
 from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.roadmap import read_roadmap

@@ -12,8 +12,9 @@ from helpers import Lane, build
 from helpers_networks import netconvert, simulation
 
 from sumo_mcts.scene import GREEN, RED, YELLOW
-from sumo_mcts.world.observe import CHANGED, PHASES, TREND_S, Change, Observer, _SignalReader
+from sumo_mcts.world.observe import CHANGED, TREND_S, Change, Observer
 from sumo_mcts.world.roadmap import read_roadmap
+from sumo_mcts.world.signals import PHASES, SignalReader
 
 NODES = '<node id="w" x="0" y="0"/><node id="m" x="200" y="0"/><node id="e" x="400" y="0"/>'
 EDGES = '<edge id="a" from="w" to="m" numLanes="2" speed="10"/><edge id="b" from="m" to="e" numLanes="2" speed="10"/>'
@@ -149,6 +150,6 @@ def test_a_signal_is_read_near_each_of_its_links() -> None:
         for k, x in enumerate(ends[:3])
     ]
     traffic_light = SimpleNamespace(getIDList=lambda: ["s"], getRedYellowGreenState=lambda _: "rrr")
-    reader = _SignalReader(SimpleNamespace(trafficlight=traffic_light), build(lanes))
+    reader = SignalReader(SimpleNamespace(trafficlight=traffic_light), build(lanes))
     read = [reader.read(x, 0.0, 0.0, 1).state[:, 0].tolist() for x in (690.0, 2090.0, -400.0, 4000.0)]
     assert read == [[RED] * 3, [RED] * 3, [GREEN] * 3, [GREEN] * 3]

@@ -12,7 +12,7 @@ import sumolib
 from helpers_networks import netconvert
 from shapely.geometry import LineString, Point
 
-from sumo_mcts.config import ConfigError
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.scene import ALLWAY, LEFT, PRIORITY, RIGHT, STOP, STRAIGHT, VEHICLE_CLASSES, YIELD, ZIPPER, RoadMap
 from sumo_mcts.world.roadmap import lane_index, lane_shape, read_roadmap
 

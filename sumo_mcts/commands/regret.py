@@ -1,0 +1,196 @@
+"""The command regret: how far planners are from the reference problem's best decision."""
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sumo_mcts import config, files, records
+from sumo_mcts.commands.batches import episodes_of
+from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.errors import ConfigError
+from sumo_mcts.experiments import workers
+from sumo_mcts.experiments.workers import Crew
+from sumo_mcts.numerics.announce import announced, watched
+from sumo_mcts.numerics.kernel import kept_kernels
+from sumo_mcts.planners.reference import LABELS, digest
+from sumo_mcts.scenarios import Note, naming_source
+from sumo_mcts.studies.regret import FACTOR, FINER, Asked, Harvest, Row, check, convergence, harvest, ranking
+
+_SCENES = ("unprotected-left-turn", "highway-exit", "straight-line")
+REGRET_SCENES = (*_SCENES, *(f"{name}-scripted" for name in _SCENES))
+
+
+class RegretPlan(NamedTuple):
+    """What `regret` is to do."""
+
+    asked: Asked
+    seeds: int  # episodes a scenario, at most
+    every: int  # cycles from one state to the next
+    states: int  # at most, over all scenarios
+    jobs: int | None = 1  # processes; None: one a core
+
+
+@dataclass
+class _Source:
+    """Where states come from: a scenario with one ego, as far as it was driven."""
+
+    origin: str
+    config: ScenarioConfig
+    missing: int  # states
+
+    def named(self) -> AbstractContextManager[None]:
+        return naming_source(self.origin, self.config.sumo.sumocfg)
+
+
+def regret(
+    scenarios: Sequence[str], egos: Sequence[str], until: str | None, overrides: tuple[str, ...], plan: RegretPlan, out: Path | None, note: Note, *,
+    allow_plugins: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    """How near planners come to the optimum of the reference problem, in states of episodes that planner `mcts` drives: an episode for each scenario (none
+    given: REGRET_SCENES), ego and seed. Every judgement goes into regret.jsonl and regret.csv in `out`, and what is returned into regret.json. Raises
+    ConfigError."""
+    for name in plan.asked.planners:
+        config.require_permission("--planners", name, allow_plugins)
+    driven = (*overrides, "planner.name=mcts")
+    sources = _sources(scenarios or REGRET_SCENES, egos, until, driven, plan, allow_plugins)
+    rows: list[Row] = []
+    outcomes, problems, states = Counter[str](), list[str](), 0
+    with _regret_file(out, rows) as keep:
+        for source, seed, found in _harvests(sources, plan, note):
+            if not source.missing:  # driven ahead, in vain
+                continue
+            with source.named():
+                harvested = _harvested(found, source.config.name, seed, note)
+            outcomes += harvested.outcomes
+            problems += harvested.problems
+            taken = harvested.states[: source.missing]
+            source.missing -= len(taken)
+            states += len(taken)
+            for row in chain(*taken):
+                keep(row)
+    result = {
+        "schema_version": records.SCHEMA_VERSION,
+        "reference_digest": digest(),
+        "scenarios": list(dict.fromkeys(source.config.name for source in sources)),
+        "states": states,
+        "outcomes": dict(outcomes),
+        "problems": problems,
+        **({"convergence": convergence(rows)} if plan.asked.converged else {"planners": ranking(rows)}),
+    }
+    if out is not None:
+        records.write_whole(out / "regret.json", (records.json_text(result) + "\n").encode())
+    return result
+
+
+def counts(text: str) -> tuple[int, ...]:
+    """The numbers of iterations in `50,100`. Raises ConfigError."""
+    try:
+        numbers = tuple(int(number) for number in text.split(","))
+    except ValueError:
+        numbers = ()
+    if not numbers or min(numbers) < 1:
+        raise ConfigError(f"--iterations {text}: whole numbers from 1 on, separated by commas, as in 100,1000")
+    return numbers
+
+
+def _sources(scenarios: Sequence[str], egos: Sequence[str], until: str | None, overrides: tuple[str, ...], plan: RegretPlan, allow: bool) -> list[_Source]:
+    """Each scenario with each ego, and its share of the states. Raises ConfigError where somebody cannot be asked there."""
+    found = [(name, one) for name in scenarios for one in episodes_of(name, egos, until, overrides, allow_plugins=allow)]
+    each, left = divmod(plan.states, len(found))
+    sources = [_Source(name, one, each + (k < left)) for k, (name, one) in enumerate(found)]
+    for source in sources:
+        with source.named():
+            check(source.config, plan.asked)
+    return sources
+
+
+def _harvests(sources: Sequence[_Source], plan: RegretPlan, note: Note) -> Iterator[tuple[_Source, int | None, "Future[Harvest]"]]:
+    """The episodes of all sources, seed by seed, as far as states are missing; in this order whatever the number of processes."""
+
+    def begun(crew: Crew) -> Iterator[tuple[_Source, int | None, "Future[Harvest]"]]:
+        for number in range(plan.seeds):
+            for source in sources:
+                if source.missing:
+                    note(f"{sum(one.missing for one in sources)} of {plan.states} states to go  {source.config.name}, episode {number}")
+                    seed = None if source.config.sumo.sumocfg is not None and plan.seeds == 1 else number
+                    yield source, seed, crew.executor.submit(harvest, source.config, seed, plan.asked, plan.every, number, source.missing)
+
+    with announced(note), workers.here() if plan.jobs == 1 else workers.local(plan.jobs or workers.cores()) as crew:
+        ahead = deque[tuple[_Source, int | None, "Future[Harvest]"]]()
+        for one in begun(crew):
+            ahead.append(one)
+            if len(ahead) >= crew.most():
+                yield ahead.popleft()
+        yield from ahead
+
+
+def _harvested(found: "Future[Harvest]", scenario: str, seed: int | None, note: Note) -> Harvest:
+    """What an episode gave; one whose worker died is an outcome too."""
+    try:
+        return watched(found, kept_kernels, note)
+    except workers.DeadWorkerError as error:
+        return Harvest((), Counter(error=1), (f"{scenario}: seed {seed}: {error}",))
+
+
+@contextmanager
+def _regret_file(out: Path | None, rows: list[Row]) -> Iterator[Callable[[Row], None]]:
+    """Hands out what keeps a row: in the list and, at once, in regret.jsonl; at the end, whatever it is, regret.csv is written."""
+    if out is None:
+        yield rows.append
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    with files.naming(out / "regret.jsonl"), (out / "regret.jsonl").open("w", encoding="utf-8") as file:
+
+        def keep(row: Row) -> None:
+            rows.append(row)
+            file.write(records.json_text(row, indent=None) + "\n")
+            file.flush()
+
+        try:
+            yield keep
+        finally:  # an interrupt too
+            records.write_table(out / "regret.csv", tuple(rows[0]) if rows else (), rows)
+
+
+def regret_table(document: dict[str, Any]) -> str:
+    """Near-optimality for a person, as Markdown: a row for each planner and number of iterations. Or how far the reference has converged."""
+    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in document["outcomes"].items())
+    head = f"{', '.join(document['scenarios'])}, driven by mcts: {outcomes}, {document['states']} states; reference {document['reference_digest'][:16]}"
+    if "convergence" in document:
+        return f"{head}\n\n{_convergence_text(document['convergence'])}"
+    part = "states | near-optimal (95 % Wilson) | mean regret | 95 % of regrets below"
+    columns = f"| planner | iterations | {part} | contested {part} | collides though avoidable |"
+    return "\n".join([head, "", columns, "|---|---|---|---|---|---|---|---|---|---|---|", *(_regret_line(row) for row in document["planners"])])
+
+
+def _regret_line(row: Row) -> str:
+    def show(part: Row) -> list[str]:
+        k, n = part["near_optimal"], part["states"]
+        if n == 0:
+            return ["0", "-", "-", "-"]
+        low, high = part["wilson"]
+        return [str(n), f"{k}/{n} ({100 * low:.1f}..{100 * high:.1f} %)", f"{part['mean_regret']:.2f}", f"{part['p95_regret']:.2f}"]
+
+    cells = [row["planner"], str(row["iterations"] or "-"), *show(row["all"]), *show(row["contested"]), f"{row['all']['collides']}/{row['all']['avoidable']}"]
+    return f"| {' | '.join(cells)} |"
+
+
+def _convergence_text(found: dict[str, Any]) -> str:
+    def show(name: str, part: dict[str, Any]) -> str:
+        if not part["count"]:
+            return f"{name}: none"
+        return f"{name}: {part['count']}, off by {part['mean']:.4f} on average, {part['p99']:.3f} (99 %), {part['max']:.3f} at most"
+
+    lines = [
+        f"{LABELS} labels against the better of {FACTOR * LABELS} and of {FINER * LABELS} in cells half as wide, in units of the scale:",
+        show("costs of actions", found["actions"]),
+        show("costs of the optimum", found["optimum"]),
+    ]
+    if found["optimum"]["count"]:
+        lines.append(f"the action chosen, by the converged costs: regret {found['choice']['mean']:.4f} on average, {found['choice']['max']:.3f} at most")
+    return "\n".join([*lines, f"actions of which only one of the two finds a way without a loss: {found['other_outcome']}"])

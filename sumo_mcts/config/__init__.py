@@ -1,0 +1,58 @@
+from sumo_mcts.config.loading import build, digest, json_schema, load, name_from, parsed, plugin_names, require_permission, require_scenario
+from sumo_mcts.config.names import ORACLE_MARK, PLANNER_GROUP, PLANNERS, PREDICTORS, is_oracle, is_plugin
+from sumo_mcts.config.problems import positive, refused, whole
+from sumo_mcts.config.schema import (
+    CROWD_ID,
+    Actor,
+    CrowdConfig,
+    Depart,
+    DriversConfig,
+    EgoConfig,
+    Event,
+    ScenarioConfig,
+    SensorConfig,
+    Stream,
+    SumoConfig,
+    TrafficConfig,
+    VehicleEvent,
+)
+from sumo_mcts.config.values import MOST_SEED, Flag, Id
+from sumo_mcts.errors import ConfigError
+
+__all__ = [
+    "CROWD_ID",
+    "MOST_SEED",
+    "ORACLE_MARK",
+    "PLANNERS",
+    "PLANNER_GROUP",
+    "PREDICTORS",
+    "Actor",
+    "ConfigError",
+    "CrowdConfig",
+    "Depart",
+    "DriversConfig",
+    "EgoConfig",
+    "Event",
+    "Flag",
+    "Id",
+    "ScenarioConfig",
+    "SensorConfig",
+    "Stream",
+    "SumoConfig",
+    "TrafficConfig",
+    "VehicleEvent",
+    "build",
+    "digest",
+    "is_oracle",
+    "is_plugin",
+    "json_schema",
+    "load",
+    "name_from",
+    "parsed",
+    "plugin_names",
+    "positive",
+    "refused",
+    "require_permission",
+    "require_scenario",
+    "whole",
+]

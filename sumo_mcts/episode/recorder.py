@@ -1,0 +1,106 @@
+"""What one ego's driver thought, cycle by cycle: into a row and a trace."""
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.driver.driver import Thought
+from sumo_mcts.driver.forecaster import no_forecast
+from sumo_mcts.driver.params import deadline_s
+from sumo_mcts.episode.surroundings import lanes_around
+from sumo_mcts.records import CycleRecord, Setting, Trace
+from sumo_mcts.scene import Plan, RoadMap, Scene
+
+DRAWN = 90.0  # m around the ego's way within which lanes go into the trace
+SPEED_DEVIATION = 0.05  # m/s between commanded and executed speed that is worth a word
+FIRM = 0.5  # m/s2 beyond which a plan counts as accelerating or braking
+
+
+class Recorder:
+    """Collects the cycles of one ego."""
+
+    def __init__(self) -> None:
+        self._scenes: list[Scene] = []
+        self._thoughts: list[Thought] = []
+
+    def note(self, scene: Scene, thought: Thought) -> None:
+        """Add a cycle."""
+        self._scenes.append(scene)
+        self._thoughts.append(thought)
+
+    def planning(self, config: ScenarioConfig, period: float) -> dict[str, Any]:
+        """The keys of a row that tell of decisions; `period` in s."""
+        decisions = [thought.decision for thought in self._thoughts]
+        times = np.array([thought.plan_ms for thought in self._thoughts])
+        deadline = deadline_s(config, period)
+        searched = any(decision.iterations or decision.known for decision in decisions)
+        return {
+            "decision_flips": _flips([decision.plan for decision in decisions]),
+            "failsafe_interventions": sum(thought.intervened for thought in self._thoughts),
+            "iterations_per_decision": config.planner.iterations if searched and config.planner.time_budget_ms is None else None,
+            "iterations": sum(decision.iterations for decision in decisions),
+            "cycles": len(decisions),
+            "deadline_s": deadline,
+            "deadline_misses": int((times > deadline * 1000.0).sum()),
+            **{f"plan_ms_{name}": _percentile(times, q) for name, q in (("p50", 50), ("p95", 95), ("p99", 99), ("max", 100))},
+        }
+
+    def simulated(self, period: float) -> float:
+        """Seconds of simulation that the decisions cover."""
+        return self._scenes[-1].time - self._scenes[0].time + period if self._scenes else 0.0
+
+    def trace(self, key: str, scenario: str, outcome: str, road: RoadMap, setting: Setting) -> Trace | None:
+        """All cycles with the roads around them; None without any."""
+        if not self._scenes:
+            return None
+        where = np.array([[scene.ego.x, scene.ego.y] for scene in self._scenes])
+        following = [*self._scenes[1:], None]
+        cycles = tuple(_cycle(*cycle) for cycle in zip(self._scenes, self._thoughts, following, strict=True))
+        return Trace(key, scenario, outcome, lanes_around(road, self._scenes[0].ego.route, where, DRAWN), cycles, setting)
+
+
+def _cycle(scene: Scene, thought: Thought, after: Scene | None) -> CycleRecord:
+    """One cycle, and what came of it by the next one."""
+    decision = thought.decision
+    speed, lane = _commanded(decision.plan, scene, after)
+    forecast = thought.forecast if thought.forecast is not None else no_forecast(scene.step)
+    executed = (math.nan, -1) if after is None else (after.ego.v, after.ego.lane)
+    deviation = "" if after is None or math.isnan(speed) else _deviation(speed, lane, *executed)
+    return CycleRecord(
+        scene.time, scene.step, scene.ego, scene.agents, scene.signals, forecast, decision, thought.plan_ms, speed, executed[0], lane, executed[1], deviation,
+        thought.intervened, thought.memory, thought.answers,
+    )  # fmt: skip
+
+
+def _commanded(plan: Plan | None, scene: Scene, after: Scene | None) -> tuple[float, int]:
+    """Speed, m/s, and lane that the plan has for the time of the next cycle; nan and -1 without a plan or a next cycle."""
+    if plan is None or after is None or not len(plan.v):
+        return math.nan, -1
+    k = min(round((after.time - scene.time) / scene.step) - 1, len(plan.v) - 1)
+    return float(plan.v[k]), int(plan.lane[k])
+
+
+def _deviation(speed: float, lane: int, executed_speed: float, executed_lane: int) -> str:
+    if abs(speed - executed_speed) > SPEED_DEVIATION:
+        return f"speed {executed_speed:.2f} instead of {speed:.2f} m/s"
+    return "SUMO has the ego on another lane" if lane != executed_lane else ""
+
+
+def _flips(plans: list[Plan | None]) -> int:
+    """How often the plan of the coming second turned from accelerating to braking or back."""
+    signs = [sign for plan in plans if plan is not None and len(plan.v) > 1 and (sign := _tendency(plan))]
+    return sum(before != now for before, now in pairwise(signs))
+
+
+def _tendency(plan: Plan) -> int:
+    """+1 where the plan gains speed within a second, -1 where it loses some, 0 in between."""
+    k = min(len(plan.v) - 1, int(np.searchsorted(plan.time, 1.0)))
+    gained = float(plan.v[k] - plan.v[0]) / max(float(plan.time[k] - plan.time[0]), 1e-9)
+    return 1 if gained > FIRM else -1 if gained < -FIRM else 0
+
+
+def _percentile(times: Any, q: int) -> float | None:
+    return float(np.percentile(times, q)) if len(times) else None

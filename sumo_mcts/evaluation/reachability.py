@@ -1,0 +1,127 @@
+"""How one gets from one place on the lanes to another: what the referee has to know of the roads."""
+
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_mcts.numerics.lanes import successors, usable
+from sumo_mcts.scene import Bools, RoadMap
+
+REACH = 5.0  # m along the road by which two boxes may miss each other's stretch and still meet: rounded corners, lanes of unequal length
+
+
+class Drive(NamedTuple):
+    """How the front came from one lane position to the next."""
+
+    lanes: tuple[int, ...]  # lanes entered at their start, in order
+    lines: tuple[float, ...]  # m driven up to the start of each
+    changes: int  # lane changes on the way
+    distance: float  # m
+
+
+def driven(road: RoadMap, lane: int, s: float, onto: int, onto_s: float, reach: float) -> Drive | None:
+    """How the front got from (lane, s) to (onto, onto_s) within reach, m, with the fewest lane changes; None: not along the lanes."""
+    if lane == onto:
+        return Drive((), (), 0, onto_s - s) if abs(onto_s - s) <= reach else None
+    # breadth first in the number of lane changes; state: lane, m driven to its start, lanes entered and where
+    layer: list[tuple[int, float, tuple[int, ...], tuple[float, ...]]] = [(lane, -s, (), ())]
+    seen = {lane}
+    for changes in range(8):
+        k = 0
+        while k < len(layer):  # grows while it is read
+            here, start, lanes, lines = layer[k]
+            k += 1
+            if here == onto and start + onto_s <= reach:
+                return Drive(lanes, lines, changes, start + onto_s)
+            end = start + float(road.length[here])
+            for after in successors(road, here) if end <= reach else ():
+                if after not in seen:
+                    seen.add(after)
+                    layer.append((after, end, (*lanes, after), (*lines, end)))
+        beside = []
+        for here, start, lanes, lines in layer:
+            for other in (int(road.left[here]), int(road.right[here])):
+                if other >= 0 and other not in seen:
+                    seen.add(other)
+                    beside.append((other, start, lanes, lines))
+        layer = beside
+    return None
+
+
+def can_meet(road: RoadMap, first: tuple[int, float, float], second: tuple[int, float, float]) -> bool:
+    """Whether two boxes that overlap in the plane are on the same level. Each: lane of the front (-1: none), its position, m, and the box's length, m."""
+    if first[0] < 0 or second[0] < 0:
+        return True
+    if second[0] in _conflicting(road, first[0]) or first[0] in _conflicting(road, second[0]):
+        return True
+    stretches: list[dict[int, tuple[float, float]]] = []
+    junctions: list[set[int]] = []
+    for lane, s, length in (first, second):
+        back, ahead = length + REACH, REACH
+        edges: dict[int, tuple[float, float]] = {}
+        inside: set[int] = set()
+        for there, start in spread(road, lane, s, back, ahead).items():
+            low, high = edges.get(int(road.edge[there]), (inf, -inf))
+            edges[int(road.edge[there])] = (min(low, -back - start), max(high, ahead - start))
+            if road.junction[there] >= 0:
+                inside.add(int(road.junction[there]))
+        stretches.append(edges)
+        junctions.append(inside)
+    if junctions[0] & junctions[1]:
+        return True
+    # positions count too: a ramp may lead over the road that it comes from
+    return any(stretches[0][e][0] <= stretches[1][e][1] and stretches[1][e][0] <= stretches[0][e][1] for e in stretches[0].keys() & stretches[1].keys())
+
+
+def goal_reaching_edges(road: RoadMap, goal_edge: int, vclass: int) -> Bools:
+    """[edges] whether the goal edge can be reached from an edge along lanes that the vehicle class may use, lane changes free."""
+    allowed = usable(road, np.s_[:], vclass)
+    origin = np.repeat(np.arange(len(road.edge)), np.diff(road.successor_offset))
+    open_to_it = allowed[origin] & allowed[road.successor]
+    source, target = road.edge[origin[open_to_it]], road.edge[road.successor[open_to_it]]
+    order = np.argsort(target, kind="stable")
+    source = source[order]
+    first = np.searchsorted(target[order], np.arange(len(road.edge_ids) + 1))
+    reached = np.zeros(len(road.edge_ids), np.bool_)
+    reached[goal_edge] = True
+    todo = [goal_edge]
+    while todo:
+        edge = todo.pop()
+        for before in source[first[edge] : first[edge + 1]]:
+            if not reached[before]:
+                reached[before] = True
+                todo.append(int(before))
+    return reached
+
+
+def spread(road: RoadMap, lane: int, s: float, back: float, ahead: float) -> dict[int, float]:
+    """Lanes within back and ahead, m, of a lane position: lane -> where it starts, m from that position, ahead positive."""
+    found = {lane: -s}
+    todo = [lane]
+    while todo:  # forward
+        here = todo.pop()
+        end = found[here] + float(road.length[here])
+        for lane_after in successors(road, here) if end <= ahead else ():
+            if lane_after not in found:
+                found[lane_after] = end
+                todo.append(lane_after)
+    seen, todo = {lane}, [lane]
+    while todo:  # backward
+        here = todo.pop()
+        for lane_before in _predecessors(road, here) if found[here] >= -back else ():
+            if lane_before not in seen:
+                seen.add(lane_before)
+                found.setdefault(lane_before, found[here] - float(road.length[lane_before]))
+                todo.append(lane_before)
+    return found
+
+
+def _predecessors(road: RoadMap, lane: int) -> list[int]:
+    """Asked for so seldom that a search through all lanes is cheaper than an index."""
+    return (np.searchsorted(road.successor_offset, np.flatnonzero(road.successor == lane), side="right") - 1).tolist()  # type: ignore[no-any-return]
+
+
+def _conflicting(road: RoadMap, lane: int) -> NDArray[np.int32]:
+    return road.conflict_lane[road.conflict_offset[lane] : road.conflict_offset[lane + 1]]

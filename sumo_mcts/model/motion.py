@@ -1,0 +1,262 @@
+"""How the ego moves under an action: the same steps, bounds and rounding that command.py plays into SUMO."""
+
+import math
+from typing import NamedTuple
+
+from sumo_mcts.model.local_map import Local, State, index_at
+from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, REACH, RIGHT_NODE, SPACING, STOP_LINE, lane_pose
+from sumo_mcts.numerics.geometry import swung
+from sumo_mcts.numerics.kernel import inlined, kernel
+from sumo_mcts.scene import STANDING
+
+LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a step where that is longer
+FOLLOW = 99.0  # in place of an acceleration: car following
+COMMANDED = 200.0  # in place of an acceleration: the speed that is added to it, m/s, whatever the road allows
+FREE, RED_LINE, GOAL, OFF_END = range(4)
+HELD = 2.0  # m/s up to which running into the end of a lane is as good as stopping at it
+BEGUN = 1e-12  # progress of a lane change that is about to begin
+JUMPED = 1.0 - 1e-6  # progress right after one without a duration: in that step SUMO has looked for collisions in the old lane
+UNTURNED = 0.003  # rad of turn that nobody sees
+HALF = 0.5 + 1e-9  # progress beyond which the new lane counts; at half time itself SUMO's rounding decides
+
+
+class EgoParams(NamedTuple):
+    """Bounds of the ego's motion; SI units, decelerations positive."""
+
+    step: float  # s, SUMO's
+    ballistic: bool  # SUMO's integration: False Euler, True ballistic
+    jerk: float
+    emergency_jerk: float
+    comfort_decel: float
+    max_decel: float
+    max_accel: float
+    approach_decel: float
+    stop_gap: float
+    change_duration: float  # s, 0: SUMO jumps
+    headway: float  # s, car following
+    gap: float  # m, car following
+    half_length: float
+    half_width: float
+
+
+@inlined
+def advance(local: Local, p: EgoParams, state: State, accel: float, time: float) -> tuple[State, int]:
+    """One step of the simulation towards an acceleration (m/s2), from `time` (s from now) on.
+
+    Returns the new state and FREE, RED_LINE (crossed a closed stop line), GOAL (beyond the end of the route) or OFF_END (ran into the end of a lane that
+    leads nowhere).
+    """
+    v, look = state.v, max(LOOK_AHEAD, p.step)
+    line = _to_line(local, p, state, time)
+    allowed = (_cap(local, state.node, state.s + v * look) - v) / look
+    speed = _next_speed(p, v, state.a, min(accel, allowed, _towards_line(p, v, line, look)))
+    slowest = _next_speed(p, v, state.a, -p.max_decel)
+    speed = min(speed, max(_cap(local, state.node, state.s + _moved(p, v, speed)), slowest))
+    if line < math.inf and not _stops(p, speed, (speed - v) / p.step, line - _moved(p, v, speed) - 0.01) and _stops(p, v, state.a, line):
+        speed = slowest  # the last moment at which braking helps
+    return _move(local, p, state, _moved(p, v, speed), speed, (speed - v) / p.step, time + p.step)
+
+
+@kernel
+def obey(local: Local, p: EgoParams, state: State, wanted: float, time: float) -> tuple[State, int]:
+    """One step of the simulation at a commanded speed (m/s), whatever the road allows, within what world/command.py lets through."""
+    low = min(max(state.a - p.emergency_jerk * p.step, -p.max_decel), p.max_accel)
+    high = max(min(state.a + p.emergency_jerk * p.step, p.max_accel), low)
+    speed = max(0.0, min(max(wanted, state.v + low * p.step), state.v + high * p.step))
+    return _move(local, p, state, _moved(p, state.v, speed), speed, (speed - state.v) / p.step, time + p.step)
+
+
+@kernel
+def _next_speed(p: EgoParams, v: float, a: float, wanted: float) -> float:
+    """Towards the wanted acceleration, as far as the bounds of acceleration and jerk allow within one step, m/s."""
+    wanted = min(max(wanted, -p.max_decel), p.max_accel)
+    jerk = p.emergency_jerk if min(wanted, a) < -p.comfort_decel else p.jerk
+    return max(0.0, v + min(max(wanted, a - jerk * p.step), a + jerk * p.step) * p.step)
+
+
+@kernel
+def _stops(p: EgoParams, v: float, a: float, distance: float) -> bool:
+    """Whether the strongest braking leads to a stand within the distance (m)."""
+    rising = max(a, 0.0)
+    jerk = p.emergency_jerk if p.max_decel > p.comfort_decel else p.jerk
+    top = v + rising * (rising / (2.0 * jerk) + p.step)
+    if top * top / (2.0 * p.max_decel) + top * ((p.max_decel + rising) / jerk + 2.0 * p.step) < distance:
+        return True  # with room to spare
+    while v > 0.0:
+        speed = _next_speed(p, v, a, -p.max_decel)
+        distance -= _moved(p, v, speed)
+        v, a = speed, (speed - v) / p.step
+    return distance >= 0.0
+
+
+@kernel
+def _moved(p: EgoParams, v: float, speed: float) -> float:
+    """How far one step leads whose speed changes from v to `speed`, m."""
+    return 0.5 * (v + speed) * p.step if p.ballistic else speed * p.step
+
+
+@inlined
+def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, a: float, time: float) -> tuple[State, int]:
+    """Along the lane and into the next ones; a lane change goes on."""
+    node, other, s, progress, event = state.node, state.other, state.s + moved, state.progress, FREE
+    while s > local.node[node, LENGTH]:
+        if is_closed(local, node, time):
+            event = RED_LINE
+        follow = int(local.node[node, NEXT])
+        if follow < 0:
+            if math.isinf(local.node[node, REACH]):
+                return State(node, local.node[node, LENGTH], speed, a, 0.0, -1, 0.0), GOAL
+            event = OFF_END if speed > HELD else event
+            moved, s, speed, a = 0.0, local.node[node, LENGTH], 0.0, 0.0  # SUMO holds a vehicle at the end of a lane that leads nowhere
+            break
+        s -= local.node[node, LENGTH]
+        node = follow
+        if other >= 0:
+            other = int(local.node[other, NEXT])
+        if other < 0 or other == node:
+            other, progress = -1, 0.0
+    if progress > 0.0:
+        before = progress
+        progress += p.step / p.change_duration if p.change_duration > 0.0 else JUMPED
+        if before <= HALF < progress and other >= 0:
+            node, other = other, node
+        if progress >= 1.0 - 1e-9:
+            progress, other = 0.0, -1
+    return State(node, s, speed, a, progress, other, _turned(local, p, state, moved)), event
+
+
+@kernel
+def within_step(local: Local, p: EgoParams, before: State, after: State, share: float) -> State:
+    """Where the front is after a share of the step from `before` to `after`, at the speed of its end; in the lane of before where that has not ended yet."""
+    if share >= 1.0:
+        return after
+    moved = _moved(p, before.v, after.v)
+    s = after.s - (1.0 - share) * moved
+    if s >= 0.0:
+        return State(after.node, s, after.v, after.a, after.progress, after.other, after.turn)
+    node, s = before.node, before.s + share * moved
+    while s > local.node[node, LENGTH] and local.node[node, NEXT] >= 0.0:
+        s -= local.node[node, LENGTH]
+        node = int(local.node[node, NEXT])
+    if node != before.node:
+        return State(node, s, after.v, after.a, 0.0, -1, before.turn)
+    return State(node, s, after.v, after.a, before.progress, before.other, before.turn)
+
+
+@kernel
+def can_change(local: Local, p: EgoParams, state: State, side: int) -> bool:
+    """Whether a change to the left (+1) or right (-1) may begin: a lane is there, and long enough for the change to take place on it."""
+    if state.progress > 0.0:
+        return False
+    target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
+    if state.v < STANDING and local.node[state.node, NEXT] < 0:
+        return target >= 0  # at the end of a lane that leads nowhere it is held until it is in the other
+    # SUMO moves a vehicle along its old lane first and changes lanes at the end of the step
+    room = max(state.v * 0.5 * p.change_duration, (state.v + p.max_accel * p.step) * p.step) + 0.5
+    return target >= 0 and state.s + room < local.node[state.node, LENGTH]
+
+
+@kernel
+def begin_change(local: Local, p: EgoParams, state: State, side: int) -> State:
+    """The state right after a change was begun; without a duration SUMO jumps at the end of the step."""
+    target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
+    return State(state.node, state.s, state.v, state.a, BEGUN, target, state.turn)
+
+
+@kernel
+def towards_other(state: State) -> float:
+    """Share of the way from the ego's lane to the other one of its lane change at which its front is."""
+    return state.progress if state.progress <= HALF else 1.0 - state.progress
+
+
+@kernel
+def pose_of(local: Local, p: EgoParams, state: State) -> tuple[float, float, float, float]:
+    """Centre x, y, cos and sin of the heading of the ego's box."""
+    x, y, c, n = lane_pose(local.node, local.row, state.node, state.s)
+    if state.progress > 0.0 and state.other >= 0:
+        left = towards_other(state) * _to_the_left(local, state.node, state.other, state.s)
+        x, y = x - left * n, y + left * c
+    if state.turn == 0.0:
+        return x, y, c, n
+    ct, nt = math.cos(state.turn), math.sin(state.turn)
+    cosine, sine = c * ct - n * nt, n * ct + c * nt
+    return x + p.half_length * (c - cosine), y + p.half_length * (n - sine), cosine, sine
+
+
+@kernel
+def _turned(local: Local, p: EgoParams, before: State, moved: float) -> float:
+    """The turn after a step from the state `before` that leads `moved` metres on."""
+    left = 0.0
+    if before.progress > 0.0 and before.other >= 0 and p.change_duration > 0.0:
+        other = _to_the_left(local, before.node, before.other, before.s)
+        left = (other if before.progress <= HALF else -other) * min(p.step / p.change_duration, 1.0 - before.progress)
+    elif abs(before.turn) < UNTURNED:
+        return 0.0
+    return swung(before.turn, moved, left, 2.0 * p.half_length)
+
+
+@kernel
+def _to_the_left(local: Local, node: int, other: int, s: float) -> float:
+    """m from a lane to another one beside it, positive to the left."""
+    x, y, c, n = lane_pose(local.node, local.row, node, s)
+    ox, oy, _, _ = lane_pose(local.node, local.row, other, s)
+    return (oy - y) * c - (ox - x) * n
+
+
+@kernel
+def _cap(local: Local, node: int, s: float) -> float:
+    """The speed from which everything ahead can be met with approach_decel, m/s."""
+    while s > local.node[node, LENGTH] and local.node[node, NEXT] >= 0:
+        s -= local.node[node, LENGTH]
+        node = int(local.node[node, NEXT])
+    first, last = int(local.node[node, FIRST_ROW]), int(local.node[node, LAST_ROW])
+    position = s / SPACING
+    k = min(int(position), last - first - 1)
+    share = min(position - k, 1.0)
+    return float(local.row[first + k, 4] + share * (local.row[first + k + 1, 4] - local.row[first + k, 4]))
+
+
+@kernel
+def _to_line(local: Local, p: EgoParams, state: State, time: float) -> float:
+    """m to the next closed stop line; inf where there is none near enough to matter."""
+    node, distance = state.node, -state.s
+    limit = state.v * state.v / (2.0 * p.approach_decel) + state.v * (1.0 + p.step) + 10.0
+    while node >= 0 and distance < limit:
+        distance += local.node[node, LENGTH]
+        if is_closed(local, node, time):
+            return distance
+        node = int(local.node[node, NEXT])
+    return math.inf
+
+
+@kernel
+def _towards_line(p: EgoParams, v: float, distance: float, look: float) -> float:
+    """The acceleration with which a closed stop line is met with approach_decel; where that is too late, in comfort, or evenly; inf: too late to stop."""
+    if v * v > 2.0 * p.max_decel * (distance + 0.1):
+        return math.inf
+    room = distance - p.stop_gap - v * look
+    cap = math.sqrt(2.0 * p.approach_decel * room) if room > 0.0 else max(0.0, 0.5 * (distance - p.stop_gap))
+    shorter = 0.0 if p.ballistic else 0.5 * v * p.step  # is the way of a stop where positions follow the speed at the end of a step
+    evenly = v * v / (2.0 * max(distance - p.stop_gap + shorter, 0.1))
+    return max((cap - v) / look, -max(evenly, p.comfort_decel))
+
+
+@kernel
+def is_closed(local: Local, node: int, time: float) -> bool:
+    """Whether the stop line at the node's end may not be crossed at `time` (s from now)."""
+    i = node - local.first
+    if i < 0 or i >= local.closed.shape[0] or local.node[node, STOP_LINE] == 0.0:
+        return False
+    return local.closed[i, min(index_at(local, time), local.closed.shape[1] - 1)] != 0
+
+
+@kernel
+def follow_accel(p: EgoParams, v: float, limit: float, gap: float, leader_v: float) -> float:
+    """Car following (Treiber, Hennecke, Helbing 2000): acceleration (m/s2) for a gap (m, inf: free road) to a leader at leader_v (m/s)."""
+    share = v / max(limit, 0.1)
+    free = 1.0 - (share * share) * (share * share)  # powers would be rounded otherwise without compilation
+    if math.isinf(gap):
+        return p.max_accel * free
+    wish = p.gap + max(0.0, v * p.headway + v * (v - leader_v) / (2.0 * math.sqrt(p.max_accel * p.approach_decel)))
+    close = wish / max(gap, 0.1)
+    return p.max_accel * (free - close * close)

@@ -1,0 +1,17 @@
+"""What a signal shows over time, as arrays of states."""
+
+import numpy as np
+
+from sumo_mcts.scene import Floats, Indices, Ints, RoadMap, Signals
+
+
+def signal_states(signals: Signals, signal: Ints | Indices, link: Ints | Indices, grid: Floats) -> Ints:
+    """[M, T] what M links of these signals show at these times from now; the last known phase stays."""
+    over = signals.until[signal][:, None] <= grid[:, None]
+    phase = np.minimum(over.sum(axis=2), signals.until.shape[1] - 1)
+    return np.asarray(signals.state[(signals.offset[signal] + link)[:, None], phase])
+
+
+def shows(signals: Signals, road: RoadMap, lane: int) -> int:
+    """What the signal before an internal lane shows now."""
+    return int(signals.state[signals.offset[road.signal[lane]] + road.link[lane], 0])

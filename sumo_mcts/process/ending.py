@@ -1,0 +1,107 @@
+"""How a command ends: one line on standard error and an exit status for whatever it raises. docs/reliability.md lists them."""
+
+import _thread
+import errno
+import os
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from sumo_mcts.errors import ConfigError, FailedError, in_one_line, of_machine, printable
+from sumo_mcts.process.supervisor import AGAIN_S, DEBUG, WORDS, heeding
+
+OK, FAILED, INVALID = 0, 1, 2  # and 128 + N where signal N asked for the end
+_OF_OUTPUT = frozenset({errno.ENOSPC, errno.EIO, errno.EPIPE, errno.EBADF})  # without a file's name: of standard output
+
+
+def ended(command: Callable[[], object]) -> int:
+    """Run a command; its exit status. Whatever it raises becomes one line on standard error."""
+    asked: list[int] = []
+
+    def interrupt(number: int) -> None:
+        asked.append(number)
+        raise KeyboardInterrupt
+
+    sys.unraisablehook = _interrupt_again
+    line, result = "", OK
+    with heeding(interrupt):
+        try:
+            answer = command()
+            result = answer if isinstance(answer, int) else OK
+        except (Exception, SystemExit, KeyboardInterrupt) as error:
+            if os.environ.get(DEBUG) and not asked:
+                traceback.print_exc()
+            line, result = explained(error)
+    if asked:  # whatever a compiler or a callback made of the interrupt
+        line, result = WORDS[asked[0]], 128 + asked[0]
+    tell(line)
+    return result
+
+
+def explained(error: BaseException) -> tuple[str, int]:
+    """The line and the exit status for an error; no line for what has been said already."""
+    if isinstance(error, SystemExit):
+        return _of_exit(error)
+    if isinstance(error, ConfigError):
+        return f"error: {error}", INVALID
+    if isinstance(error, FailedError):
+        return f"error: {error}", FAILED
+    if of_machine(error):
+        return f"error: {_shortage(error)}", FAILED
+    if isinstance(error, OSError):
+        return f"error: {_of_file(error)}", INVALID
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{Path(place.filename).name}, line {place.lineno}"
+    return f"error: a fault of sumo-mcts: {in_one_line(error)} ({where}); {DEBUG}=1 shows the traceback", FAILED
+
+
+def tell(line: str) -> None:
+    """Write a line to standard error, if it is there; "": nothing. Control characters, as ids may have them, are escaped."""
+    if line:
+        with suppress(OSError, ValueError):
+            print(printable(line), file=sys.stderr, flush=True)  # noqa: T201
+
+
+@contextmanager
+def told(exit_with: Callable[[int], BaseException]) -> Iterator[None]:
+    """Whatever is raised inside is said in one line; raises `exit_with` of the exit status instead."""
+    try:
+        yield
+    except (ConfigError, FailedError, OSError, MemoryError) as error:
+        line, status = explained(error)
+        tell(line)
+        raise exit_with(status) from None
+
+
+def _of_exit(error: SystemExit) -> tuple[str, int]:
+    """Libraries for command lines end the process without a word where standard output is a closed pipe."""
+    if isinstance(error.__context__, OSError):
+        return explained(error.__context__)
+    return "", error.code if isinstance(error.code, int) else FAILED
+
+
+def _shortage(error: BaseException) -> str:
+    if isinstance(error, OSError):
+        return _of_file(error)
+    return "not enough memory" if isinstance(error, MemoryError) else "the system starts no further threads"
+
+
+def _of_file(error: OSError) -> str:
+    name = error.filename or ("standard output" if error.errno in _OF_OUTPUT else "")
+    return ": ".join(str(part) for part in (name, error.strerror or error) if part)
+
+
+def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
+    """An interrupt that came in a finalizer or a callback from compiled code ends nothing: another one follows, once that is over."""
+
+    def later() -> None:
+        time.sleep(AGAIN_S)  # sooner it would count as the same signal
+        _thread.interrupt_main()
+
+    if unraisable.exc_type is KeyboardInterrupt:
+        _thread.start_new_thread(later, ())
+    else:
+        sys.__unraisablehook__(unraisable)

@@ -1,0 +1,178 @@
+"""Named tuples of arrays to and from the columns of an .npz file."""
+
+import io
+import math
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from types import UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_mcts import files
+
+
+class TraceError(Exception):
+    """A file that is not a whole trace of this format."""
+
+
+# --- traces and maps: every field of the tuples becomes a column over all cycles ---
+
+_FORMAT = 5
+MOST_BYTES = 1 << 30  # of a trace or map, unpacked: five times what an hour in dense traffic takes
+Columns = dict[str, NDArray[Any]]
+_SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}
+
+# Large columns that are drawn and not computed with: single precision (0.5 mm at 5 km).
+_COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/poses")
+
+
+def columns_of(kind: type, value: Any) -> Columns:
+    columns: Columns = {"format": np.array(_FORMAT)}
+    _encode(kind, [value], kind.__name__.lower(), columns)
+    return columns
+
+
+def packed(columns: Columns) -> bytes:
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **columns)
+    return buffer.getvalue()
+
+
+def load_columns(path: Path, kind: type, what: str, problem_of: Callable[[Any], str]) -> Any:
+    """The value of this kind in a file; `what` it is in messages, `problem_of` says what is wrong with its numbers."""
+    try:
+        columns = _unpacked(path)
+        if int(columns["format"]) != _FORMAT:
+            raise TraceError(f"{path}: written in {what} format {int(columns['format'])}, this version reads {_FORMAT}")
+        value = _decode(kind, 1, kind.__name__.lower(), columns)[0]
+        problem = problem_of(value)
+    except (TraceError, OSError):
+        raise
+    except Exception as error:  # whatever unpacking damaged bytes may do: zipfile and numpy alone raise a dozen kinds
+        raise TraceError(f"{path}: not a whole {what}: {' '.join(str(error).split())}") from None
+    if problem:
+        raise TraceError(f"{path}: {problem}")
+    return value
+
+
+def _unpacked(path: Path) -> Columns:
+    """The columns of a file. What it says of its sizes is looked at before room is made for them."""
+    with files.opened(path) as file, zipfile.ZipFile(file) as archive:
+        members = archive.infolist()
+        if sum(member.file_size for member in members) > MOST_BYTES:
+            raise ValueError(f"unpacked it has more than {MOST_BYTES:,} bytes")
+        return {member.filename.removesuffix(".npy"): _array(archive.read(member)) for member in members}
+
+
+def _array(content: bytes) -> NDArray[Any]:
+    """The array in the bytes of an .npy file."""
+    file = io.BytesIO(content)
+    version = np.lib.format.read_magic(file)
+    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+    shape, _, dtype = read_header(file)
+    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(content) - file.tell():
+        raise ValueError(f"an array of {dtype} {shape} in {len(content) - file.tell()} bytes")
+    return np.frombuffer(content, dtype, math.prod(shape), file.tell()).reshape(shape)
+
+
+def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> None:
+    """Add the columns of `values`, all of the annotated type `kind`."""
+    kind = _without_alias(kind)
+    origin, args = get_origin(kind), get_args(kind)
+    if kind in _SCALARS:
+        columns[path] = np.array(values, dtype=_SCALARS[kind])
+    elif origin is np.ndarray:
+        _encode(tuple[int, ...], [value.shape for value in values], path + "#shape", columns)
+        flat: list[NDArray[Any]] = [np.ravel(value).astype(_stored(kind, path)) for value in values]
+        columns[path] = np.concatenate(flat) if flat else np.zeros(0, dtype=_stored(kind, path))
+    elif origin is tuple:
+        columns[path + "#count"] = np.array([len(value) for value in values], dtype=np.int32)
+        _encode(args[0], [item for value in values for item in value], path, columns)
+    elif origin in (Union, UnionType):
+        tags = [next(i for i, member in enumerate(args) if isinstance(value, member)) for value in values]
+        columns[path + "#tag"] = np.array(tags, dtype=np.int8)
+        for i, member in _members(args):
+            _encode(member, [value for value, tag in zip(values, tags, strict=True) if tag == i], f"{path}/{member.__name__}", columns)
+    else:
+        for field, annotation in get_type_hints(kind).items():
+            _encode(annotation, [getattr(value, field) for value in values], f"{path}/{field}", columns)
+
+
+def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]:
+    """`count` values of the annotated type `kind` from their columns; the mirror of _encode."""
+    kind = _without_alias(kind)
+    origin, args = get_origin(kind), get_args(kind)
+    if kind in _SCALARS:
+        return _exactly(_column(columns, path, _SCALARS[kind]).tolist(), count, path)
+    if origin is np.ndarray:
+        shapes = _decode(tuple[int, ...], count, path + "#shape", columns)
+        whole: NDArray[Any] = _column(columns, path, _stored(kind, path)).astype(_element(kind))
+        return [part.reshape(shape) for part, shape in zip(_split(whole, [math.prod(_lengths(shape, path)) for shape in shapes], path), shapes, strict=True)]
+    if origin is tuple:
+        lengths = _exactly(_lengths(_column(columns, path + "#count", np.int32).tolist(), path), count, path)
+        return [tuple(part) for part in _split(_decode(args[0], sum(lengths), path, columns), lengths, path)]
+    if origin in (Union, UnionType):
+        tags = _exactly(_column(columns, path + "#tag", np.int8).tolist(), count, path)
+        values = {i: iter(_decode(member, tags.count(i), f"{path}/{member.__name__}", columns)) for i, member in _members(args)}
+        return [None if args[tag] is type(None) else next(values[tag]) for tag in _lengths(tags, path)]
+    fields = [_decode(annotation, count, f"{path}/{field}", columns) for field, annotation in get_type_hints(kind).items()]
+    return [kind(*value) for value in zip(*fields, strict=True)] if fields else [kind() for _ in range(count)]
+
+
+def _without_alias(kind: Any) -> Any:
+    """The type that an alias of the `type` statement stands for, as NDArray is one from numpy 2.5 on; any other type as it is."""
+    alias = get_origin(kind) or kind
+    if not hasattr(alias, "__value__"):
+        return kind
+    return _without_alias(alias.__value__[get_args(kind)] if get_args(kind) else alias.__value__)
+
+
+def _members(args: tuple[Any, ...]) -> Iterator[tuple[int, Any]]:
+    """The members of a union with something to store, with their tags."""
+    return ((i, member) for i, member in enumerate(args) if member is not type(None))
+
+
+def _element(kind: Any) -> type:
+    """The element type of an annotated array."""
+    element: type = get_args(get_args(kind)[1])[0]
+    return element
+
+
+def _stored(kind: Any, path: str) -> type:
+    return np.float32 if path.endswith(_COARSE) else _element(kind)
+
+
+def _column(columns: Columns, path: str, kind: type) -> NDArray[Any]:
+    """The column of this name, if it is a row of values of this kind."""
+    column = columns.get(path)
+    if column is None:
+        raise ValueError(f"{path} is missing")
+    wanted, there = np.dtype(kind), column.dtype.newbyteorder("=")
+    if column.ndim != 1 or (there.kind if wanted.kind == "U" else there) != (wanted.kind if wanted.kind == "U" else wanted):
+        raise ValueError(f"{path} is {column.dtype} {column.shape}, not a row of {wanted.name}")
+    return column
+
+
+def _lengths(values: Sequence[int], path: str) -> Sequence[int]:
+    """The values, if they can be counts."""
+    if min(values, default=0) < 0:
+        raise ValueError(f"{path} has {min(values)} entries")
+    return values
+
+
+def _exactly(values: Sequence[Any], count: int, path: str) -> Sequence[Any]:
+    if len(values) != count:
+        raise ValueError(f"{path} has {len(values)} entries, not {count}")
+    return values
+
+
+def _split(flat: Any, lengths: Sequence[int], path: str) -> list[Any]:
+    """Cut a list or an array into parts of these lengths."""
+    bounds = np.cumsum([0, *lengths]).tolist()
+    if bounds[-1] != len(flat):
+        raise ValueError(f"{path} has {len(flat)} entries, not {bounds[-1]}")
+    return [flat[begin:end] for begin, end in pairwise(bounds)]

@@ -1,0 +1,107 @@
+"""Which episodes are worth a look: what went wrong, and of each scenario and variant the hardest moments, else its first episode. Of these a batch keeps the
+traces, and of these a report shows some."""
+
+import bisect
+import math
+from collections import defaultdict
+from typing import NamedTuple
+
+from sumo_mcts.records.rows import Row
+from sumo_mcts.records.statistics import TWIN, arrived, at_fault, collided
+
+HARDEST = 5  # of each scenario, variant and kind of hard moment a batch keeps so many
+KINDS, WRONG = 7, 3  # kinds of reasons; up to this one something went wrong, beyond it are hard moments
+Order = tuple[float, str, str]  # of the episodes of a variant: seed, ego, key
+_FIRST, _LAST = (-math.inf, "", ""), (math.inf, "", "")
+
+
+class Reason(NamedTuple):
+    """Why an episode may be worth a look."""
+
+    kind: int  # 0: gravest
+    gravity: float  # within the kind; lower is graver
+    words: str
+
+
+class Bar(NamedTuple):
+    """What a trace has to reach to be worth keeping, as known when its episode began. It only rises, so no trace is missed."""
+
+    twins: bool  # whether those of SUMO's own driver are, which no report shows
+    wrong: bool  # whether those of episodes in which something went wrong are,
+    hard: tuple[float, ...]  # those with a hard moment as grave as this, by kind,
+    quiet: Order  # and those in which nothing happened, before this one
+
+
+def reasons(row: Row) -> list[Reason]:
+    """Why an episode may be worth a look."""
+    found: list[Reason] = []
+    if collided(row):
+        found.append(Reason(0, 0.0, "collision at fault") if at_fault(row) else Reason(1, 0.0, "collision, not at fault"))
+    elif not arrived(row):
+        found.append(Reason(2, 0.0, row["outcome"].replace("_", " ")))
+    if count := row["failsafe_interventions"]:
+        found.append(Reason(3, -count, f"{count:g} fail-safe intervention{'s' if count > 1 else ''}"))
+    ttc, pet, imposed = row["min_ttc_s"], row["min_pet_s"], row["imposed_max_decel_mps2"]
+    if ttc is not None and not collided(row):
+        found.append(Reason(4, ttc, f"TTC {ttc:.2f} s"))
+    if pet is not None and not collided(row):
+        found.append(Reason(5, pet, f"PET {pet:.2f} s"))
+    if imposed:
+        found.append(Reason(6, -imposed, f"imposed braking {imposed:.1f} m/s²"))
+    return found
+
+
+def order(row: Row) -> Order:
+    """Where an episode stands among those of its variant."""
+    return row["seed"] if row["seed"] is not None else -1, row["ego"] or "", row["key"]
+
+
+def is_worth(row: Row, bar: Bar) -> bool:
+    """Whether a trace is wanted, as far as the bar tells."""
+    if row["planner"] == TWIN:
+        return bar.twins
+    found = reasons(row)
+    return any(bar.wrong if each.kind <= WRONG else each.gravity <= bar.hard[each.kind - WRONG - 1] for each in found) if found else order(row) < bar.quiet
+
+
+class Worth:
+    """Follows a batch: the traces of which rows are worth keeping so far. The choice in the end does not depend on the order of the rows."""
+
+    def __init__(self, rule: str) -> None:
+        """`rule`: the key `traces` of the experiment, worth, all or none."""
+        self._rule = rule
+        self._hardest: dict[tuple[str, str], list[list[tuple[float, str]]]] = defaultdict(lambda: [[] for _ in range(WRONG + 1, KINDS)])
+        self._quiet: dict[tuple[str, str], Order] = defaultdict(lambda: _LAST)  # the first of those in which nothing happened; _FIRST: something did
+        self._wrong: set[str] = set()
+
+    def bar(self, scenario: str, variant: str) -> Bar:
+        """For the next episode of this scenario and variant."""
+        hardest = self._hardest[scenario, variant]
+        match self._rule:
+            case "all":
+                return Bar(True, True, (math.inf,) * len(hardest), _LAST)
+            case "none":
+                return Bar(False, False, (-math.inf,) * len(hardest), _FIRST)
+        return Bar(False, True, tuple(best[-1][0] if len(best) == HARDEST else math.inf for best in hardest), self._quiet[scenario, variant])
+
+    def add(self, row: Row) -> set[str]:
+        """Count a row; returns the keys whose traces are not worth it any more, perhaps its own."""
+        key, group = row["key"], (row["scenario"], row["variant"])
+        if self._rule != "worth" or row["planner"] == TWIN:
+            return set() if self._rule == "all" else {key}
+        found, lost = reasons(row), {key}
+        for each in found:
+            if each.kind <= WRONG:
+                self._wrong.add(key)
+                continue
+            best = self._hardest[group][each.kind - WRONG - 1]
+            bisect.insort(best, (each.gravity, key))
+            lost.update(key for _, key in best[HARDEST:])
+            del best[HARDEST:]
+        before = self._quiet[group]
+        self._quiet[group] = _FIRST if found else min(before, order(row))
+        lost |= {before[2]} - {""}
+        return {key for key in lost if not self._holds(group, key)}
+
+    def _holds(self, group: tuple[str, str], key: str) -> bool:
+        return key in self._wrong or self._quiet[group][2] == key or any(key == held for best in self._hardest[group] for _, held in best)

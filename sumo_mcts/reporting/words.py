@@ -1,0 +1,51 @@
+"""Actions in words."""
+
+from sumo_mcts.records import CycleRecord
+from sumo_mcts.scene import Decision, Follow
+
+BRAKES = -1.0  # m/s2; slower changes are no braking
+
+
+# --- words ---
+
+
+def action_words(cycle: CycleRecord) -> str:
+    """What was decided, in words."""
+    accel, change = _action(cycle.decision, cycle.ego.v)
+    if accel is None:
+        return "SUMO drives"
+    words = [verb_of(cycle)]
+    if abs(accel) >= 0.05 and words != ["stand"]:
+        sign = "+" if accel > 0 else "\u2212"
+        words[0] += f" {sign}{abs(accel):.1f} m/s\u00b2"
+    if change:
+        words.append("change to the " + ("left" if change > 0 else "right"))
+    elif 0 < cycle.ego.changing < 1:
+        words.append("changing to the " + ("left" if cycle.ego.change_to > cycle.ego.change_from else "right"))
+    reason = cycle.decision.reason.partition(":")[0]  # in the fail-safe's reason an explanation follows
+    if reason not in ("", "search", words[0].split()[0]):
+        words.append(reason)
+    return ", ".join(words)
+
+
+def verb_of(cycle: CycleRecord) -> str:
+    accel, _ = _action(cycle.decision, cycle.ego.v)
+    if accel is None:
+        return "release"
+    if cycle.ego.v < 0.1 and accel <= 0.1:
+        return "stand"
+    limits = ((-4.0, "brake hard"), (-0.05, "brake"), (0.05, "keep speed"))
+    return next((word for limit, word in limits if accel < limit), "accelerate")
+
+
+def _action(decision: Decision, v: float) -> tuple[float | None, int]:
+    """Acceleration in m/s2 (None: SUMO drives) and lane change of a decision."""
+    if not isinstance(decision.command, Follow):
+        return None, 0
+    if 0 <= decision.chosen < len(decision.children):
+        child = decision.children[decision.chosen]
+        return child.accel, child.lane_change
+    speeds, plan = decision.command.speeds, decision.plan
+    if plan is None or len(speeds) == 0 or plan.time[min(len(speeds), len(plan.time)) - 1] <= 0:
+        return 0.0, decision.command.lane_change
+    return float((speeds[-1] - v) / plan.time[min(len(speeds), len(plan.time)) - 1]), decision.command.lane_change

@@ -1,0 +1,79 @@
+"""Reads a SUMO network file with sumolib, and refuses what is none."""
+
+import zlib
+from typing import Any
+from xml.sax import SAXException
+from xml.sax.expatreader import ExpatParser
+
+import sumolib  # type: ignore[import-untyped]
+
+from sumo_mcts import files
+
+MOST_UNPACKED = 1 << 30  # bytes of a network
+_PARENTS = {"lane": "edge", "request": "junction", "phase": "tlLogic", **dict.fromkeys(("edge", "junction", "connection", "tlLogic", "location"), "net")}
+ON_FOOT = ("walkingarea", "crossing")
+BROKEN = (OSError, EOFError, zlib.error, SAXException, ValueError, LookupError, AttributeError, TypeError)
+
+
+class NoInternalLanesError(Exception):
+    """There are signals or stop signs, but no lanes inside junctions, which they belong to."""
+
+
+def read_net(net_file: str) -> Any:
+    """The network as sumolib has it. Raises OSError, ValueError, and what sumolib and its parser do, with the line."""
+    root = files.xml_root(net_file)
+    if root != "net":
+        raise ValueError(f"its root element is {root}, that of a network is net")
+    files.require_whole(net_file, MOST_UNPACKED)
+    reader = _Reader(withInternal=True)
+    parser = ExpatParser()
+    parser.setContentHandler(reader)
+    try:
+        for chunk in files.unpacked(net_file, MOST_UNPACKED):
+            parser.feed(chunk)
+        parser.close()
+    except SAXException:
+        raise
+    except BROKEN as error:
+        missing = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"line {parser.getLineNumber()}: {missing or type(error).__name__}") from error
+    return reader.getNet()
+
+
+class _Reader(sumolib.net.NetReader):  # type: ignore[misc]  # sumolib has no types
+    """Refuses what sumolib lets pass and SUMO does not survive: elements out of place, and lanes that are not counted through."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self._inside: list[str] = []
+        self._edge, self._lanes = "", 0
+
+    def startElement(self, name: str, attrs: Any) -> None:  # noqa: N802  # the parser's name
+        """Called by the parser."""
+        parent = self._inside[-1] if self._inside else ""
+        if _PARENTS.get(name, parent) != parent:
+            raise ValueError(f"{name}: inside {parent}, not {_PARENTS[name]}")
+        if name == "edge":
+            self._edge, self._lanes = attrs["id"], 0
+        elif name == "lane":
+            if attrs["id"] != f"{self._edge}_{self._lanes}":
+                raise ValueError(f"lane {attrs['id']}: number {self._lanes} of edge {self._edge}, so its id has to be {self._edge}_{self._lanes}")
+            self._lanes += 1
+        elif name == "phase":
+            for key in ("duration", "minDur", "maxDur"):
+                require_within(f"phase: {key}", float(attrs.get(key, 0.0)), 0.0, MOST_DURATION)
+        self._inside.append(name)
+        super().startElement(name, attrs)
+
+    def endElement(self, name: str) -> None:  # noqa: N802  # the parser's name
+        """Called by the parser."""
+        self._inside.pop()
+        super().endElement(name)
+
+
+MOST_DURATION = 1e9  # s, of a phase of a signal
+
+
+def require_within(what: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise ValueError(f"{what}: has to be from {low:g} to {high:g}, got {value:g}")
