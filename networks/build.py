@@ -1,4 +1,5 @@
-"""Rebuild every NAME/NAME.net.xml from the plain XML sources beside it: python networks/build.py [NAME]..."""
+"""Rebuild every NAME/NAME.net.xml from the plain XML sources beside it: python networks/build.py
+[NAME]..."""
 
 import re
 import subprocess
@@ -18,10 +19,17 @@ def names() -> list[str]:
 
 
 def built(name: str) -> str:
-    """The text of the network as netconvert builds it now, without the comment that holds date and paths. Raises CalledProcessError."""
+    """The text of the network as netconvert builds it now, without the comment that holds date and
+    paths. Raises CalledProcessError."""
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "built.net.xml"
-        command = [str(Path(sumo.SUMO_HOME) / "bin" / "netconvert"), "-c", f"{name}.netccfg", "-o", str(output)]
+        command = [
+            str(Path(sumo.SUMO_HOME) / "bin" / "netconvert"),
+            "-c",
+            f"{name}.netccfg",
+            "-o",
+            str(output),
+        ]
         subprocess.run(command, cwd=NETWORKS / name, check=True, capture_output=True, text=True)
         return _GENERATED.sub("", output.read_text(encoding="utf-8"))
 

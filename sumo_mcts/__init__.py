@@ -1,4 +1,6 @@
-"""Monte-Carlo tree search drives an ego vehicle through SUMO traffic. What programs call; docs/api.md has examples.
+"""Monte-Carlo tree search drives an ego vehicle through SUMO traffic.
+
+What programs call; docs/api.md has examples.
 
 load_scenario   a built-in scene, a scenario file or a .sumocfg, checked
 run_episode     drive it to its end: rows, traces, manifest
@@ -20,7 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["Controller", "load_scenario", "run_batch", "run_episode"]
 
 _HOMES = {
-    "Controller": "sumo_mcts.controller", "load_scenario": "sumo_mcts.scenarios", "run_batch": "sumo_mcts.experiments.batch",
+    "Controller": "sumo_mcts.controller", "load_scenario": "sumo_mcts.scenarios",
+    "run_batch": "sumo_mcts.experiments.batch",
     "run_episode": "sumo_mcts.episode.run",
 }  # fmt: skip
 

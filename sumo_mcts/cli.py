@@ -1,4 +1,7 @@
-"""The front door: commands, no logic. Heavy imports wait until a command needs them, so that --help is quick."""
+"""The front door: commands, no logic.
+
+Heavy imports wait until a command needs them, so that --help is quick.
+"""
 
 import datetime
 import json
@@ -27,11 +30,26 @@ app = typer.Typer(
     help="Monte-Carlo tree search drives an ego vehicle through SUMO traffic.",
 )  # fmt: skip
 
-Scenario = Annotated[str, typer.Argument(help="A built-in name, a scenario .yaml, or any .sumocfg with --ego.")]
-Until = Annotated[Optional[str], typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route.")]  # noqa: UP045
-PlannerName = Annotated[Optional[str], typer.Option(help="Who drives: mcts, paper, idm, random, sumo, constant, exhaustive, or a plugin.")]  # noqa: UP045
-Assignments = Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="Set any key of the scenario (repeatable).")]  # noqa: UP045
-AllowPlugins = Annotated[bool, typer.Option("--allow-plugins", help="Run code that the scenario names as module:name.")]
+Scenario = Annotated[
+    str, typer.Argument(help="A built-in name, a scenario .yaml, or any .sumocfg with --ego.")
+]
+Until = Annotated[
+    Optional[str],
+    typer.Option(help="The goal: the end of this edge. Default: the end of the ego's route."),
+]
+PlannerName = Annotated[
+    Optional[str],
+    typer.Option(
+        help="Who drives: mcts, paper, idm, random, sumo, constant, exhaustive, or a plugin."
+    ),
+]
+Assignments = Annotated[
+    Optional[list[str]],
+    typer.Option("--set", metavar="a.b=c", help="Set any key of the scenario (repeatable)."),
+]
+AllowPlugins = Annotated[
+    bool, typer.Option("--allow-plugins", help="Run code that the scenario names as module:name.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 
 
@@ -39,28 +57,60 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document an
 def run(
     context: typer.Context,
     scenario: Scenario,
-    ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable); `any`: the first suitable one.")] = None,  # noqa: UP045
+    ego: Annotated[
+        Optional[list[str]],
+        typer.Option(help="Vehicle to drive (repeatable); `any`: the first suitable one."),
+    ] = None,
     ego_until: Until = None,
-    seed: Annotated[Optional[int], typer.Option(min=0, help="Default 0; a .sumocfg keeps its own.")] = None,  # noqa: UP045
+    seed: Annotated[
+        Optional[int], typer.Option(min=0, help="Default 0; a .sumocfg keeps its own.")
+    ] = None,
     planner: PlannerName = None,
-    prediction: Annotated[Optional[str], typer.Option(help="idm, constant_velocity, an oracle (routes, script, clone), or a plugin.")] = None,  # noqa: UP045
-    iterations: Annotated[Optional[int], typer.Option(min=1, help="Iteration budget of one decision.")] = None,  # noqa: UP045
-    time_budget: Annotated[Optional[float], typer.Option(metavar="MS", help="Time budget of one decision instead; not reproducible.")] = None,  # noqa: UP045
-    enforce_deadline: Annotated[bool, typer.Option("--enforce-deadline", help="Drop decisions that come too late; not reproducible.")] = False,
-    time_limit: Annotated[Optional[float], typer.Option(metavar="S", help="Seconds after departure until the episode is a timeout.")] = None,  # noqa: UP045
+    prediction: Annotated[
+        Optional[str],
+        typer.Option(
+            help="idm, constant_velocity, an oracle (routes, script, clone), or a plugin."
+        ),
+    ] = None,
+    iterations: Annotated[
+        Optional[int], typer.Option(min=1, help="Iteration budget of one decision.")
+    ] = None,
+    time_budget: Annotated[
+        Optional[float],
+        typer.Option(metavar="MS", help="Time budget of one decision instead; not reproducible."),
+    ] = None,
+    enforce_deadline: Annotated[
+        bool,
+        typer.Option(
+            "--enforce-deadline", help="Drop decisions that come too late; not reproducible."
+        ),
+    ] = False,
+    time_limit: Annotated[
+        Optional[float],
+        typer.Option(metavar="S", help="Seconds after departure until the episode is a timeout."),
+    ] = None,
     assign: Assignments = None,
-    out: Annotated[Optional[Path], typer.Option(help="Folder for rows, traces and pictures.")] = None,  # noqa: UP045
-    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw nothing into --out; `render` can do so later.")] = False,
+    out: Annotated[
+        Optional[Path], typer.Option(help="Folder for rows, traces and pictures.")
+    ] = None,
+    no_pictures: Annotated[
+        bool,
+        typer.Option("--no-pictures", help="Draw nothing into --out; `render` can do so later."),
+    ] = False,
     gui: Annotated[bool, typer.Option("--gui", help="Watch in SUMO's window.")] = False,
     allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Drive one episode. Options after -- go to SUMO."""
-    chosen = {"planner.name": planner, "prediction.name": prediction, "planner.iterations": iterations, "planner.time_budget_ms": time_budget,
+    chosen = {"planner.name": planner, "prediction.name": prediction,
+    "planner.iterations": iterations, "planner.time_budget_ms": time_budget,
               "planner.enforce_deadline": enforce_deadline or None,
               "episode.time_limit_s": time_limit, "episode.stop_time_s": time_limit}  # fmt: skip
-    overrides = (*(assign or ()), *(f"{key}={value}" for key, value in chosen.items() if value is not None))
+    overrides = (
+        *(assign or ()),
+        *(f"{key}={value}" for key, value in chosen.items() if value is not None),
+    )
     with ending.told(typer.Exit):
         from sumo_mcts import scenarios
         from sumo_mcts.commands import drive, folders
@@ -74,8 +124,18 @@ def run(
             return
         with ExitStack() as stack:
             with say.progress("starting SUMO") as note:
-                config = scenarios.resolve(scenario, seed, tuple(ego or ()), ego_until, overrides, _sumo_options(context), allow_plugins=allow_plugins)
-                result = stack.enter_context(drive.run(config, scenario, seed, gui, _sumo_options(context), note))
+                config = scenarios.resolve(
+                    scenario,
+                    seed,
+                    tuple(ego or ()),
+                    ego_until,
+                    overrides,
+                    _sumo_options(context),
+                    allow_plugins=allow_plugins,
+                )
+                result = stack.enter_context(
+                    drive.run(config, scenario, seed, gui, _sumo_options(context), note)
+                )
             kept = _kept_and_told(result, out, as_json, quiet)
             if out is not None and kept is not None:
                 with say.progress("drawing") as note:
@@ -91,7 +151,9 @@ def run(
         raise typer.Exit(FAILED)
 
 
-def _kept_and_told(result: "EpisodeResult", out: Path | None, as_json: bool, quiet: bool) -> "drive.Kept | None":
+def _kept_and_told(
+    result: "EpisodeResult", out: Path | None, as_json: bool, quiet: bool
+) -> "drive.Kept | None":
     """What was kept of a run in a folder, if there is one; the result is told in any case."""
     from sumo_mcts.commands import drive, reports
 
@@ -114,23 +176,47 @@ def _kept_and_told(result: "EpisodeResult", out: Path | None, as_json: bool, qui
 def forecast(
     context: typer.Context,
     scenario: Scenario,
-    ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable, one episode each); `any`: the first suitable one.")] = None,  # noqa: UP045
+    ego: Annotated[
+        Optional[list[str]],
+        typer.Option(
+            help="Vehicle to drive (repeatable, one episode each); `any`: the first suitable one."
+        ),
+    ] = None,
     ego_until: Until = None,
-    seeds: Annotated[Optional[int], typer.Option(min=1, help="Episodes with seeds 0 to N-1. Default: one, as `run` drives it.", metavar="N")] = None,  # noqa: UP045
+    seeds: Annotated[
+        Optional[int],
+        typer.Option(
+            min=1,
+            help="Episodes with seeds 0 to N-1. Default: one, as `run` drives it.",
+            metavar="N",
+        ),
+    ] = None,
     planner: PlannerName = None,
     assign: Assignments = None,
     allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of the progress.")] = False,
 ) -> None:
-    """Measure every forecast, oracles too, against what then happened. Options after -- go to SUMO."""
+    """Measure every forecast, oracles too, against what then happened.
+
+    Options after -- go to SUMO.
+    """
     overrides = (*(assign or ()), *([f"planner.name={planner}"] if planner is not None else []))
     with ending.told(typer.Exit):
         from sumo_mcts.commands import forecasts
 
         with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
             options = _sumo_options(context)
-            result = forecasts.forecasts(scenario, tuple(ego or ()), ego_until, overrides, seeds, options, note, allow_plugins=allow_plugins)
+            result = forecasts.forecasts(
+                scenario,
+                tuple(ego or ()),
+                ego_until,
+                overrides,
+                seeds,
+                options,
+                note,
+                allow_plugins=allow_plugins,
+            )
     typer.echo(json.dumps(result, allow_nan=False) if as_json else forecasts.forecast_table(result))
     for problem in result["problems"]:
         ending.tell(f"error: {problem}")
@@ -140,23 +226,50 @@ def forecast(
 
 @app.command()
 def regret(
-    scenarios: Annotated[Optional[list[str]], typer.Argument(help="As for `run`; default: the built-in scenes, reactive and scripted.")] = None,  # noqa: UP045
-    ego: Annotated[Optional[list[str]], typer.Option(help="Vehicle to drive (repeatable, one episode each); `any`: the first suitable one.")] = None,  # noqa: UP045
+    scenarios: Annotated[
+        Optional[list[str]],
+        typer.Argument(help="As for `run`; default: the built-in scenes, reactive and scripted."),
+    ] = None,
+    ego: Annotated[
+        Optional[list[str]],
+        typer.Option(
+            help="Vehicle to drive (repeatable, one episode each); `any`: the first suitable one."
+        ),
+    ] = None,
     ego_until: Until = None,
     planners: Annotated[str, typer.Option(metavar="NAME,...", help="Who is asked.")] = "mcts,paper",
-    iterations: Annotated[str, typer.Option(metavar="N,...", help="With so many iterations each, where they search.")] = "50,100,300,1000,2000,3000",
-    states: Annotated[int, typer.Option(min=1, metavar="N", help="At most, over all scenarios.")] = 300,
-    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Episodes a scenario, at most: seeds 0 to N-1.")] = 10,
-    every: Annotated[int, typer.Option(min=1, metavar="N", help="Decision periods from one state to the next.")] = 5,
-    converged: Annotated[bool, typer.Option("--converged", help="Measure the reference itself, against 100 times its effort.")] = False,
-    jobs: Annotated[Optional[int], typer.Option(min=1, metavar="N", help="Processes. Default: one a core.")] = None,  # noqa: UP045
+    iterations: Annotated[
+        str, typer.Option(metavar="N,...", help="With so many iterations each, where they search.")
+    ] = "50,100,300,1000,2000,3000",
+    states: Annotated[
+        int, typer.Option(min=1, metavar="N", help="At most, over all scenarios.")
+    ] = 300,
+    seeds: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Episodes a scenario, at most: seeds 0 to N-1.")
+    ] = 10,
+    every: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Decision periods from one state to the next.")
+    ] = 5,
+    converged: Annotated[
+        bool,
+        typer.Option(
+            "--converged", help="Measure the reference itself, against 100 times its effort."
+        ),
+    ] = False,
+    jobs: Annotated[
+        Optional[int], typer.Option(min=1, metavar="N", help="Processes. Default: one a core.")
+    ] = None,
     assign: Assignments = None,
-    out: Annotated[Optional[Path], typer.Option(help="Folder for regret.jsonl and regret.csv, a row for each judgement.")] = None,  # noqa: UP045
+    out: Annotated[
+        Optional[Path],
+        typer.Option(help="Folder for regret.jsonl and regret.csv, a row for each judgement."),
+    ] = None,
     allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of the progress.")] = False,
 ) -> None:
-    """Measure how near planners come to the optimum of a reference problem, in states from episodes driven by planner mcts."""
+    """Measure how near planners come to the optimum of a reference problem, in states from episodes
+    driven by planner mcts."""
     with ending.told(typer.Exit):
         from sumo_mcts.commands import folders
         from sumo_mcts.commands import regret as command
@@ -168,7 +281,16 @@ def regret(
         plan = command.RegretPlan(asked, seeds, every, states, jobs)
         with _Voice(quiet=quiet or as_json).progress("starting SUMO") as note:
             egos = tuple(ego or ())
-            result = command.regret(tuple(scenarios or ()), egos, ego_until, tuple(assign or ()), plan, out, note, allow_plugins=allow_plugins)
+            result = command.regret(
+                tuple(scenarios or ()),
+                egos,
+                ego_until,
+                tuple(assign or ()),
+                plan,
+                out,
+                note,
+                allow_plugins=allow_plugins,
+            )
     typer.echo(json.dumps(result, allow_nan=False) if as_json else command.regret_table(result))
     for problem in result["problems"]:
         ending.tell(f"error: {problem}")
@@ -178,9 +300,14 @@ def regret(
 
 # --- recorded episodes ---
 
-Folder = Annotated[Path, typer.Argument(metavar="DIR", help="What `run --out` or `batch --out` left.")]
-Episode = Annotated[Optional[str], typer.Option(metavar="KEY", help="Which one; default: the only one, or a list of them.")]  # noqa: UP045
-Target = Annotated[Optional[Path], typer.Option(metavar="FILE", help="Where to; default: in DIR.")]  # noqa: UP045
+Folder = Annotated[
+    Path, typer.Argument(metavar="DIR", help="What `run --out` or `batch --out` left.")
+]
+Episode = Annotated[
+    Optional[str],
+    typer.Option(metavar="KEY", help="Which one; default: the only one, or a list of them."),
+]
+Target = Annotated[Optional[Path], typer.Option(metavar="FILE", help="Where to; default: in DIR.")]
 Silent = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
 
 
@@ -188,7 +315,12 @@ Silent = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.
 def render(
     folder: Folder,
     episode: Episode = None,
-    form: Annotated[Optional[str], typer.Option("--format", help="png (storyboard; the default), gif, or mp4 (extra `video`).")] = None,  # noqa: UP045
+    form: Annotated[
+        Optional[str],
+        typer.Option(
+            "--format", help="png (storyboard; the default), gif, or mp4 (extra `video`)."
+        ),
+    ] = None,
     out: Target = None,
     quiet: Silent = False,
 ) -> None:
@@ -196,18 +328,24 @@ def render(
     with ending.told(typer.Exit):
         from sumo_mcts.commands import recorded
 
-        _write_recorded(folder, episode, recorded.format_of(form, out, recorded.PICTURES), out, quiet)
+        _write_recorded(
+            folder, episode, recorded.format_of(form, out, recorded.PICTURES), out, quiet
+        )
 
 
 @app.command()
 def export(
     folder: Folder,
     episode: Episode = None,
-    form: Annotated[Optional[str], typer.Option("--format", help="csv (the default), or fcd: SUMO's floating car data.")] = None,  # noqa: UP045
+    form: Annotated[
+        Optional[str],
+        typer.Option("--format", help="csv (the default), or fcd: SUMO's floating car data."),
+    ] = None,
     out: Target = None,
     quiet: Silent = False,
 ) -> None:
-    """Write a recorded episode for other programs: every vehicle in every decision period, as the planner saw them."""
+    """Write a recorded episode for other programs: every vehicle in every decision period, as the
+    planner saw them."""
     with ending.told(typer.Exit):
         from sumo_mcts.commands import recorded
 
@@ -217,10 +355,25 @@ def export(
 @app.command()
 def explain(
     folder: Folder,
-    at: Annotated[Optional[float], typer.Option(metavar="SECONDS", help="When, in simulation time, as pictures and traces have it.")] = None,  # noqa: UP045
+    at: Annotated[
+        Optional[float],
+        typer.Option(
+            metavar="SECONDS", help="When, in simulation time, as pictures and traces have it."
+        ),
+    ] = None,
     episode: Episode = None,
-    again: Annotated[bool, typer.Option("--replan", help="Take that decision again from the record, without SUMO.")] = False,
-    assign: Annotated[Optional[list[str]], typer.Option("--set", metavar="a.b=c", help="... with another setting (repeatable; implies --replan).")] = None,  # noqa: UP045
+    again: Annotated[
+        bool,
+        typer.Option("--replan", help="Take that decision again from the record, without SUMO."),
+    ] = False,
+    assign: Annotated[
+        Optional[list[str]],
+        typer.Option(
+            "--set",
+            metavar="a.b=c",
+            help="... with another setting (repeatable; implies --replan).",
+        ),
+    ] = None,
     allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
 ) -> None:
@@ -234,11 +387,21 @@ def explain(
             _list_recorded(folder, as_json)
             return
         with _Voice(quiet=as_json).progress("reading the trace") as note:
-            told = recorded.explain(folder, key, at, again or bool(assign), tuple(assign or ()), note, allow_plugins=allow_plugins)
+            told = recorded.explain(
+                folder,
+                key,
+                at,
+                again or bool(assign),
+                tuple(assign or ()),
+                note,
+                allow_plugins=allow_plugins,
+            )
         typer.echo(json_text(told, indent=None) if as_json else recorded.explanation_text(told))
 
 
-def _write_recorded(folder: Path, episode: str | None, form: str, out: Path | None, quiet: bool) -> None:
+def _write_recorded(
+    folder: Path, episode: str | None, form: str, out: Path | None, quiet: bool
+) -> None:
     from sumo_mcts.commands import recorded
 
     key = recorded.chosen(folder, episode)
@@ -259,7 +422,12 @@ def _list_recorded(folder: Path, as_json: bool) -> None:
         typer.echo(json.dumps([choice._asdict() for choice in found]))
         return
     typer.echo(f"Recorded episodes of {folder} (--episode KEY):")
-    typer.echo("\n".join(f"  {printable(choice.key):60s} {printable(choice.outcome)}".rstrip() for choice in found))
+    typer.echo(
+        "\n".join(
+            f"  {printable(choice.key):60s} {printable(choice.outcome)}".rstrip()
+            for choice in found
+        )
+    )
 
 
 # ---
@@ -267,14 +435,47 @@ def _list_recorded(folder: Path, as_json: bool) -> None:
 
 @app.command()
 def batch(
-    experiment: Annotated[str, typer.Argument(help="An experiment file, or a built-in one: `sumo-mcts experiments` lists them.")],
-    out: Annotated[Optional[Path], typer.Option(help="Folder for rows and traces; what is done there is not done again. --dry-run does without.")] = None,  # noqa: UP045
-    jobs: Annotated[Optional[int], typer.Option(min=1, metavar="N", help="Processes. Default: one a core.")] = None,  # noqa: UP045
-    scheduler: Annotated[Optional[str], typer.Option(metavar="tcp://...", help="Drive on the workers of this dask.distributed scheduler.")] = None,  # noqa: UP045
-    shard: Annotated[str, typer.Option(metavar="I/N", help="Drive only this part of N; a folder of its own for each.")] = "1/1",
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would be driven, and what is done already.")] = False,
-    episode_timeout: Annotated[float, typer.Option(metavar="S", help="An episode that takes longer (wall time) is ended, with outcome error.")] = 3600.0,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Remove what an earlier batch left in the folder.")] = False,
+    experiment: Annotated[
+        str,
+        typer.Argument(
+            help="An experiment file, or a built-in one: `sumo-mcts experiments` lists them."
+        ),
+    ],
+    out: Annotated[
+        Optional[Path],
+        typer.Option(
+            help="Folder for rows and traces; what is done there is not done again. --dry-run does "
+            "without."
+        ),
+    ] = None,
+    jobs: Annotated[
+        Optional[int], typer.Option(min=1, metavar="N", help="Processes. Default: one a core.")
+    ] = None,
+    scheduler: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="tcp://...", help="Drive on the workers of this dask.distributed scheduler."
+        ),
+    ] = None,
+    shard: Annotated[
+        str,
+        typer.Option(
+            metavar="I/N", help="Drive only this part of N; a folder of its own for each."
+        ),
+    ] = "1/1",
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="List what would be driven, and what is done already.")
+    ] = False,
+    episode_timeout: Annotated[
+        float,
+        typer.Option(
+            metavar="S",
+            help="An episode that takes longer (wall time) is ended, with outcome error.",
+        ),
+    ] = 3600.0,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Remove what an earlier batch left in the folder.")
+    ] = False,
     allow_plugins: AllowPlugins = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
@@ -289,17 +490,32 @@ def batch(
             raise ConfigError("batch: --out: a folder for rows and traces has to be given")
         folders.check_folder(out)
         with _BatchVoice(quiet) as voice:
-            rows = batches.batch(experiment, out, jobs, scheduler, shard, fresh, allow_plugins, episode_timeout, sys.argv[1:], voice.tell)
+            rows = batches.batch(
+                experiment,
+                out,
+                jobs,
+                scheduler,
+                shard,
+                fresh,
+                allow_plugins,
+                episode_timeout,
+                sys.argv[1:],
+                voice.tell,
+            )
     failed = [row for row in rows if row["outcome"] == "error"]
     if not quiet:
         typer.echo(f"{batches.batch_summary(rows)}\n{out}: {len(rows)} rows")
     if failed:
-        ending.tell(f"error: {len(failed)} of {len(rows)} rows have outcome error, the first: {failed[0]['key']}: {failed[0]['error']}")
+        ending.tell(
+            f"error: {len(failed)} of {len(rows)} rows have outcome error, the first: "
+            f"{failed[0]['key']}: {failed[0]['error']}"
+        )
         raise typer.Exit(FAILED)
 
 
 class _BatchVoice:
-    """Tells on standard error how far a batch is: a bar on a terminal, elsewhere a line every ten seconds."""
+    """Tells on standard error how far a batch is: a bar on a terminal, elsewhere a line every ten
+    seconds."""
 
     EVERY_S = 10.0
 
@@ -312,7 +528,11 @@ class _BatchVoice:
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-            columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}", markup=False))
+            columns = (
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn("{task.description}", markup=False),
+            )
             self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
             self._bar.start()
             self._task = self._bar.add_task("", total=None)
@@ -325,16 +545,34 @@ class _BatchVoice:
     def tell(self, at: "Progress") -> None:
         """Say what has changed."""
         if self._bar is not None:
-            self._bar.update(self._task, completed=at.done, total=at.total or None, description=at.doing or _how_far(at))
+            self._bar.update(
+                self._task,
+                completed=at.done,
+                total=at.total or None,
+                description=at.doing or _how_far(at),
+            )
             return
-        now, text = time.monotonic(), f"{at.doing.split('  ')[0]} ..." if at.doing else f"{at.done}/{at.total} episodes, {_how_far(at)}"
-        if not self._quiet and text != self._text and (at.doing or at.done == at.total or now - self._said >= self.EVERY_S):
+        now, text = (
+            time.monotonic(),
+            f"{at.doing.split('  ')[0]} ..."
+            if at.doing
+            else f"{at.done}/{at.total} episodes, {_how_far(at)}",
+        )
+        if (
+            not self._quiet
+            and text != self._text
+            and (at.doing or at.done == at.total or now - self._said >= self.EVERY_S)
+        ):
             self._said, self._text = now, text
             typer.echo(text, err=True)
 
 
 def _how_far(at: "Progress") -> str:
-    pace = "" if at.rate_per_s is None or at.left_s is None else f", {at.rate_per_s:.2g}/s, {datetime.timedelta(seconds=round(at.left_s))} left"
+    pace = (
+        ""
+        if at.rate_per_s is None or at.left_s is None
+        else f", {at.rate_per_s:.2g}/s, {datetime.timedelta(seconds=round(at.left_s))} left"
+    )
     return f"{at.collisions} collisions" + (f", {at.errors} errors" if at.errors else "") + pace
 
 
@@ -369,8 +607,19 @@ def _tell_built_in(found: list[dict[str, str]], as_json: bool) -> None:
 
 @app.command()
 def report(
-    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders that `run` or `batch` wrote; episodes with the same key count once.")],
-    out: Annotated[Optional[Path], typer.Option(help="Where report.html, report.md and tables/ go. Default: the first folder.")] = None,  # noqa: UP045
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DIR...",
+            help="Folders that `run` or `batch` wrote; episodes with the same key count once.",
+        ),
+    ],
+    out: Annotated[
+        Optional[Path],
+        typer.Option(
+            help="Where report.html, report.md and tables/ go. Default: the first folder."
+        ),
+    ] = None,
     as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
@@ -392,7 +641,10 @@ def report(
 
 @app.command()
 def validate(
-    files: Annotated[list[Path], typer.Argument(help="Scenario files, experiment files, .sumocfg files.")], allow_plugins: AllowPlugins = False
+    files: Annotated[
+        list[Path], typer.Argument(help="Scenario files, experiment files, .sumocfg files.")
+    ],
+    allow_plugins: AllowPlugins = False,
 ) -> None:
     """Check all that `run` and `batch` check before anybody decides, and tell every mistake."""
     from sumo_mcts.commands import checks
@@ -400,7 +652,10 @@ def validate(
     bad = False
     for path in files:
         problems = checks.problems_of(path, allow_plugins=allow_plugins)
-        typer.echo("\n".join(f"error: {problem}" for problem in problems) or f"{path}: ok", err=bool(problems))
+        typer.echo(
+            "\n".join(f"error: {problem}" for problem in problems) or f"{path}: ok",
+            err=bool(problems),
+        )
         bad = bad or bool(problems)
     if bad:
         raise typer.Exit(INVALID)
@@ -431,9 +686,20 @@ def bench(
     typer.echo("\n".join(_bench_line(**row) for row in rows))
 
 
-def _bench_line(quantity: str, value: float, unit: str, budget: float | None, ok: bool | None) -> str:
-    limit = "" if budget is None else f"budget {budget:9,.0f}" if budget >= 100 else f"budget {budget:9g}"
-    return f"{quantity:86s} {value:12,.{0 if value >= 1000 else 2}f} {unit:4s} {limit:16s} {'' if ok is None else 'ok' if ok else 'MISSED'}".rstrip()
+def _bench_line(
+    quantity: str, value: float, unit: str, budget: float | None, ok: bool | None
+) -> str:
+    limit = (
+        ""
+        if budget is None
+        else f"budget {budget:9,.0f}"
+        if budget >= 100
+        else f"budget {budget:9g}"
+    )
+    return (
+        f"{quantity:86s} {value:12,.{0 if value >= 1000 else 2}f} {unit:4s} {limit:16s} "
+        f"{'' if ok is None else 'ok' if ok else 'MISSED'}"
+    ).rstrip()
 
 
 def main() -> None:
@@ -451,7 +717,9 @@ def _command_line() -> object:
     try:
         return app(standalone_mode=False)
     except Exception as error:
-        message = getattr(error, "format_message", None)  # typer's exceptions are click's, or its own, by version
+        message = getattr(
+            error, "format_message", None
+        )  # typer's exceptions are click's, or its own, by version
         if message is None:
             raise
         context = getattr(error, "ctx", None)
@@ -459,17 +727,25 @@ def _command_line() -> object:
         if not sys.argv[1:]:
             typer.echo(message(), err=True)  # the help
             return INVALID
-        raise ConfigError(f"{' '.join(message().split()).rstrip('.')}; see {command} --help") from None
+        raise ConfigError(
+            f"{' '.join(message().split()).rstrip('.')}; see {command} --help"
+        ) from None
 
 
 def _sumo_options(context: typer.Context) -> tuple[str, ...]:
-    """What SUMO is to be told. Raises BadParameter where it begins with a word that is no option, which was meant for somebody else."""
+    """What SUMO is to be told.
+
+    Raises BadParameter where it begins with a word that is no option, which was meant for somebody
+    else.
+    """
     if context.args and not context.args[0].startswith("-"):
         raise typer.BadParameter(f"{context.args[0]}: unexpected; options for SUMO follow --")
     return tuple(context.args)
 
 
-def _list_candidates(scenario: str, seed: int | None, sumo_options: tuple[str, ...], as_json: bool, say: "_Voice") -> None:
+def _list_candidates(
+    scenario: str, seed: int | None, sumo_options: tuple[str, ...], as_json: bool, say: "_Voice"
+) -> None:
     from sumo_mcts import scenarios
 
     with say.progress("looking for vehicles"):
@@ -477,9 +753,16 @@ def _list_candidates(scenario: str, seed: int | None, sumo_options: tuple[str, .
     if as_json:
         typer.echo(json.dumps([c._asdict() for c in found]))
         return
-    typer.echo(f"Vehicles of {scenario} that could be the ego (--ego ID, or --ego any):" if found else f"{scenario}: no vehicle departs")
+    typer.echo(
+        f"Vehicles of {scenario} that could be the ego (--ego ID, or --ego any):"
+        if found
+        else f"{scenario}: no vehicle departs"
+    )
     for c in found:
-        typer.echo(f"  {printable(c.id):30s} {c.vclass:12s} departs {c.depart_s:9.1f} s  {c.edges:4d} edges {c.length_m:8.0f} m  {c.why_not}")
+        typer.echo(
+            f"  {printable(c.id):30s} {c.vclass:12s} departs {c.depart_s:9.1f} s  {c.edges:4d} "
+            f"edges {c.length_m:8.0f} m  {c.why_not}"
+        )
     if len(found) == scenarios.LISTED:
         typer.echo("  (the first that depart; --ego takes any other id too)")
 

@@ -28,39 +28,57 @@ from sumo_mcts.world.observe import departure
 
 _NOT_HERE = {
     "script": "reads the scripts of a scenario that `sumo-mcts run` plays",
-    "clone": "copies a simulation that `sumo-mcts run` plays: what your loop is going to command is not known",
+    "clone": "copies a simulation that `sumo-mcts run` plays: what your loop is going to command "
+    "is not known",
 }
 
 
 class Controller:
-    """Takes the vehicle over as soon as it is on the road and drives it until it leaves; takes the decisions that `sumo-mcts run` takes.
+    """Takes the vehicle over as soon as it is on the road and drives it until it leaves; takes the
+    decisions that `sumo-mcts run` takes.
 
     Where the loop does something unusual:
 
-    - Another simulation in the same process (libsumo.load, another libsumo.start, an earlier state):
-      the next step() begins anew in it, as a new controller with the same arguments would. While none
+    - Another simulation in the same process (libsumo.load, another libsumo.start, an earlier
+      state):
+      the next step() begins anew in it, as a new controller with the same arguments would. While
+      none
       runs, step() raises ConfigError.
     - Another controller of the same vehicle is refused with ConfigError. One that was released, has
       done its drive or is garbage leaves the vehicle to others.
     - A second step() before the same step of SUMO does nothing: that step is commanded already.
-    - A step of SUMO without step(): the vehicle keeps its speed in it, whatever comes. The plan goes
+    - A step of SUMO without step(): the vehicle keeps its speed in it, whatever comes. The plan
+      goes
       on where it would be by then.
     - The vehicle never comes: simulationStep() raises ConfigError that names similar ids,
       `episode.depart_limit_s` after the controller was made, or as soon as SUMO expects no more
       vehicles after there were some.
-    - The vehicle is gone: the drive is over. One that gets the same id later is another vehicle, for
+    - The vehicle is gone: the drive is over. One that gets the same id later is another vehicle,
+      for
       another controller.
 
-    The vehicle gets its speed mode, lane change mode and action step length back by release(), at the
+    The vehicle gets its speed mode, lane change mode and action step length back by release(), at
+    the
     end of a `with` block, when step() raises, while SUMO teleports it, and when the controller is
     garbage.
     """
 
-    def __init__(self, ego: str, config: ScenarioConfig | Mapping[str, Any] | None = None, *, seed: int = 0, allow_plugins: bool = False) -> None:
-        """Join the simulation that runs in this process. Raises ConfigError where there is none, or where `config` is wrong.
+    def __init__(
+        self,
+        ego: str,
+        config: ScenarioConfig | Mapping[str, Any] | None = None,
+        *,
+        seed: int = 0,
+        allow_plugins: bool = False,
+    ) -> None:
+        """Join the simulation that runs in this process.
 
-        config: a scenario, whose sections sumo, egos, traffic and (but for depart_limit_s) episode do
-        not count; or its sections, as in {"planner": {"iterations": 2000}}; by default as in a scenario
+        Raises ConfigError where there is none, or where `config` is wrong.
+
+        config: a scenario, whose sections sumo, egos, traffic and (but for depart_limit_s) episode
+            do
+        not count; or its sections, as in {"planner": {"iterations": 2000}}; by default as in a
+        scenario
         that says nothing. `seed` is that of the search and of the sensor's errors.
         allow_plugins: whether a mapping may name code of your own as module:name.
         """
@@ -74,7 +92,12 @@ class Controller:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.release()
 
     @property
@@ -83,7 +106,8 @@ class Controller:
         return self._hold.pilot is not None and self._hold.simulation == simulation.number()
 
     def step(self) -> None:
-        """Command the step that begins now: to be called right before each libsumo.simulationStep().
+        """Command the step that begins now: to be called right before each
+        libsumo.simulationStep().
 
         Raises ConfigError where no simulation runs, or another one in which the controller cannot
         drive; PlannerError where the planner failed too often in a row.
@@ -106,7 +130,9 @@ class Controller:
         self._config = _scenario(self._ego, self._asked, self._allow_plugins)
         self._world = running_world(self._config.planner.period_s)
         oracles = Oracles(self._world.observer.way, _no_script, _no_copy)
-        self._driver = Driver(self._config, self._world.road, self._world.physics, streams(self._seed).search, oracles)
+        self._driver = Driver(
+            self._config, self._world.road, self._world.physics, streams(self._seed).search, oracles
+        )
         self._noise = streams(self._seed).noise.spawn(1)[0]
         warm_up(self._config, self._world.road, self._world.physics)
         self.thought: Thought | None = None  # the last decision, and what it rests on
@@ -115,7 +141,10 @@ class Controller:
         self._time = -math.inf  # of the last step(), s
         number = simulation.number()
         if _DRIVEN.setdefault((number, self._ego), self) is not self:
-            raise ConfigError(f"Controller: {self._ego}: another Controller drives this vehicle; release() that one first")
+            raise ConfigError(
+                f"Controller: {self._ego}: another Controller drives this vehicle; release() that "
+                "one first"
+            )
         self._hold.simulation = number
         self._await()
 
@@ -136,20 +165,32 @@ class Controller:
         simulation.after_each_step(look)
 
     def _awaits(self, number: int) -> bool:
-        """Whether the vehicle has not come so far in the simulation of this number, which still runs."""
-        waiting = not self._over and self._departure is None and self._hold.simulation == number == simulation.number()
+        """Whether the vehicle has not come so far in the simulation of this number, which still
+        runs."""
+        waiting = (
+            not self._over
+            and self._departure is None
+            and self._hold.simulation == number == simulation.number()
+        )
         return waiting and not self._world.observer.present(self._ego)
 
     def _expect(self, waited_s: float, seen: set[str]) -> None:
-        """Raise ConfigError where the vehicle cannot be expected any more; `seen`: those that departed."""
+        """Raise ConfigError where the vehicle cannot be expected any more;
+
+        `seen`: those that departed.
+        """
         comes = simulation.expected() > 0
         self._traffic = self._traffic or comes
-        finished = self._traffic and not comes  # where there was no traffic at all so far, the loop is going to make it
+        finished = (
+            self._traffic and not comes
+        )  # where there was no traffic at all so far, the loop is going to make it
         why = never_departed(waited_s, self._config.episode.depart_limit_s, finished)
         if why:
             self._finish()
             near = near_ids(self._ego, seen)
-            raise ConfigError(f"Controller: {self._ego}: {why}" + (f"; near: {', '.join(near)}" if near else ""))
+            raise ConfigError(
+                f"Controller: {self._ego}: {why}" + (f"; near: {', '.join(near)}" if near else "")
+            )
 
     def _command(self) -> None:
         """What step() does."""
@@ -170,7 +211,10 @@ class Controller:
         pilot.before_step()
 
     def _look(self) -> Pilot | None:
-        """The pilot that can drive now; None before the departure, during a teleport, and afterwards."""
+        """The pilot that can drive now;
+
+        None before the departure, during a teleport, and afterwards.
+        """
         if self._over:
             return None
         departed, present = departure(self._ego), self._world.observer.present(self._ego)
@@ -186,7 +230,8 @@ class Controller:
         return self._hold.pilot
 
     def _finish(self) -> None:
-        """The drive is over in this simulation: the vehicle goes back to SUMO, and others may drive it."""
+        """The drive is over in this simulation: the vehicle goes back to SUMO, and others may drive
+        it."""
         self._over = True
         self._hold.let_go()
         key = (self._hold.simulation, self._ego)
@@ -195,7 +240,8 @@ class Controller:
 
 
 class _Hold:
-    """The vehicle in a controller's hand, in one simulation; it outlives the controller by the moment in which it lets go."""
+    """The vehicle in a controller's hand, in one simulation; it outlives the controller by the
+    moment in which it lets go."""
 
     def __init__(self) -> None:
         self.pilot: Pilot | None = None  # None: SUMO drives
@@ -205,7 +251,9 @@ class _Hold:
         """Hand the vehicle back to SUMO, where it is still the same simulation. Never raises."""
         pilot, self.pilot = self.pilot, None
         if pilot is not None:
-            with suppress(Exception):  # libsumo's exceptions share no base, and it may be SUMO that failed
+            with suppress(
+                Exception
+            ):  # libsumo's exceptions share no base, and it may be SUMO that failed
                 if self.simulation == simulation.number():
                     pilot.release()
 
@@ -223,15 +271,28 @@ def _no_copy(*_: object) -> NoReturn:
     raise ConfigError("Controller: no copy of a loop of the user's own")
 
 
-def _scenario(ego: str, config: ScenarioConfig | Mapping[str, Any] | None, allow_plugins: bool) -> ScenarioConfig:
+def _scenario(
+    ego: str, config: ScenarioConfig | Mapping[str, Any] | None, allow_plugins: bool
+) -> ScenarioConfig:
     """A scenario around the running simulation."""
     if not isinstance(ego, str) or not ego:
         raise ConfigError(f"Controller: ego: the id of a vehicle, got {ego!r:.60}")
     if not isinstance(config, ScenarioConfig):
         if config is not None and not isinstance(config, Mapping):
-            raise ConfigError(f"Controller: config: a scenario or a mapping of its sections, got {config!r:.60}")
-        data = {"name": "controller", "sumo": {"net": simulation.option("net-file")}, "egos": [{"id": ego}]}
-        config = scenario_files.build({**data, **(config or {})}, "Controller", allow_plugins=allow_plugins)
+            raise ConfigError(
+                f"Controller: config: a scenario or a mapping of its sections, got {config!r:.60}"
+            )
+        data = {
+            "name": "controller",
+            "sumo": {"net": simulation.option("net-file")},
+            "egos": [{"id": ego}],
+        }
+        config = scenario_files.build(
+            {**data, **(config or {})}, "Controller", allow_plugins=allow_plugins
+        )
     if config.prediction.name in _NOT_HERE:
-        raise ConfigError(f"Controller: prediction.name: {config.prediction.name} {_NOT_HERE[config.prediction.name]}; allowed: idm, constant_velocity, routes")
+        raise ConfigError(
+            f"Controller: prediction.name: {config.prediction.name} "
+            f"{_NOT_HERE[config.prediction.name]}; allowed: idm, constant_velocity, routes"
+        )
     return config

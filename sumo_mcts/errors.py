@@ -9,9 +9,11 @@ MOST_SHOWN = 2000  # characters of a message
 MOST_OF_VALUE = 100  # ... and of a value that was given
 MOST_COMPARED = 20_000  # names that are compared with one that is not known
 
-# The disk, the quota, open files, processes, memory, a closed pipe: the machine fails, and the input may be right.
+# The disk, the quota, open files, processes, memory, a closed pipe: the machine fails, and the
+# input may be right.
 _OF_MACHINE = frozenset(
-    {errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN, errno.EIO, errno.EPIPE, errno.EBADF}
+    {errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN, errno.EIO,
+    errno.EPIPE, errno.EBADF}
 )  # fmt: skip
 _NO_THREAD = "can't start new thread"  # Python's words for a shortage of processes
 
@@ -30,10 +32,13 @@ class FailedError(Exception):
 
 
 def of_machine(error: BaseException) -> bool:
-    """Whether an error is about a shortage of the machine, so that it tells nothing about the input."""
+    """Whether an error is about a shortage of the machine, so that it tells nothing about the
+    input."""
     if isinstance(error, OSError):
         return error.errno in _OF_MACHINE
-    return isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and _NO_THREAD in str(error))
+    return isinstance(error, MemoryError) or (
+        isinstance(error, RuntimeError) and _NO_THREAD in str(error)
+    )
 
 
 def in_one_line(error: BaseException) -> str:
@@ -42,9 +47,19 @@ def in_one_line(error: BaseException) -> str:
 
 
 def printable(text: object) -> str:
-    """The text as one line of bounded length. What cannot be printed (line breaks, control characters, escapes of terminals, marks that turn the direction of
-    writing, halves of characters) is written as in Python's texts. A printable text stays as it is, so it does not matter how often this is done."""
-    return shortened("".join(c if c.isprintable() else c.encode("unicode_escape", "backslashreplace").decode() for c in str(text)), MOST_SHOWN)
+    """The text as one line of bounded length.
+
+    What cannot be printed (line breaks, control characters, escapes of terminals, marks that turn
+    the direction of writing, halves of characters) is written as in Python's texts. A printable
+    text stays as it is, so it does not matter how often this is done.
+    """
+    return shortened(
+        "".join(
+            c if c.isprintable() else c.encode("unicode_escape", "backslashreplace").decode()
+            for c in str(text)
+        ),
+        MOST_SHOWN,
+    )
 
 
 def shown(value: object) -> str:
@@ -56,8 +71,11 @@ def shown(value: object) -> str:
 
 
 def near(given: str, names: Iterable[str], most: int, likeness: float = 0.5) -> list[str]:
-    """Up to `most` names that may have been meant, the nearest first; of very many names some are looked at."""
-    return get_close_matches(given[:MOST_OF_VALUE], list(islice(names, MOST_COMPARED)), most, likeness)
+    """Up to `most` names that may have been meant, the nearest first; of very many names some are
+    looked at."""
+    return get_close_matches(
+        given[:MOST_OF_VALUE], list(islice(names, MOST_COMPARED)), most, likeness
+    )
 
 
 def shortened(text: str, most: int) -> str:

@@ -1,4 +1,7 @@
-"""Reads files that may be anything: only regular ones, only so many bytes, packed or not. And where the built-in files lie."""
+"""Reads files that may be anything: only regular ones, only so many bytes, packed or not.
+
+And where the built-in files lie.
+"""
 
 import errno
 import os
@@ -17,13 +20,15 @@ _GZIP = b"\x1f\x8b"  # how a packed file begins
 _GZIP_FORMAT = 16 + zlib.MAX_WBITS
 _LOOKED_AT = 1 << 20  # bytes in which the root element of an XML file has to begin
 _KINDS = (
-    (stat.S_ISDIR, "a folder, not a file"), (stat.S_ISFIFO, "a pipe, not a file"), (stat.S_ISSOCK, "a socket, not a file"),
+    (stat.S_ISDIR, "a folder, not a file"), (stat.S_ISFIFO, "a pipe, not a file"),
+    (stat.S_ISSOCK, "a socket, not a file"),
     (stat.S_ISCHR, "a device, not a file"), (stat.S_ISBLK, "a device, not a file"),
 )  # fmt: skip
 
 
 def root() -> Path:
-    """The folder that holds networks/, routes/ and configs/: in a checkout or inside the installed package."""
+    """The folder that holds networks/, routes/ and configs/: in a checkout or inside the installed
+    package."""
     installed = _HERE / "assets"
     return installed if installed.is_dir() else _HERE.parent
 
@@ -35,7 +40,8 @@ def builtin_scenario(name: str) -> Path | None:
 
 
 def problem(path: str | Path) -> str:
-    """Why a file cannot be read, in a few words; "" where it is a regular file that this user may read. Nothing is opened."""
+    """Why a file cannot be read, in a few words; "" where it is a regular file that this user may
+    read. Nothing is opened."""
     try:
         mode = Path(path).stat().st_mode
     except FileNotFoundError:
@@ -45,12 +51,15 @@ def problem(path: str | Path) -> str:
     except ValueError:  # a name with a NUL
         return _MISSING
     if not stat.S_ISREG(mode):
-        return next((words for is_kind, words in _KINDS if is_kind(mode)), "something else, not a file")
+        return next(
+            (words for is_kind, words in _KINDS if is_kind(mode)), "something else, not a file"
+        )
     return "" if os.access(path, os.R_OK) else f"cannot be read: {os.strerror(errno.EACCES)}"
 
 
 def absolute(path: Path) -> Path:
-    """The path with its links followed, as far as they lead anywhere: loops and impossible names are left for `problem` to tell."""
+    """The path with its links followed, as far as they lead anywhere: loops and impossible names
+    are left for `problem` to tell."""
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError):
@@ -59,7 +68,8 @@ def absolute(path: Path) -> Path:
 
 @contextmanager
 def naming(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Every OSError names a file: this one where it names none, or the one that was to take its place; a disk that is full names none by itself."""
+    """Every OSError names a file: this one where it names none, or the one that was to take its
+    place; a disk that is full names none by itself."""
     try:
         yield
     except OSError as error:
@@ -73,7 +83,10 @@ def naming(path: Path, temporary: Path | None = None) -> Iterator[None]:
 
 @contextmanager
 def opened(path: str | Path) -> Iterator[BinaryIO]:
-    """A regular file for reading: a folder, a pipe or a device may never end. Raises OSError that names it and whose `strerror` says what is wrong."""
+    """A regular file for reading: a folder, a pipe or a device may never end.
+
+    Raises OSError that names it and whose `strerror` says what is wrong.
+    """
     with naming(Path(path)):
         why = problem(path)
         if why:
@@ -83,7 +96,10 @@ def opened(path: str | Path) -> Iterator[BinaryIO]:
 
 
 def content(path: str | Path, most: int) -> bytes:
-    """The bytes of a regular file. Raises OSError whose `strerror` says what is wrong, also where there are more than `most`."""
+    """The bytes of a regular file.
+
+    Raises OSError whose `strerror` says what is wrong, also where there are more than `most`.
+    """
     with opened(path) as file:
         data = file.read(most + 1)
     if len(data) > most:
@@ -92,8 +108,9 @@ def content(path: str | Path, most: int) -> bytes:
 
 
 def unpacked(path: str | Path, most: int) -> Iterator[bytes]:
-    """The content of a regular file, unpacked where it is packed with gzip, in chunks of about 64 kB; it ends after `most` bytes. Raises OSError as
-    `content` does, also where the archive is damaged or cut off."""
+    """The content of a regular file, unpacked where it is packed with gzip, in chunks of about 64
+    kB; it ends after `most` bytes. Raises OSError as `content` does, also where the archive is
+    damaged or cut off."""
     with opened(path) as file:
         chunk = file.read(_CHUNK)
         pump = _Gzip(path) if chunk.startswith(_GZIP) else None
@@ -110,7 +127,8 @@ def unpacked(path: str | Path, most: int) -> Iterator[bytes]:
 
 
 def require_whole(path: str | Path, most: int) -> None:
-    """Raise OSError where a file that is packed with gzip is damaged, cut off, or more than `most` bytes when unpacked."""
+    """Raise OSError where a file that is packed with gzip is damaged, cut off, or more than `most`
+    bytes when unpacked."""
     with opened(path) as file:
         if file.read(len(_GZIP)) != _GZIP:
             return
@@ -124,7 +142,10 @@ def beginning(path: str | Path, most: int) -> bytes:
 
 
 def xml_root(path: str | Path) -> str:
-    """The name of the root element of an XML file, packed or not. Raises OSError as `unpacked` does, ValueError where it is no XML, or declares entities."""
+    """The name of the root element of an XML file, packed or not.
+
+    Raises OSError as `unpacked` does, ValueError where it is no XML, or declares entities.
+    """
     looker = _RootLooker()
     for chunk in unpacked(path, _LOOKED_AT):
         looker.feed(chunk)
@@ -149,7 +170,10 @@ class _RootLooker:
         except expat.ExpatError as error:
             if not self.root:  # what follows the root's begin is looked at by others
                 raise ValueError(str(error)) from None
-        except (LookupError, TypeError) as error:  # of an encoding that Python does not know, or that is none
+        except (
+            LookupError,
+            TypeError,
+        ) as error:  # of an encoding that Python does not know, or that is none
             raise ValueError(str(error)) from None
 
     def _element(self, name: str, _: object) -> None:
@@ -160,7 +184,8 @@ class _RootLooker:
 
 
 class _Gzip:
-    """Unpacks chunk by chunk, never more than a chunk at once, however much a packed byte stands for."""
+    """Unpacks chunk by chunk, never more than a chunk at once, however much a packed byte stands
+    for."""
 
     def __init__(self, path: str | Path) -> None:
         self._path, self._inner = path, zlib.decompressobj(_GZIP_FORMAT)

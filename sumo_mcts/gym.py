@@ -1,4 +1,7 @@
-"""A gymnasium environment over the same loop, judged by the same referee: `import sumo_mcts.gym`, then gymnasium.make("sumo_mcts/Drive-v0")."""
+"""A gymnasium environment over the same loop, judged by the same referee:
+
+`import sumo_mcts.gym`, then gymnasium.make("sumo_mcts/Drive-v0").
+"""
 
 import math
 import time
@@ -34,12 +37,15 @@ ENVIRONMENT = "sumo_mcts/Drive-v0"
 NAME = "policy"  # who drives, in rows
 SEEDS = 2**31  # SUMO's are below
 
-# What one decision period adds to the return: the weight of each term, all of them measured by the referee.
+# What one decision period adds to the return: the weight of each term, all of them measured by the
+# referee.
 REWARD = {
     "progress": 0.1,  # per metre driven
     "time": -0.1,  # per second
     "discomfort": -0.5,  # per second beyond the bounds of the row's `comfortable_share`
-    "imposed": -2.0,  # per braking beyond 2, 3 and 4 m/s2 that is imposed on somebody: one beyond 4 counts three times
+    # per braking beyond 2, 3 and 4 m/s2 that is imposed on somebody: one beyond 4 counts three
+    # times
+    "imposed": -2.0,
     "red": -20.0,  # per red light run
     "collision": -100.0,
     "lost": -50.0,  # off its route, or teleported by SUMO
@@ -48,34 +54,50 @@ REWARD = {
 
 
 class DriveEnv(gymnasium.Env[Observation, np.int64]):
-    """One ego of a scenario, from its departure to the referee's outcome; one step is one decision period.
+    """One ego of a scenario, from its departure to the referee's outcome; one step is one decision
+    period.
 
-    Observation: see policy.py::bounds. Action: an index into `actions`, the acceleration and lane change of each. Terminated: the referee has an outcome;
-    truncated: that is `timeout`. The last observation of an episode is that of its last decision: the ego may be gone. libsumo holds one simulation in
-    a process, so the environment that was reset last drives; for several use gymnasium.vector.AsyncVectorEnv.
+    Observation: see policy.py::bounds. Action: an index into `actions`, the acceleration and lane
+        change of each. Terminated: the referee has an outcome;
+    truncated: that is `timeout`. The last observation of an episode is that of its last decision:
+        the ego may be gone. libsumo holds one simulation in a process, so the environment that was
+        reset last drives; for several use gymnasium.vector.AsyncVectorEnv.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 2}  # noqa: RUF012  # as gymnasium declares it; fps: decisions
     _at_the_wheel: ClassVar["DriveEnv | None"] = None
 
     def __init__(
-        self, scenario: str | PathLike[str] = "unprotected-left-turn", *, sumocfg: str | PathLike[str] | None = None, ego: str | None = None,
-        until: str | None = None, assignments: Sequence[str] = (), sumo_options: Sequence[str] = (), agents: int = Shown().agents,
-        points: int = Shown().points, reward: Mapping[str, float] | None = None, render_mode: str | None = None, allow_plugins: bool = False,
+        self, scenario: str | PathLike[str] = "unprotected-left-turn", *,
+        sumocfg: str | PathLike[str] | None = None, ego: str | None = None,
+        until: str | None = None, assignments: Sequence[str] = (),
+        sumo_options: Sequence[str] = (), agents: int = Shown().agents,
+        points: int = Shown().points, reward: Mapping[str, float] | None = None,
+        render_mode: str | None = None, allow_plugins: bool = False,
     ) -> None:  # fmt: skip
         """Check everything, start nothing. Raises ConfigError.
 
-        scenario, ego, until, assignments, sumo_options, allow_plugins: as in load_scenario; sumocfg: in place of a scenario, with `ego`
-        agents, points: how many agents and points of the route are shown
+        scenario, ego, until, assignments, sumo_options, allow_plugins: as in load_scenario;
+        sumocfg: in place of a scenario, with `ego` agents, points: how many agents and points of
+        the route are shown
         reward: weights in place of those in REWARD
         """
         if ego == "any":
-            raise ConfigError("ego: any: name one vehicle; `sumo-mcts run FILE.sumocfg` lists the candidates")
+            raise ConfigError(
+                "ego: any: name one vehicle; `sumo-mcts run FILE.sumocfg` lists the candidates"
+            )
         self._config = load_scenario(
-            scenario if sumocfg is None else sumocfg, *assignments, ego=() if ego is None else ego, until=until, allow_plugins=allow_plugins
+            scenario if sumocfg is None else sumocfg,
+            *assignments,
+            ego=() if ego is None else ego,
+            until=until,
+            allow_plugins=allow_plugins,
         )
         if len(self._config.egos) != 1:
-            raise ConfigError(f"{scenario}: egos: an environment has one, not {len(self._config.egos)}; name it with ego=")
+            raise ConfigError(
+                f"{scenario}: egos: an environment has one, not {len(self._config.egos)}; name it "
+                "with ego="
+            )
         self._ego, self._options, self._weights, self._shown = (
             self._config.egos[0].id,
             (*sumo_options, *without_outputs(self._config.sumo, sumo_options)),
@@ -85,17 +107,25 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         self._hand = _Hand(Actions(self._config))
         self.actions = self._hand.actions.table  # [A, 2]
         self.action_space = spaces.Discrete(len(self.actions))
-        boxes: dict[str, spaces.Space[Any]] = {name: spaces.Box(low, high) for name, (low, high) in bounds(self._shown).items()}
+        boxes: dict[str, spaces.Space[Any]] = {
+            name: spaces.Box(low, high) for name, (low, high) in bounds(self._shown).items()
+        }
         self.observation_space = spaces.Dict(boxes)  # type: ignore[assignment]  # a dict of arrays, which its type does not say
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"render_mode: {render_mode}: not one of rgb_array, None")
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._config.planner.period_s))}
+        self.metadata = {
+            **self.metadata,
+            "render_fps": max(1, round(1.0 / self._config.planner.period_s)),
+        }
         self._loop: Loop | None = None
         self._lost_to_another = False
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode: that of `sumo-mcts run --seed` with the seed; without one the next of those that the last seed draws.
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode: that of `sumo-mcts run --seed` with the seed; without one the next of
+        those that the last seed draws.
 
         Raises ConfigError where the input is wrong, RuntimeError where there is nothing to decide.
         """
@@ -107,19 +137,33 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         try:
             loop.start()
             physics = loop.world.physics
-            self._driver = Driver(self._config, loop.world.road, physics, streams(self._seed).search, loop.oracles, planner=self._hand)
+            self._driver = Driver(
+                self._config,
+                loop.world.road,
+                physics,
+                streams(self._seed).search,
+                loop.oracles,
+                planner=self._hand,
+            )
             there = self._drive_on(loop)
         except BaseException:
             self.close()
             raise
         if not there:
             row = self._end(loop)
-            raise RuntimeError(f"{row['scenario']}: seed {self._seed}: {row['outcome']} before the first decision: {row['error']}")
+            raise RuntimeError(
+                f"{row['scenario']}: seed {self._seed}: {row['outcome']} before the first "
+                f"decision: {row['error']}"
+            )
         self._start, self._totals = loop.time, self._measured(loop, loop.time)
         return self._seen(), {}
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drive one decision period. `info["reward"]` has the parts of the reward; at the end `info["row"]` is the row of docs/measures.md."""
+        """Drive one decision period.
+
+        `info["reward"]` has the parts of the reward; at the end `info["row"]` is the row of
+        docs/measures.md.
+        """
         if self._loop is None:
             raise gymnasium.error.ResetNeeded(_TAKEN if self._lost_to_another else _FIRST)
         if not self.action_space.contains(action):
@@ -127,10 +171,14 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         loop = self._loop
         self._hand.action = int(action)
         thought = self._driver.decide(self._scene)
-        self._recorder.note(self._scene, thought._replace(plan_ms=(time.perf_counter() - self._shown_at) * 1000.0))
+        self._recorder.note(
+            self._scene, thought._replace(plan_ms=(time.perf_counter() - self._shown_at) * 1000.0)
+        )
         loop.apply({self._ego: thought.decision})
         there = self._drive_on(loop)
-        failed = loop.judged(self._ego)["outcome"] == ERROR  # SUMO itself may be gone: nothing more is measured
+        failed = (
+            loop.judged(self._ego)["outcome"] == ERROR
+        )  # SUMO itself may be gone: nothing more is measured
         totals = self._totals if failed else self._measured(loop, self._start)
         parts = {name: self._weights[name] * (totals[name] - self._totals[name]) for name in REWARD}
         self._totals = totals
@@ -139,7 +187,13 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         if not there:
             info["row"] = row = self._end(loop)
             outcome = row["outcome"]
-        return self._seen(), float(sum(parts.values())), outcome not in (None, TIMEOUT), outcome == TIMEOUT, info
+        return (
+            self._seen(),
+            float(sum(parts.values())),
+            outcome not in (None, TIMEOUT),
+            outcome == TIMEOUT,
+            info,
+        )
 
     def render(self) -> NDArray[np.uint8] | None:
         """[height, width, 3] the last scene from above, with render_mode="rgb_array"."""
@@ -162,17 +216,25 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
             DriveEnv._at_the_wheel = None
 
     def _take_the_wheel(self) -> None:
-        """End the episode under way in this process, if it is one of ours. Raises RuntimeError where somebody else's simulation runs."""
+        """End the episode under way in this process, if it is one of ours.
+
+        Raises RuntimeError where somebody else's simulation runs.
+        """
         other = DriveEnv._at_the_wheel
         if other is not None:
             other.close()
             other._lost_to_another = other is not self
         elif is_running():
-            raise RuntimeError("a simulation runs in this process already, and libsumo holds one: close it first")
+            raise RuntimeError(
+                "a simulation runs in this process already, and libsumo holds one: close it first"
+            )
         DriveEnv._at_the_wheel, self._lost_to_another = self, False
 
     def _drive_on(self, loop: Loop) -> bool:
-        """To the next scene that has to be decided in; False: the episode is over. Where the ego is not on its route SUMO drives."""
+        """To the next scene that has to be decided in;
+
+        False: the episode is over. Where the ego is not on its route SUMO drives.
+        """
         while scenes := loop.scenes():
             self._scene, self._road = scenes[self._ego], loop.world.road
             placed = self._driver.placed(self._scene)
@@ -187,7 +249,10 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         return observe(*self._placed, self._scene, self._shown)
 
     def _measured(self, loop: Loop, start: float) -> dict[str, float]:
-        """The total of each term of the reward so far, without its weight; `start`: simulation time of the first decision, s."""
+        """The total of each term of the reward so far, without its weight;
+
+        `start`: simulation time of the first decision, s.
+        """
         row, passed = loop.judged(self._ego), loop.time - start
         share = 1.0 if row["comfortable_share"] is None else row["comfortable_share"]
         return {
@@ -206,7 +271,15 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         period = loop.world.period
         (row,) = loop.rows()
         self.close()
-        whole = completed(row, self._config, self._seed, NAME, self._recorder, period, time.perf_counter() - self._began)
+        whole = completed(
+            row,
+            self._config,
+            self._seed,
+            NAME,
+            self._recorder,
+            period,
+            time.perf_counter() - self._began,
+        )
         return {**whole, "planner": NAME}
 
 
@@ -229,7 +302,8 @@ class _Hand:
 
 _FIRST = "call reset() first: no episode is under way"
 _TAKEN = (
-    "another environment was reset in this process and drives now: libsumo holds one simulation. For several at once use gymnasium.vector.AsyncVectorEnv, "
+    "another environment was reset in this process and drives now: libsumo holds one simulation. "
+    "For several at once use gymnasium.vector.AsyncVectorEnv, "
     "which gives each a process of its own"
 )
 

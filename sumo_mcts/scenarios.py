@@ -15,13 +15,16 @@ from sumo_mcts.world.roadmap import known_roadmap
 
 
 def load_scenario(
-    scenario: str | PathLike[str], *assignments: str, ego: str | Sequence[str] = (), until: str | None = None, sumo_options: Sequence[str] = (),
+    scenario: str | PathLike[str], *assignments: str, ego: str | Sequence[str] = (),
+    until: str | None = None, sumo_options: Sequence[str] = (),
     allow_plugins: bool = False,
 ) -> ScenarioConfig:  # fmt: skip
-    """The scenario behind a built-in name, a scenario file or a .sumocfg, checked and complete with defaults.
+    """The scenario behind a built-in name, a scenario file or a .sumocfg, checked and complete with
+    defaults.
 
     assignments: keys to set, "a.b=c", as `--set` does; values are YAML
-    ego: vehicle id, or several; a .sumocfg needs one, or "any", the first suitable vehicle; elsewhere default the scenario's own
+    ego: vehicle id, or several; a .sumocfg needs one, or "any", the first suitable vehicle;
+        elsewhere default the scenario's own
     until: id of the edge at whose end the goal is; default the end of the ego's route
     sumo_options: as on SUMO's command line; where "any" looks for a vehicle
     allow_plugins: whether the scenario may name code of your own as module:name
@@ -46,20 +49,30 @@ Note = Callable[[str], None]
 
 
 def resolve(
-    scenario: str, seed: int | None, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str], *,
+    scenario: str, seed: int | None, egos: Sequence[str], until: str | None,
+    overrides: tuple[str, ...], sumo_options: Sequence[str], *,
     allow_plugins: bool = False,
 ) -> ScenarioConfig:  # fmt: skip
     """The scenario behind a name, a YAML file or a .sumocfg. Raises ConfigError."""
     if not is_sumocfg(scenario):
         path, changes = builtin.scenario_path(scenario), {}
         if egos or until:
-            names = list(egos) or [ego.id for ego in config.load(path, overrides, allow_plugins=allow_plugins).egos]
+            names = list(egos) or [
+                ego.id for ego in config.load(path, overrides, allow_plugins=allow_plugins).egos
+            ]
             changes = {"egos": [_ego(name, until) for name in names]}
         return config.load(path, overrides, changes=changes, allow_plugins=allow_plugins)
     check_sumocfg(scenario)
-    names = [_first_suitable(scenario, until, seed, sumo_options) if name == "any" else name for name in egos]
+    names = [
+        _first_suitable(scenario, until, seed, sumo_options) if name == "any" else name
+        for name in egos
+    ]
     path = Path(scenario)
-    data = {"name": config.name_from(path), "sumo": {"sumocfg": str(files.absolute(path))}, "egos": [_ego(name, until) for name in names]}
+    data = {
+        "name": config.name_from(path),
+        "sumo": {"sumocfg": str(files.absolute(path))},
+        "egos": [_ego(name, until) for name in names],
+    }
     return config.build(data, scenario, overrides, allow_plugins=allow_plugins)
 
 
@@ -74,7 +87,9 @@ def list_candidates(sumocfg: str, seed: int | None, sumo_options: Sequence[str])
 def require_egos(scenario: str, egos: Sequence[str]) -> None:
     """Raise ConfigError where nobody is named to drive in a .sumocfg."""
     if is_sumocfg(scenario) and not egos:
-        raise ConfigError(f"{scenario}: --ego: not given; `sumo-mcts run {scenario}` lists the candidates")
+        raise ConfigError(
+            f"{scenario}: --ego: not given; `sumo-mcts run {scenario}` lists the candidates"
+        )
 
 
 def listed_scenarios() -> list[dict[str, str]]:
@@ -115,11 +130,20 @@ def check_sumocfg(path: str) -> None:
         known_roadmap(network_of(path, None))  # SUMO itself does not survive every network
 
 
-def _first_suitable(sumocfg: str, until: str | None, seed: int | None, sumo_options: Sequence[str]) -> str:
+def _first_suitable(
+    sumocfg: str, until: str | None, seed: int | None, sumo_options: Sequence[str]
+) -> str:
     with naming_source(sumocfg, sumocfg):
-        found = candidates(sumocfg_arguments(sumocfg, seed, sumo_options), SEARCHED, lambda c: c.suitable, until=until)
+        found = candidates(
+            sumocfg_arguments(sumocfg, seed, sumo_options),
+            SEARCHED,
+            lambda c: c.suitable,
+            until=until,
+        )
     if not found or not found[-1].suitable:
         raise ConfigError(
-            f"{sumocfg}: --ego any: no suitable vehicle departs{'' if until is None else f' and passes edge {until}'}; without --ego the candidates are listed"
+            f"{sumocfg}: --ego any: no suitable vehicle "
+            f"departs{'' if until is None else f' and passes edge {until}'}; without --ego the "
+            "candidates are listed"
         )
     return found[-1].id

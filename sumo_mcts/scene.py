@@ -1,7 +1,8 @@
 """The language between the rooms: plain tuples of arrays, no behaviour.
 
-SI units; angles in radians, counter-clockwise from east; left is left, also where people drive on the left. Every index array uses -1 for "none".
-A lane position ``s`` is SUMO's: metres from the start of the lane in units of its SUMO length, which may differ from the length of its shape.
+SI units; angles in radians, counter-clockwise from east; left is left, also where people drive on
+the left. Every index array uses -1 for "none". A lane position ``s`` is SUMO's: metres from the
+start of the lane in units of its SUMO length, which may differ from the length of its shape.
 """
 
 from typing import NamedTuple
@@ -28,7 +29,10 @@ USUAL, TURNS, FORCES, BRAKES, STARTS = range(5)
 
 
 class RoadMap(NamedTuple):
-    """One network, lane by lane. L lanes (internal ones too), P shape points, S successor entries, C conflict entries."""
+    """One network, lane by lane.
+
+    L lanes (internal ones too), P shape points, S successor entries, C conflict entries.
+    """
 
     lane_ids: tuple[str, ...]
     edge_ids: tuple[str, ...]
@@ -51,9 +55,11 @@ class RoadMap(NamedTuple):
     successor_offset: Ints  # [L+1]
     successor: Ints  # [S] the lane driven next (internal where the connection has one)
     exit: Ints  # [L] internal lanes: the ordinary lane that they end in; others: themselves
-    direction: Ints  # [L] internal lanes: STRAIGHT, LEFT, RIGHT or TURN of their connection; others: STRAIGHT
+    # [L] internal lanes: STRAIGHT, LEFT, RIGHT or TURN of their connection; others: STRAIGHT
+    direction: Ints
     junction: Ints  # [L] internal lanes: index into junction_ids
-    knot: Ints  # [L] the knot (junctions with nothing but short lanes between them) that the lane lies in
+    # [L] the knot (junctions with nothing but short lanes between them) that the lane lies in
+    knot: Ints
     begins: Ints  # [L] the knot where it begins
     ends: Ints  # [L] the knot where it ends
     rule: Ints  # [L] internal lanes that start a connection: how it is entered; others: PRIORITY
@@ -70,7 +76,10 @@ class RoadMap(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """What each signalled link shows, now and at its coming switches. Q signals; K coming phases are broadcast."""
+    """What each signalled link shows, now and at its coming switches.
+
+    Q signals; K coming phases are broadcast.
+    """
 
     offset: Ints  # [Q+1] links of signal q: offset[q]:offset[q+1]
     state: Ints  # [links, K] GREEN, YELLOW or RED during phase k
@@ -86,7 +95,9 @@ class Agents(NamedTuple):
     heading: Floats  # [N]
     v: Floats  # [N] m/s
     a: Floats  # [N] m/s2
-    trend: Floats  # [N] its acceleration smoothed over about half a second, as far as it was seen, and since it last changed abruptly, m/s2
+    # [N] its acceleration smoothed over about half a second, as far as it was seen, and since it
+    # last changed abruptly, m/s2
+    trend: Floats
     length: Floats  # [N] m
     width: Floats  # [N] m
     lane: Ints  # [N] lane of the front; -1 for pedestrians and whoever is off the road
@@ -95,7 +106,9 @@ class Agents(NamedTuple):
     blinker: Ints  # [N] -1 right, 0 none, +1 left
     standing_s: Floats  # [N] for how long it has stood, as far as it was seen
     person: Bools  # [N]
-    vclass: Ints  # [N] index into VEHICLE_CLASSES, or IGNORING: a car, a lorry, a tram or a bicycle looks like one
+    # [N] index into VEHICLE_CLASSES, or IGNORING: a car, a lorry, a tram or a bicycle looks like
+    # one
+    vclass: Ints
 
 
 class EgoState(NamedTuple):
@@ -135,15 +148,21 @@ class Scene(NamedTuple):
 
 
 class Intent(NamedTuple):
-    """What one agent is taken to do, where it is not what is likeliest (see model/intentions.py)."""
+    """What one agent is taken to do, where it is not what is likeliest (see
+    model/intentions.py)."""
 
     agent: int
-    does: int  # TURNS: takes `way`; FORCES: does not let the ego pass; BRAKES: hard, to a stand; STARTS: though it has stood for a while
+    # TURNS: takes `way`; FORCES: does not let the ego pass; BRAKES: hard, to a stand; STARTS:
+    # though it has stood for a while
+    does: int
     way: tuple[int, ...] = ()  # lanes, the present one first
 
 
 class Forecast(NamedTuple):
-    """The forward-predicted copy of the traffic. H hypotheses, T times, N agents (order of Scene.agents). Time 0 is now."""
+    """The forward-predicted copy of the traffic.
+
+    H hypotheses, T times, N agents (order of Scene.agents). Time 0 is now.
+    """
 
     dt: float  # s between times
     weight: Floats  # [H] sums to 1
@@ -155,8 +174,12 @@ class Forecast(NamedTuple):
     half_length: Floats  # [N]
     half_width: Floats  # [N]
     reacts: Bools  # [N] brakes for an ego in front of it: contact from behind is imposed braking
-    yields: Bools  # [H, N] has to let the ego pass where their paths meet, and can do so comfortably
-    intents: tuple[Intent, ...] = ()  # [H] what each hypothesis is about; empty: everybody does what is likeliest
+    yields: (
+        Bools  # [H, N] has to let the ego pass where their paths meet, and can do so comfortably
+    )
+    intents: tuple[
+        Intent, ...
+    ] = ()  # [H] what each hypothesis is about; empty: everybody does what is likeliest
 
 
 class Plan(NamedTuple):
@@ -187,10 +210,15 @@ class RootChild(NamedTuple):
     lane_change: int
     visits: int
     mean: float  # mean total cost J
-    best: float  # lowest total cost seen, or the risk where several hypotheses are weighed; inf: every continuation is lost
-    terms: Floats  # [5] of the best in the likeliest hypothesis: safety, comfort, passability, other, loss
+    # lowest total cost seen, or the risk where several hypotheses are weighed; inf: every
+    # continuation is lost
+    best: float
+    # [5] of the best in the likeliest hypothesis: safety, comfort, passability, other, loss
+    terms: Floats
     poses: Floats  # [M, 4] of its best continuation
-    hypotheses: Floats = np.zeros((0, 5))  # [H, 5] terms of the best in each hypothesis that was searched; empty: there is one
+    hypotheses: Floats = np.zeros(
+        (0, 5)
+    )  # [H, 5] terms of the best in each hypothesis that was searched; empty: there is one
 
 
 class Decision(NamedTuple):
@@ -217,13 +245,17 @@ class PlannerMemory(NamedTuple):
     """What a planner carries from one decision to the next."""
 
     numbers: Floats = np.zeros(0)  # their meaning is the planner's own affair
-    generator: Words = np.zeros(0, np.uint64)  # the state of its random generator; empty: it draws nothing
+    generator: Words = np.zeros(
+        0, np.uint64
+    )  # the state of its random generator; empty: it draws nothing
 
 
 class Memory(NamedTuple):
     """What a driver carries from one decision to the next, beside that decision."""
 
-    edges: tuple[int, ...] = ()  # the route as it was laid out, from where the ego was then; empty: not yet
+    edges: tuple[
+        int, ...
+    ] = ()  # the route as it was laid out, from where the ego was then; empty: not yet
     stood: tuple[int, ...] = ()  # nodes of the route at whose stop sign the ego has stood ...
     stood_since: tuple[float, ...] = ()  # ... and when, s
     failures: int = 0  # of the planner, in a row
@@ -232,11 +264,18 @@ class Memory(NamedTuple):
 
 
 class Answers(NamedTuple):
-    """What oracles told in one cycle: nothing, unless a scenario asks for one. K agents whose coming T states were told."""
+    """What oracles told in one cycle: nothing, unless a scenario asks for one.
 
-    ways: tuple[Ints, ...] = ()  # [N] the lanes that each agent is really going to take; empty: it was not asked
+    K agents whose coming T states were told.
+    """
+
+    ways: tuple[
+        Ints, ...
+    ] = ()  # [N] the lanes that each agent is really going to take; empty: it was not asked
     agent: Ints = np.zeros(0, np.int32)  # [K] index
-    scripted: Bools = np.zeros(0, np.bool_)  # [K] holds a script; else from a copy of the simulation
+    scripted: Bools = np.zeros(
+        0, np.bool_
+    )  # [K] holds a script; else from a copy of the simulation
     pose: Floats = np.zeros((0, 0, 4))  # [K, T, 4] at the times that were asked for
     v: Floats = np.zeros((0, 0))  # [K, T]
     lane: Ints = np.zeros((0, 0), np.int32)  # [K, T]
@@ -247,23 +286,36 @@ class Answers(NamedTuple):
 SAFETY, COMFORT, PASSABILITY, OTHER, LOSS = range(5)
 TERMS = ("safety", "comfort", "passability", "other", "loss")
 VEHICLE_CLASSES = (
-    "passenger", "private", "emergency", "authority", "army", "vip", "hov", "taxi", "bus", "coach", "delivery", "truck", "trailer",
-    "motorcycle", "moped", "bicycle", "evehicle", "pedestrian", "tram", "rail_urban", "rail", "rail_electric", "rail_fast", "ship",
-    "custom1", "custom2", "subway", "cable_car", "container", "aircraft", "wheelchair", "scooter", "drone",
+    "passenger", "private", "emergency", "authority", "army", "vip", "hov", "taxi", "bus", "coach",
+    "delivery", "truck", "trailer",
+    "motorcycle", "moped", "bicycle", "evehicle", "pedestrian", "tram", "rail_urban", "rail",
+    "rail_electric", "rail_fast", "ship",
+    "custom1", "custom2", "subway", "cable_car", "container", "aircraft", "wheelchair", "scooter",
+    "drone",
 )  # fmt: skip
 IGNORING = -1  # the class of vehicles that may drive anywhere
 
 
 class Frame(NamedTuple):
-    """What SUMO reports of one ego after one simulation step. For the referee alone: it may hold what no sensor sees."""
+    """What SUMO reports of one ego after one simulation step.
+
+    For the referee alone: it may hold what no sensor sees.
+    """
 
     time: float  # s
     ego: EgoState  # the last known one where the ego is gone
     present: bool  # False: SUMO no longer has the ego
     agents: Agents  # everybody within REFEREE_RANGE
     signals: Signals  # K = 1
-    leader: tuple[str, ...]  # [N] the vehicle that SUMO names as each agent's leader; "" none or not asked (asked of those that brake)
-    paths: tuple[Ints, ...]  # [N] true next lanes of each agent, the present one first; empty where not asked
+    leader: tuple[
+        str, ...
+        # [N] the vehicle that SUMO names as each agent's leader; "" none or not asked (asked of
+        # those
+        # that brake)
+    ]
+    paths: tuple[
+        Ints, ...
+    ]  # [N] true next lanes of each agent, the present one first; empty where not asked
     collisions: tuple[str, ...]  # whom SUMO reports in collision with the ego in this step
     collision_type: str  # "", "collision" (lengthwise), "side" (lane change), "junction", ...
     teleported: bool
@@ -278,7 +330,8 @@ STANDING = 0.1  # m/s: slower counts as standing
 
 
 class Scripted(NamedTuple):
-    """The coming states of an agent, known from its script or from a copy of the simulation, at the forecast's times. K times."""
+    """The coming states of an agent, known from its script or from a copy of the simulation, at the
+    forecast's times. K times."""
 
     pose: Floats  # [K, 4]
     v: Floats  # [K]

@@ -1,9 +1,10 @@
-"""Two simulated hours in one simulation, and a thousand short episodes in one process: does memory stay flat?
+"""Two simulated hours in one simulation, and a thousand short episodes in one process: does memory
+stay flat?
 
     python tests/endurance.py [--net FILE.net.xml.gz] [--hours 2] [--episodes 1000]
 
-The network is one that comes with SUMO (Braunschweig) unless another one is given; traffic is drawn for it. Prints a table as Markdown; exit status 1 where
-memory grows.
+The network is one that comes with SUMO (Braunschweig) unless another one is given; traffic is drawn
+for it. Prints a table as Markdown; exit status 1 where memory grows.
 """
 
 import argparse
@@ -44,9 +45,16 @@ def main() -> int:
     """Run both parts, each in a process of its own."""
     asked = _parsed()
     if asked.part is None:
-        statuses = [subprocess.run([sys.executable, __file__, *sys.argv[1:], "--part", part], check=False).returncode for part in ("hours", "episodes")]
+        statuses = [
+            subprocess.run(
+                [sys.executable, __file__, *sys.argv[1:], "--part", part], check=False
+            ).returncode
+            for part in ("hours", "episodes")
+        ]
         return max(statuses)
-    samples = list(hours(asked.net, asked.hours) if asked.part == "hours" else episodes(asked.episodes))
+    samples = list(
+        hours(asked.net, asked.hours) if asked.part == "hours" else episodes(asked.episodes)
+    )
     print(table(asked.part, samples), flush=True)
     return 0 if is_flat(samples) else 1
 
@@ -55,17 +63,32 @@ def hours(net: str, duration_h: float) -> Iterator[Sample]:
     """Drive one vehicle after another by the search, in one simulation."""
     with tempfile.TemporaryDirectory() as folder:
         routes = _traffic(net, duration_h, Path(folder))
-        options = ["--step-length", str(STEP_S), "--time-to-teleport", "120", "--no-warnings", "true", "--no-step-log", "true"]
+        options = [
+            "--step-length",
+            str(STEP_S),
+            "--time-to-teleport",
+            "120",
+            "--no-warnings",
+            "true",
+            "--no-step-log",
+            "true",
+        ]
         libsumo.start(["sumo", "-n", net, "-r", str(routes), *options])
         begun, egos, driven = time.monotonic(), 0, 0
         ego, controller = "", None
         steps = round(duration_h * 3600 / STEP_S)
         for step in range(steps):
             if step % (steps // ROWS) == 0:
-                now = f"{egos} egos, driven for {driven * STEP_S:.0f} s, {libsumo.vehicle.getIDCount()} vehicles on the road"
+                now = (
+                    f"{egos} egos, driven for {driven * STEP_S:.0f} s, "
+                    f"{libsumo.vehicle.getIDCount()} vehicles on the road"
+                )
                 yield _sample(step * STEP_S / 3600, begun, now)
             if controller is None and (ego := _just_departed()):
-                controller, egos = Controller(ego, {"planner": {"iterations": ITERATIONS}}, seed=egos), egos + 1
+                controller, egos = (
+                    Controller(ego, {"planner": {"iterations": ITERATIONS}}, seed=egos),
+                    egos + 1,
+                )
             if controller is not None:
                 controller.step()
                 driven += controller.driving
@@ -84,7 +107,11 @@ def episodes(count: int) -> Iterator[Sample]:
     scenes = [load_scenario(name, *short) for name in SCENES]
     for number in range(count + 1):
         if number % max(1, count // ROWS) == 0 or number == count:
-            yield _sample(number, begun, ", ".join(f"{n} {outcome}" for outcome, n in sorted(outcomes.items())))
+            yield _sample(
+                number,
+                begun,
+                ", ".join(f"{n} {outcome}" for outcome, n in sorted(outcomes.items())),
+            )
         if number < count:
             for row in run_episode(scenes[number % len(scenes)], number).rows:
                 outcomes[row["outcome"]] = outcomes.get(row["outcome"], 0) + 1
@@ -99,10 +126,22 @@ def is_flat(samples: Sequence[Sample]) -> bool:
 
 def table(part: str, samples: Sequence[Sample]) -> str:
     """The samples as Markdown."""
-    lines = [f"| {sample.at:.6g} | {sample.megabytes:.0f} | {sample.seconds:.0f} | {sample.what} |" for sample in samples]
+    lines = [
+        f"| {sample.at:.6g} | {sample.megabytes:.0f} | {sample.seconds:.0f} | {sample.what} |"
+        for sample in samples
+    ]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     verdict = "flat" if is_flat(samples) else "GROWS"
-    return "\n".join([f"| {part} | memory, MB | after, s | so far |", "|---|---|---|---|", *lines, "", f"memory: {verdict}, {peak:.0f} MB at most", ""])
+    return "\n".join(
+        [
+            f"| {part} | memory, MB | after, s | so far |",
+            "|---|---|---|---|",
+            *lines,
+            "",
+            f"memory: {verdict}, {peak:.0f} MB at most",
+            "",
+        ]
+    )
 
 
 def _sample(at: float, begun: float, what: str) -> Sample:
@@ -113,7 +152,9 @@ def _sample(at: float, begun: float, what: str) -> Sample:
 def _just_departed() -> str:
     """A passenger car that departed in the last step; "": there is none."""
     departed = libsumo.simulation.getDepartedIDList()
-    return next((name for name in departed if libsumo.vehicle.getVehicleClass(name) == "passenger"), "")
+    return next(
+        (name for name in departed if libsumo.vehicle.getVehicleClass(name) == "passenger"), ""
+    )
 
 
 def _traffic(net: str, duration_h: float, folder: Path) -> Path:
@@ -137,12 +178,16 @@ def _traffic(net: str, duration_h: float, folder: Path) -> Path:
         "1",
         "--validate",
     ]
-    subprocess.run([sys.executable, str(script), *words], check=True, cwd=folder, capture_output=True)
+    subprocess.run(
+        [sys.executable, str(script), *words], check=True, cwd=folder, capture_output=True
+    )
     return routes
 
 
 def _parsed() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Does memory stay flat over hours, and over a thousand episodes?")
+    parser = argparse.ArgumentParser(
+        description="Does memory stay flat over hours, and over a thousand episodes?"
+    )
     parser.add_argument("--net", default=str(Path(sumo_home()) / CITY), help="a network file")
     parser.add_argument("--hours", type=float, default=2.0, help="simulated")
     parser.add_argument("--episodes", type=int, default=1000)

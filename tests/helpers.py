@@ -7,7 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import GREEN, PRIORITY, STRAIGHT, Agents, EgoState, Frame, Ints, RoadMap, Signals
+from sumo_mcts.scene import (
+    GREEN,
+    PRIORITY,
+    STRAIGHT,
+    Agents,
+    EgoState,
+    Frame,
+    Ints,
+    RoadMap,
+    Signals,
+)
 from sumo_mcts.world.links import knots
 
 ALL_CLASSES = 2**33 - 1
@@ -49,10 +59,16 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
     number = {name: i for i, name in enumerate(ids)}
     edges = list(dict.fromkeys(lane.edge for lane in lanes))
     begins, ends = _joints(lanes)
-    junctions = list(dict.fromkeys([*(lane.junction for lane in lanes if lane.junction), *begins.values(), *ends.values()]))
+    junctions = list(
+        dict.fromkeys(
+            [*(lane.junction for lane in lanes if lane.junction), *begins.values(), *ends.values()]
+        )
+    )
     signals = list(dict.fromkeys(lane.signal for lane in lanes if lane.signal))
     shapes = [np.array(lane.points, dtype=np.float64) for lane in lanes]
-    arcs = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))]) for shape in shapes]
+    arcs = [
+        np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))]) for shape in shapes
+    ]
     length = np.array([arc[-1] for arc in arcs])
 
     def leads_to(lane: Lane) -> int:
@@ -60,7 +76,13 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
             lane = lanes[number[lane.after[0]]]
         return number[f"{lane.edge}_{lane.number}"]
 
-    both = [*conflicts, *(Conflict(c.other, c.other_begin, c.other_end, c.lane, c.begin, c.end, c.merge, c.yields) for c in conflicts)]
+    both = [
+        *conflicts,
+        *(
+            Conflict(c.other, c.other_begin, c.other_end, c.lane, c.begin, c.end, c.merge, c.yields)
+            for c in conflicts
+        ),
+    ]
     both.sort(key=lambda c: number[c.lane])
     return RoadMap(
         lane_ids=tuple(ids),
@@ -90,7 +112,12 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
             np.array([bool(lane.junction) for lane in lanes]),
             length,
             *(
-                _ints(junctions.index(lane.junction or joints.get(lane.edge, "")) if lane.junction or lane.edge in joints else -1 for lane in lanes)
+                _ints(
+                    junctions.index(lane.junction or joints.get(lane.edge, ""))
+                    if lane.junction or lane.edge in joints
+                    else -1
+                    for lane in lanes
+                )
                 for joints in (begins, ends)
             ),
         ),
@@ -109,7 +136,8 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
 
 
 def _joints(lanes: Sequence[Lane]) -> tuple[dict[str, str], dict[str, str]]:
-    """The junctions at which edges begin and end; where lanes join without one it is named after the edge before."""
+    """The junctions at which edges begin and end; where lanes join without one it is named after
+    the edge before."""
     begins: dict[str, str] = {}
     ends: dict[str, str] = {}
     by_id = {f"{lane.edge}_{lane.number}": lane for lane in lanes}
@@ -130,27 +158,61 @@ def _offsets(counts: Iterable[int]) -> Ints:
 
 
 def straight_road(length: float = 200.0, speed: float = 15.0) -> RoadMap:
-    """Two lanes eastward: edge a (x from 0), junction m (10 m), edge b, junction n (10 m), edge c; lane 1 (left) at y = 0, lane 0 at y = -3.2.
+    """Two lanes eastward: edge a (x from 0), junction m (10 m), edge b, junction n (10 m), edge c;
+    lane 1 (left) at y = 0, lane 0 at y = -3.2.
 
     A side road d leaves a_0 through m southward and leads nowhere.
     """
     lanes, x = [], 0.0
-    for here, inside, after, junction in (("a", ":m", "b", "m"), ("b", ":n", "c", "n"), ("c", "", "", "")):
+    for here, inside, after, junction in (
+        ("a", ":m", "b", "m"),
+        ("b", ":n", "c", "n"),
+        ("c", "", "", ""),
+    ):
         for k, y in ((0, -3.2), (1, 0.0)):
             turn = (":mr_0",) if (here, k) == ("a", 0) else ()
-            lanes.append(Lane(here, k, ((x, y), (x + length, y)), (f"{inside}_{k}", *turn) if inside else (), speed))
+            lanes.append(
+                Lane(
+                    here,
+                    k,
+                    ((x, y), (x + length, y)),
+                    (f"{inside}_{k}", *turn) if inside else (),
+                    speed,
+                )
+            )
         if inside:
-            lanes += [Lane(inside, k, ((x + length, y), (x + length + 10, y)), (f"{after}_{k}",), speed, junction=junction) for k, y in ((0, -3.2), (1, 0.0))]
+            lanes += [
+                Lane(
+                    inside,
+                    k,
+                    ((x + length, y), (x + length + 10, y)),
+                    (f"{after}_{k}",),
+                    speed,
+                    junction=junction,
+                )
+                for k, y in ((0, -3.2), (1, 0.0))
+            ]
         x += length + 10
-    lanes.append(Lane(":mr", 0, ((length, -3.2), (length + 5, -5.2), (length + 7, -10.2)), ("d_0",), 8.0, junction="m"))
+    lanes.append(
+        Lane(
+            ":mr",
+            0,
+            ((length, -3.2), (length + 5, -5.2), (length + 7, -10.2)),
+            ("d_0",),
+            8.0,
+            junction="m",
+        )
+    )
     lanes.append(Lane("d", 0, ((length + 7, -10.2), (length + 7, -110.2))))
     return build(lanes)
 
 
 def crossing(signal: str = "", bridge: bool = True) -> RoadMap:
-    """West-east road (wi -> :we -> eo, y = -1.6) that has priority over south-north (si -> :sn -> no, x = 1.6); :wn turns left from wi into no.
+    """West-east road (wi -> :we -> eo, y = -1.6) that has priority over south-north (si -> :sn ->
+    no, x = 1.6); :wn turns left from wi into no.
 
-    Arms of 90 m end 10 m from the middle (0, 0). Links of the signal, if any: 0 :we, 1 :sn, 2 :wn. A bridge (br, northward at x = 50) crosses eo.
+    Arms of 90 m end 10 m from the middle (0, 0). Links of the signal, if any: 0 :we, 1 :sn, 2 :wn.
+    A bridge (br, northward at x = 50) crosses eo.
     """
     left = [(-10.0, -1.6), (-4.0, -0.8), (0.8, 4.0), (1.6, 10.0)]
     lanes = [
@@ -158,8 +220,24 @@ def crossing(signal: str = "", bridge: bool = True) -> RoadMap:
         Lane("si", 0, ((1.6, -100), (1.6, -10)), (":sn_0",)),
         Lane("eo", 0, ((10, -1.6), (100, -1.6))),
         Lane("no", 0, ((1.6, 10), (1.6, 100))),
-        Lane(":we", 0, ((-10, -1.6), (10, -1.6)), ("eo_0",), junction="c", signal=signal, link=0 if signal else -1),
-        Lane(":sn", 0, ((1.6, -10), (1.6, 10)), ("no_0",), junction="c", signal=signal, link=1 if signal else -1),
+        Lane(
+            ":we",
+            0,
+            ((-10, -1.6), (10, -1.6)),
+            ("eo_0",),
+            junction="c",
+            signal=signal,
+            link=0 if signal else -1,
+        ),
+        Lane(
+            ":sn",
+            0,
+            ((1.6, -10), (1.6, 10)),
+            ("no_0",),
+            junction="c",
+            signal=signal,
+            link=1 if signal else -1,
+        ),
         Lane(":wn", 0, left, ("no_0",), 8.0, junction="c", signal=signal, link=2 if signal else -1),
     ]
     if bridge:
@@ -186,8 +264,11 @@ def edges(road: RoadMap, *names: str) -> tuple[int, ...]:
     return tuple(road.edge_ids.index(name) for name in names)
 
 
-def place(road: RoadMap, name: str, s: float, length: float, d: float = 0.0) -> tuple[float, float, float]:
-    """Centre x, y and heading of a box whose front stands at lane position s, d m left of the centre line: the lane's heading at the front."""
+def place(
+    road: RoadMap, name: str, s: float, length: float, d: float = 0.0
+) -> tuple[float, float, float]:
+    """Centre x, y and heading of a box whose front stands at lane position s, d m left of the
+    centre line: the lane's heading at the front."""
     k = lane(road, name)
     shape = road.points[road.point_offset[k] : road.point_offset[k + 1]]
     arc = road.point_s[road.point_offset[k] : road.point_offset[k + 1]]
@@ -195,18 +276,31 @@ def place(road: RoadMap, name: str, s: float, length: float, d: float = 0.0) -> 
     i = min(max(int(np.searchsorted(arc, at, side="right")) - 1, 0), len(arc) - 2)
     heading = atan2(shape[i + 1, 1] - shape[i, 1], shape[i + 1, 0] - shape[i, 0])
     ahead = at - float(arc[i]) - length / 2
-    return float(shape[i, 0]) + ahead * cos(heading) - d * sin(heading), float(shape[i, 1]) + ahead * sin(heading) + d * cos(heading), heading
+    return (
+        float(shape[i, 0]) + ahead * cos(heading) - d * sin(heading),
+        float(shape[i, 1]) + ahead * sin(heading) + d * cos(heading),
+        heading,
+    )
 
 
 def ego_at(
-    road: RoadMap, name: str, s: float, v: float = 10.0, d: float = 0.0, route: tuple[int, ...] = (), length: float = 5.0, width: float = 1.8
+    road: RoadMap,
+    name: str,
+    s: float,
+    v: float = 10.0,
+    d: float = 0.0,
+    route: tuple[int, ...] = (),
+    length: float = 5.0,
+    width: float = 1.8,
 ) -> EgoState:
     """A passenger car as ego; change further fields with _replace."""
     x, y, heading = place(road, name, s, length, d)
     k = lane(road, name)
     return EgoState(
-        id="ego", x=x, y=y, heading=heading, v=v, a=0.0, lane=k, s=s, d=d, length=length, width=width, max_accel=2.6, comfort_decel=4.5, emergency_decel=9.0,
-        max_speed=50.0, speed_factor=1.0, vclass=0, route=route or (int(road.edge[k]),), changing=0.0, change_to=-1, change_from=-1,
+        id="ego", x=x, y=y, heading=heading, v=v, a=0.0, lane=k, s=s, d=d, length=length,
+        width=width, max_accel=2.6, comfort_decel=4.5, emergency_decel=9.0,
+        max_speed=50.0, speed_factor=1.0, vclass=0, route=route or (int(road.edge[k]),),
+        changing=0.0, change_to=-1, change_from=-1,
     )  # fmt: skip
 
 
@@ -228,7 +322,9 @@ class Agent(NamedTuple):
 def agents_at(road: RoadMap, *those: Agent) -> Agents:
     """Agents sorted by id."""
     those = tuple(sorted(those))
-    poses = [place(road, a.on, a.s, a.length, a.d) if a.on else (a.x, a.y, a.heading) for a in those]
+    poses = [
+        place(road, a.on, a.s, a.length, a.d) if a.on else (a.x, a.y, a.heading) for a in those
+    ]
     x, y, heading = np.array(poses, dtype=np.float64).reshape(-1, 3).T.copy()
 
     def column(values: Sequence[float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -257,15 +353,26 @@ def agents_at(road: RoadMap, *those: Agent) -> Agents:
 def lights(*states: int) -> Signals:
     """One signal whose links show these states for an unknown time; without states: no signal."""
     q = 1 if states else 0
-    return Signals(_ints([0, len(states)] if states else [0]), np.array(states, dtype=np.int32).reshape(-1, 1), np.full((q, 1), np.inf))
+    return Signals(
+        _ints([0, len(states)] if states else [0]),
+        np.array(states, dtype=np.int32).reshape(-1, 1),
+        np.full((q, 1), np.inf),
+    )
 
 
-def frame_of(road: RoadMap, time: float, ego: EgoState, *agents: Agent, signals: Signals | None = None) -> Frame:
-    """A frame in which nothing is amiss: nobody was asked for a leader or a path. Change further fields with _replace."""
+def frame_of(
+    road: RoadMap, time: float, ego: EgoState, *agents: Agent, signals: Signals | None = None
+) -> Frame:
+    """A frame in which nothing is amiss: nobody was asked for a leader or a path.
+
+    Change further fields with _replace.
+    """
     everybody = agents_at(road, *agents)
     links = int(road.link.max()) + 1
     n = len(everybody.ids)
     return Frame(
-        time=time, ego=ego, present=True, agents=everybody, signals=signals or lights(*([GREEN] * links)), leader=("",) * n,
-        paths=(np.zeros(0, np.int32),) * n, collisions=(), collision_type="", teleported=False, arrived=False, ttc=nan, pet=nan, drac=nan,
+        time=time, ego=ego, present=True, agents=everybody,
+        signals=signals or lights(*([GREEN] * links)), leader=("",) * n,
+        paths=(np.zeros(0, np.int32),) * n, collisions=(), collision_type="", teleported=False,
+        arrived=False, ttc=nan, pet=nan, drac=nan,
     )  # fmt: skip

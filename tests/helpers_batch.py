@@ -1,4 +1,5 @@
-"""Small experiments, and drivers of episodes that crash: in a module that worker processes can import."""
+"""Small experiments, and drivers of episodes that crash: in a module that worker processes can
+import."""
 
 import os
 import resource
@@ -20,7 +21,15 @@ variants: {constant: {planner.name: constant}}
 twins: true
 seeds: 0..1
 """
-CLOCK = ("plan_ms_p50", "plan_ms_p95", "plan_ms_p99", "plan_ms_max", "deadline_misses", "wall_s", "realtime_factor")
+CLOCK = (
+    "plan_ms_p50",
+    "plan_ms_p95",
+    "plan_ms_p99",
+    "plan_ms_max",
+    "deadline_misses",
+    "wall_s",
+    "realtime_factor",
+)
 
 
 def write(folder: Path, text: str = SMALL, name: str = "small.yaml") -> Path:
@@ -36,7 +45,8 @@ def timeless(rows: list[Row]) -> list[dict[str, Any]]:
 
 
 def crash_or_drive(episode: Episode, bar: Bar) -> Driven:
-    """Take the process along where the environment's CRASH is the key; leave a file for each start in the folder STARTS."""
+    """Take the process along where the environment's CRASH is the key; leave a file for each start
+    in the folder STARTS."""
     key = episode.keys[0]
     number = len(list(Path(os.environ["STARTS"]).glob(f"{key}.*")))
     (Path(os.environ["STARTS"]) / f"{key}.{number}").touch()
@@ -88,7 +98,9 @@ class Picky:
         return Decision(Release(), None, (), -1, "", 0, 0)
 
 
-def rate(t: float, lane: int, s: float, v: float, a: float, jerk: float, min_gap: float, weight: float) -> float:
+def rate(
+    t: float, lane: int, s: float, v: float, a: float, jerk: float, min_gap: float, weight: float
+) -> float:
     """A cost term that cannot be compiled."""
     return weight * os.getpid()
 

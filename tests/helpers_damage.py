@@ -1,5 +1,6 @@
-"""Damaged traces and maps: columns of a good file with other numbers, cut off, or gone; and what may come of it. As a program: so many of them, in
-plain Python, where reading beyond an array is an error and not a crash.
+"""Damaged traces and maps: columns of a good file with other numbers, cut off, or gone; and what
+may come of it. As a program: so many of them, in plain Python, where reading beyond an array is an
+error and not a crash.
 
     NUMBA_DISABLE_JIT=1 python tests/helpers_damage.py FOLDER KEY COUNT SEED
 """
@@ -49,7 +50,11 @@ def _damaged(column: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
         return column.astype(str)
     if way == 2:
         return column.reshape(-1, 1)
-    places = np.arange(len(column)) if way == 3 else rng.integers(max(len(column), 1), size=rng.integers(1, 4))
+    places = (
+        np.arange(len(column))
+        if way == 3
+        else rng.integers(max(len(column), 1), size=rng.integers(1, 4))
+    )
     if not len(column):
         return column
     if column.dtype.kind == "U":
@@ -61,9 +66,14 @@ def _damaged(column: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
     elif column.dtype.kind == "b":
         column[places] = rng.random(len(places)) < 0.5
     else:
-        within = int(column[rng.integers(len(column))])  # of another place: nothing is beyond its bounds
+        within = int(
+            column[rng.integers(len(column))]
+        )  # of another place: nothing is beyond its bounds
         bounds = np.iinfo(column.dtype)
-        column[places] = min(max((*WHOLE, within, within)[rng.integers(len(WHOLE) + 2)], int(bounds.min)), int(bounds.max))
+        column[places] = min(
+            max((*WHOLE, within, within)[rng.integers(len(WHOLE) + 2)], int(bounds.min)),
+            int(bounds.max),
+        )
     return column
 
 
@@ -83,12 +93,16 @@ def copy_damaged(source: Path, target: Path, rng: np.random.Generator) -> list[s
     return what
 
 
-def uses(folder: Path, key: str, at: float, *sets: str, again: bool) -> dict[str, Callable[[], object]]:
+def uses(
+    folder: Path, key: str, at: float, *sets: str, again: bool
+) -> dict[str, Callable[[], object]]:
     """Everything that reads a trace and its map."""
     trace = lambda: recorded.trace_of(folder, key)  # noqa: E731
     silent = lambda text: None  # noqa: E731
     found: dict[str, Callable[[], object]] = {
-        "explain": lambda: recorded.explanation_text(recorded.explain(folder, key, at, False, (), silent)),
+        "explain": lambda: recorded.explanation_text(
+            recorded.explain(folder, key, at, False, (), silent)
+        ),
         "packed": lambda: packed(trace()),
         "csv": lambda: recorded.write(folder, key, "csv", None, silent),
         "fcd": lambda: recorded.write(folder, key, "fcd", None, silent),
@@ -126,7 +140,9 @@ def main(source: Path, key: str, count: int, seed: int) -> None:
     rng, refused = np.random.default_rng(seed), 0
     for _ in range(count):
         what = copy_damaged(source, source.with_name("damaged"), rng)
-        for name, use in uses(source.with_name("damaged"), key, 6.0, "planner.iterations=1", again=True).items():
+        for name, use in uses(
+            source.with_name("damaged"), key, 6.0, "planner.iterations=1", again=True
+        ).items():
             try:
                 refused += outcome(use) != ""
             except BaseException:

@@ -1,4 +1,7 @@
-"""What fuzzing needs. Examples are as many as the profile says: 1000 and more with --hypothesis-profile=explore."""
+"""What fuzzing needs.
+
+Examples are as many as the profile says: 1000 and more with --hypothesis-profile=explore.
+"""
 
 import copy
 import random
@@ -9,8 +12,10 @@ from sumo_mcts.errors import ConfigError
 
 # What a number in a file may be replaced by.
 HOSTILE = (
-    "nan", "inf", "-inf", "0", "-1", "1e300", "-1e300", "1e-300", "", "x", "999999999", "99999999999999999999", "-999999999", ":", "1e", "é", "a b",
-    "2147483648", "0x10", "true", ",", "0,0", "nan,nan nan,nan", "0,0 0,0", "1e300,1e300 0,0", "0,0 1e9,1e9",
+    "nan", "inf", "-inf", "0", "-1", "1e300", "-1e300", "1e-300", "", "x", "999999999",
+    "99999999999999999999", "-999999999", ":", "1e", "é", "a b",
+    "2147483648", "0x10", "true", ",", "0,0", "nan,nan nan,nan", "0,0 0,0", "1e300,1e300 0,0",
+    "0,0 1e9,1e9",
 )  # fmt: skip
 
 
@@ -23,7 +28,9 @@ def refusal(function: Callable[[], object]) -> str:
     return ""
 
 
-def mutated(tree: ElementTree.ElementTree, seed: int, changes: int, values: Sequence[str] = HOSTILE) -> ElementTree.ElementTree:
+def mutated(
+    tree: ElementTree.ElementTree, seed: int, changes: int, values: Sequence[str] = HOSTILE
+) -> ElementTree.ElementTree:
     """The tree with some of its values replaced, and elements removed, doubled or moved."""
     draw = random.Random(seed)
     for _ in range(changes):

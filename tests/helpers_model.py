@@ -29,7 +29,9 @@ STOP_DECEL = 3.0  # m/s2, as the planners hand it to build_local
 
 def scenario(*sets: str, **keys: Any) -> ScenarioConfig:
     """The defaults, with `a.b=c` assignments."""
-    return configuration.build({"name": "test", "sumo": {"net": "none"}, "egos": [{"id": "ego"}], **keys}, "test", sets)
+    return configuration.build(
+        {"name": "test", "sumo": {"net": "none"}, "egos": [{"id": "ego"}], **keys}, "test", sets
+    )
 
 
 def compiled(function: F) -> F:
@@ -40,36 +42,67 @@ def compiled(function: F) -> F:
 def lanes_east(count: int = 3, length: float = 600.0, speed: float = 15.0) -> RoadMap:
     """One edge of parallel lanes that mirrors into itself at y = 0."""
     middle = (count - 1) / 2
-    return build([Lane("a", k, ((0.0, (k - middle) * WIDTH), (length, (k - middle) * WIDTH)), speed=speed) for k in range(count)])
+    return build(
+        [
+            Lane("a", k, ((0.0, (k - middle) * WIDTH), (length, (k - middle) * WIDTH)), speed=speed)
+            for k in range(count)
+        ]
+    )
 
 
 def road_with_light(length: float = 200.0, speed: float = 15.0, after: float = 15.0) -> RoadMap:
-    """One lane along y = 0: edge a, a junction of 20 m behind a signal (link 0), edge b with the limit `after`."""
+    """One lane along y = 0: edge a, a junction of 20 m behind a signal (link 0), edge b with the
+    limit `after`."""
     return build(
         [
             Lane("a", 0, ((0.0, 0.0), (length, 0.0)), (":m_0",), speed),
-            Lane(":m", 0, ((length, 0.0), (length + 20, 0.0)), ("b_0",), speed, junction="m", signal="t", link=0),
+            Lane(
+                ":m",
+                0,
+                ((length, 0.0), (length + 20, 0.0)),
+                ("b_0",),
+                speed,
+                junction="m",
+                signal="t",
+                link=0,
+            ),
             Lane("b", 0, ((length + 20, 0.0), (length + 320, 0.0)), speed=after),
         ]
     )
 
 
-def scene_of(ego: EgoState, road: RoadMap, *agents: Agent, signals: Signals | None = None, step: float = 0.1) -> Scene:
+def scene_of(
+    ego: EgoState, road: RoadMap, *agents: Agent, signals: Signals | None = None, step: float = 0.1
+) -> Scene:
     """A scene at time 0."""
     return Scene(0.0, step, ego, agents_at(road, *agents), signals or lights())
 
 
-def task_of(road: RoadMap, ego: EgoState, config: ScenarioConfig | None = None, physics: Physics = PHYSICS) -> Task:
+def task_of(
+    road: RoadMap, ego: EgoState, config: ScenarioConfig | None = None, physics: Physics = PHYSICS
+) -> Task:
     """What a planner gets once."""
     config = config or scenario()
     params = ego_params(config, ego, physics)
-    route = route_map(road, ego.route, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
+    route = route_map(
+        road,
+        ego.route,
+        ego.vclass,
+        ego.length,
+        ego.speed_factor,
+        ego.max_speed,
+        params.approach_decel,
+    )
     return Task(road, route, params, cost_params(config))
 
 
-def traffic_params(step: float = 0.2, *, interacting: bool = True, config: ScenarioConfig | None = None) -> TrafficParams:
+def traffic_params(
+    step: float = 0.2, *, interacting: bool = True, config: ScenarioConfig | None = None
+) -> TrafficParams:
     """The configuration's, at forecast times `step` s apart."""
-    return params.traffic_params(config or scenario(), PHYSICS)._replace(step=step, interacting=interacting)
+    return params.traffic_params(config or scenario(), PHYSICS)._replace(
+        step=step, interacting=interacting
+    )
 
 
 def ego_lanes(route: RouteMap, state: State) -> Sequence[int]:
@@ -81,25 +114,52 @@ def ego_lanes(route: RouteMap, state: State) -> Sequence[int]:
     return lanes
 
 
-def forecast_of(task: Task, scene: Scene, seconds: float = 10.0, params: TrafficParams | None = None, told: Told | None = None) -> Forecast:
+def forecast_of(
+    task: Task,
+    scene: Scene,
+    seconds: float = 10.0,
+    params: TrafficParams | None = None,
+    told: Told | None = None,
+) -> Forecast:
     """The forecast, with an ego that follows its leader."""
     state = ego_state(task.route, scene.ego)
     assert state is not None
     lanes = np.array(ego_lanes(task.route, state), np.int32)
-    return predict(task.road, scene, lanes, np.zeros(0), params or traffic_params(), seconds, told or Told())
+    return predict(
+        task.road, scene, lanes, np.zeros(0), params or traffic_params(), seconds, told or Told()
+    )
 
 
-def situation_of(task: Task, scene: Scene, cleared: frozenset[int] = frozenset(), seconds: float = 10.0) -> Situation:
+def situation_of(
+    task: Task, scene: Scene, cleared: frozenset[int] = frozenset(), seconds: float = 10.0
+) -> Situation:
     """What a planner gets each cycle."""
     state = ego_state(task.route, scene.ego)
     assert state is not None
     return Situation(scene, state, forecast_of(task, scene, seconds), cleared)
 
 
-def local_of(task: Task, scene: Scene, cleared: frozenset[int] = frozenset(), seconds: float = 10.0, reactive: int = 0) -> tuple[Local, State]:
+def local_of(
+    task: Task,
+    scene: Scene,
+    cleared: frozenset[int] = frozenset(),
+    seconds: float = 10.0,
+    reactive: int = 0,
+) -> tuple[Local, State]:
     """What compiled code reads, and the ego's state in it."""
     situation = situation_of(task, scene, cleared, seconds)
-    return build_local(task.road, task.route, situation.state, scene, situation.forecast, 0, cleared, STOP_DECEL, task.cost.claim_s, reactive), situation.state
+    return build_local(
+        task.road,
+        task.route,
+        situation.state,
+        scene,
+        situation.forecast,
+        0,
+        cleared,
+        STOP_DECEL,
+        task.cost.claim_s,
+        reactive,
+    ), situation.state
 
 
 def half(params: EgoParams) -> float:
@@ -116,10 +176,16 @@ def predicted(
     signals: Signals | None = None,
     **traits: list[float],
 ) -> tuple[Scene, Forecast]:
-    """The forecast for agents far from an ego at the start of its lane; `traits` replace columns of the agents."""
+    """The forecast for agents far from an ego at the start of its lane;
+
+    `traits` replace columns of the agents.
+    """
     name = ego or road.lane_ids[0]
     state = ego_at(road, name, 6.0, 0.0)
     scene = scene_of(state, road, *agents, signals=signals)
-    columns = {key: np.array(values, dtype=getattr(scene.agents, key).dtype) for key, values in traits.items()}
+    columns = {
+        key: np.array(values, dtype=getattr(scene.agents, key).dtype)
+        for key, values in traits.items()
+    }
     scene = scene._replace(agents=scene.agents._replace(**columns))
     return scene, forecast_of(task_of(road, state), scene, seconds, params)

@@ -26,15 +26,44 @@ def netconvert(folder: Path, nodes: str, edges: str, connections: str, *options:
         "-o",
         "x.net.xml",
     ]
-    subprocess.run([*command, "--no-turnarounds", "true", *options], cwd=folder, check=True, capture_output=True)
+    subprocess.run(
+        [*command, "--no-turnarounds", "true", *options],
+        cwd=folder,
+        check=True,
+        capture_output=True,
+    )
     return str(folder / "x.net.xml")
 
 
 @contextmanager
-def simulation(net: str, routes: Sequence[Path | str], step: float = 0.1, change_s: float = 3.0, seed: int = 1) -> Iterator[None]:
+def simulation(
+    net: str, routes: Sequence[Path | str], step: float = 0.1, change_s: float = 3.0, seed: int = 1
+) -> Iterator[None]:
     """SUMO with these routes, until the end of the block."""
-    files = ["-n", net, "-r", ",".join(map(str, routes)), "--step-length", str(step), "--lanechange.duration", str(change_s), "--seed", str(seed)]
-    libsumo.start(["sumo", *files, "--collision.action", "warn", "--no-step-log", "true", "--no-warnings", "true"])
+    files = [
+        "-n",
+        net,
+        "-r",
+        ",".join(map(str, routes)),
+        "--step-length",
+        str(step),
+        "--lanechange.duration",
+        str(change_s),
+        "--seed",
+        str(seed),
+    ]
+    libsumo.start(
+        [
+            "sumo",
+            *files,
+            "--collision.action",
+            "warn",
+            "--no-step-log",
+            "true",
+            "--no-warnings",
+            "true",
+        ]
+    )
     try:
         yield
     finally:

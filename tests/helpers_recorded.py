@@ -19,19 +19,42 @@ TRAFFIC = """<routes>
     <flow id="turn" begin="0" end="60" period="7" from="top0A2" to="B0bottom1"/>
     <trip id="me" type="ego" depart="20" from="left1A1" to="B0bottom1"/>
 </routes>"""
-GRID = ("--grid", "--grid.number", "3", "--grid.length", "90", "--grid.attach-length", "80", "--default.lanenumber", "2", "--no-turnarounds")
+GRID = (
+    "--grid",
+    "--grid.number",
+    "3",
+    "--grid.length",
+    "90",
+    "--grid.attach-length",
+    "80",
+    "--default.lanenumber",
+    "2",
+    "--no-turnarounds",
+)
 RULES = ("--default-junction-type", "allway_stop", "--tls.set", "B1")
 
 
 def of_a_user(folder: Path) -> ScenarioConfig:
-    """A grid with a light and all-way stops, as somebody would bring it along, with flows and twice the usual step."""
-    binary = Path(sumo.SUMO_HOME) / "bin" / ("netgenerate.exe" if sys.platform == "win32" else "netgenerate")
-    subprocess.run([binary, *GRID, *RULES, "-o", folder / "grid.net.xml"], check=True, capture_output=True)
+    """A grid with a light and all-way stops, as somebody would bring it along, with flows and twice
+    the usual step."""
+    binary = (
+        Path(sumo.SUMO_HOME)
+        / "bin"
+        / ("netgenerate.exe" if sys.platform == "win32" else "netgenerate")
+    )
+    subprocess.run(
+        [binary, *GRID, *RULES, "-o", folder / "grid.net.xml"], check=True, capture_output=True
+    )
     (folder / "grid.rou.xml").write_text(TRAFFIC)
     (folder / "grid.sumocfg").write_text(
-        '<configuration><net-file value="grid.net.xml"/><route-files value="grid.rou.xml"/><step-length value="0.2"/><seed value="5"/></configuration>'
+        '<configuration><net-file value="grid.net.xml"/><route-files '
+        'value="grid.rou.xml"/><step-length value="0.2"/><seed value="5"/></configuration>'
     )
-    return config.build({"name": "grid", "sumo": {"sumocfg": str(folder / "grid.sumocfg")}, "egos": [{"id": "me"}]}, "test", (FAST,))
+    return config.build(
+        {"name": "grid", "sumo": {"sumocfg": str(folder / "grid.sumocfg")}, "egos": [{"id": "me"}]},
+        "test",
+        (FAST,),
+    )
 
 
 def of_a_scene(name: str, *sets: str) -> ScenarioConfig:

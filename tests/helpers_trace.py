@@ -6,7 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.records import CycleRecord, Lanes, Trace
-from sumo_mcts.scene import Agents, Decision, EgoState, Floats, Follow, Forecast, Plan, Release, RootChild, Signals
+from sumo_mcts.scene import (
+    Agents,
+    Decision,
+    EgoState,
+    Floats,
+    Follow,
+    Forecast,
+    Plan,
+    Release,
+    RootChild,
+    Signals,
+)
 
 PERIOD, STEP, FORECAST_DT, HORIZON = 0.5, 0.1, 0.2, 8.0
 LANE_WIDTH, ARM, BOX = 3.2, 120.0, 11.0  # m: lane, arm length, half the junction
@@ -16,7 +27,10 @@ Path = NDArray[np.float64]  # [P, 2]
 
 @cache
 def crossing_trace(cycles: int = 36, others: int = 8, key: str = "crossing--mcts--7") -> Trace:
-    """One cycle every 0.5 s. The ego comes from the south, waits in the junction for a gap, and leaves to the west."""
+    """One cycle every 0.5 s.
+
+    The ego comes from the south, waits in the junction for a gap, and leaves to the west.
+    """
     path = _left_turn()
     speeds = _ego_speeds(cycles)
     along = np.concatenate([[62.0], 62.0 + np.cumsum(speeds) * STEP])
@@ -27,13 +41,34 @@ def crossing_trace(cycles: int = 36, others: int = 8, key: str = "crossing--mcts
 
 @cache
 def highway_trace(cycles: int = 30) -> Trace:
-    """Three lanes to the east; the ego changes to the left behind a slower vehicle. Too long for one window."""
+    """Three lanes to the east; the ego changes to the left behind a slower vehicle.
+
+    Too long for one window.
+    """
     w = LANE_WIDTH
-    path = np.array([[0.0, 0.5 * w], [150.0, 0.5 * w], [160.0, 0.6 * w], [215.0, 1.4 * w], [225.0, 1.5 * w], [1000.0, 1.5 * w]])
+    path = np.array(
+        [
+            [0.0, 0.5 * w],
+            [150.0, 0.5 * w],
+            [160.0, 0.6 * w],
+            [215.0, 1.4 * w],
+            [225.0, 1.5 * w],
+            [1000.0, 1.5 * w],
+        ]
+    )
     speeds = np.full(round(cycles * PERIOD / STEP) + 60, 25.0)
     along = np.concatenate([[62.0], 62.0 + np.cumsum(speeds) * STEP])
     rows = [_line((0.0, (lane + 0.5) * w), (1000.0, (lane + 0.5) * w)) for lane in range(3)]
-    actors = [(rows[i % 3], 40.0 + 47.0 * i, (19.0, 26.0, 31.0)[i % 3], 12.0 if i == 3 else 4.6, f"car.{i:02d}") for i in range(9)]
+    actors = [
+        (
+            rows[i % 3],
+            40.0 + 47.0 * i,
+            (19.0, 26.0, 31.0)[i % 3],
+            12.0 if i == 3 else 4.6,
+            f"car.{i:02d}",
+        )
+        for i in range(9)
+    ]
     records = tuple(_cycle(i, cycles, path, along, speeds, actors) for i in range(cycles))
     lanes = Lanes(
         lane_ids=tuple(f"motorway_{lane}" for lane in range(3)),
@@ -49,10 +84,18 @@ def highway_trace(cycles: int = 30) -> Trace:
 
 @cache
 def busy_trace(cycles: int = 120, others: int = 30) -> Trace:
-    """As much as an episode of a minute leaves behind: forecasts of 30 agents that turn and brake, each differently."""
+    """As much as an episode of a minute leaves behind: forecasts of 30 agents that turn and brake,
+    each differently."""
     rng = np.random.default_rng(1)
     trace = crossing_trace(cycles, 8, "busy--mcts--1")
-    return trace._replace(cycles=tuple(cycle._replace(agents=_crowd(cycle.agents, others), forecast=_busy_forecast(rng, others)) for cycle in trace.cycles))
+    return trace._replace(
+        cycles=tuple(
+            cycle._replace(
+                agents=_crowd(cycle.agents, others), forecast=_busy_forecast(rng, others)
+            )
+            for cycle in trace.cycles
+        )
+    )
 
 
 def _crowd(agents: Agents, count: int) -> Agents:
@@ -66,25 +109,64 @@ def _busy_forecast(rng: np.random.Generator, others: int) -> Forecast:
     heading = rng.uniform(-3.0, 3.0, others) + rng.choice([0.0, 0.1], others) * t
     v = np.maximum(rng.uniform(0.0, 14.0, others) + rng.uniform(-2.0, 2.0, others) * t, 0.0)
     s = rng.uniform(0.0, 300.0, others) + np.cumsum(v, axis=0) * FORECAST_DT
-    pose = np.stack([300.0 + s * np.cos(heading), 300.0 + s * np.sin(heading), np.cos(heading), np.sin(heading)], axis=-1)
-    half, flags, valid = np.full(others, 1.0), np.zeros(others, dtype=np.bool_), np.ones((1, 50, others), dtype=np.bool_)
-    return Forecast(FORECAST_DT, np.ones(1), pose[None], v[None], valid.astype(np.int32), s[None], valid, half, half, flags, flags[None])
+    pose = np.stack(
+        [
+            300.0 + s * np.cos(heading),
+            300.0 + s * np.sin(heading),
+            np.cos(heading),
+            np.sin(heading),
+        ],
+        axis=-1,
+    )
+    half, flags, valid = (
+        np.full(others, 1.0),
+        np.zeros(others, dtype=np.bool_),
+        np.ones((1, 50, others), dtype=np.bool_),
+    )
+    return Forecast(
+        FORECAST_DT,
+        np.ones(1),
+        pose[None],
+        v[None],
+        valid.astype(np.int32),
+        s[None],
+        valid,
+        half,
+        half,
+        flags,
+        flags[None],
+    )
 
 
-def _cycle(i: int, cycles: int, path: Path, along: Floats, speeds: Floats, actors: list[tuple[Path, float, float, float, str]]) -> CycleRecord:
+def _cycle(
+    i: int,
+    cycles: int,
+    path: Path,
+    along: Floats,
+    speeds: Floats,
+    actors: list[tuple[Path, float, float, float, str]],
+) -> CycleRecord:
     k = round(i * PERIOD / STEP)
     time = i * PERIOD
     x, y, heading = _pose(path, along[k])
     accel = float(speeds[k + 5] - speeds[k]) / PERIOD
     ego = EgoState(
-        id="ego", x=x, y=y, heading=heading, v=float(speeds[k]), a=accel, lane=2, s=float(along[k]), d=0.0, length=5.0, width=1.8,
-        max_accel=2.6, comfort_decel=4.5, emergency_decel=9.0, max_speed=50.0, speed_factor=1.0, vclass=0, route=(0, 3),
+        id="ego", x=x, y=y, heading=heading, v=float(speeds[k]), a=accel, lane=2,
+        s=float(along[k]), d=0.0, length=5.0, width=1.8,
+        max_accel=2.6, comfort_decel=4.5, emergency_decel=9.0, max_speed=50.0, speed_factor=1.0,
+        vclass=0, route=(0, 3),
         changing=0.0, change_to=2, change_from=-1,
     )  # fmt: skip
     agents = _agents(actors, time)
     children, chosen = _children(path, float(along[k]), float(speeds[k]), accel)
     steps = np.arange(1, 1 + round(PERIOD / STEP))
-    plan = Plan(STEP * np.arange(1.0, 51.0), speeds[k + 1 : k + 51], np.full(50, 2, dtype=np.int32), along[k + 1 : k + 51], _poses(path, along[k + 1 : k + 51]))
+    plan = Plan(
+        STEP * np.arange(1.0, 51.0),
+        speeds[k + 1 : k + 51],
+        np.full(50, 2, dtype=np.int32),
+        along[k + 1 : k + 51],
+        _poses(path, along[k + 1 : k + 51]),
+    )
     released = i == cycles - 1
     last = i + 1 == cycles
     decision = Decision(
@@ -101,7 +183,11 @@ def _cycle(i: int, cycles: int, path: Path, along: Floats, speeds: Floats, actor
         step=STEP,
         ego=ego,
         agents=agents,
-        signals=Signals(np.array([0, 2], dtype=np.int32), np.zeros((2, 3), dtype=np.int32), np.array([[4.0, 7.0, np.inf]])),
+        signals=Signals(
+            np.array([0, 2], dtype=np.int32),
+            np.zeros((2, 3), dtype=np.int32),
+            np.array([[4.0, 7.0, np.inf]]),
+        ),
         forecast=_forecast(actors, agents, time),
         decision=decision,
         plan_ms=12.5,
@@ -113,7 +199,9 @@ def _cycle(i: int, cycles: int, path: Path, along: Floats, speeds: Floats, actor
     )
 
 
-def _children(path: Path, along: float, v: float, accel: float) -> tuple[tuple[RootChild, ...], int]:
+def _children(
+    path: Path, along: float, v: float, accel: float
+) -> tuple[tuple[RootChild, ...], int]:
     """The tried actions; the one nearest to what the ego does is the most visited."""
     tried = np.array([-8.0, -4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.6])
     chosen = int(np.argmin(np.abs(tried - accel)))
@@ -136,11 +224,15 @@ def _children(path: Path, along: float, v: float, accel: float) -> tuple[tuple[R
     return tuple(children), chosen
 
 
-def _forecast(actors: list[tuple[Path, float, float, float, str]], agents: Agents, time: float) -> Forecast:
+def _forecast(
+    actors: list[tuple[Path, float, float, float, str]], agents: Agents, time: float
+) -> Forecast:
     times = np.arange(0.0, HORIZON + 1e-9, FORECAST_DT)
     by_id = {actor[4]: actor for actor in actors}
     present = [by_id[name] for name in agents.ids]
-    along = np.array([[start + v * (time + t) for path, start, v, _, _ in present] for t in times]).reshape(len(times), len(present))
+    along = np.array(
+        [[start + v * (time + t) for path, start, v, _, _ in present] for t in times]
+    ).reshape(len(times), len(present))
     pose = np.zeros((1, len(times), len(present), 4))
     for n, actor in enumerate(present):
         pose[0, :, n] = _poses(actor[0], along[:, n])
@@ -161,9 +253,13 @@ def _forecast(actors: list[tuple[Path, float, float, float, str]], agents: Agent
 
 def _agents(actors: list[tuple[Path, float, float, float, str]], time: float) -> Agents:
     """Those between the ends of their road now."""
-    here = sorted((a for a in actors if 0 <= a[1] + a[2] * time <= _length(a[0])), key=lambda actor: actor[4])
+    here = sorted(
+        (a for a in actors if 0 <= a[1] + a[2] * time <= _length(a[0])), key=lambda actor: actor[4]
+    )
     count = len(here)
-    poses = np.array([_pose(path, start + v * time) for path, start, v, _, _ in here]).reshape(count, 3)
+    poses = np.array([_pose(path, start + v * time) for path, start, v, _, _ in here]).reshape(
+        count, 3
+    )
     return Agents(
         ids=tuple(actor[4] for actor in here),
         x=poses[:, 0],
@@ -185,7 +281,8 @@ def _agents(actors: list[tuple[Path, float, float, float, str]], time: float) ->
 
 
 def _actors(count: int) -> list[tuple[Path, float, float, float, str]]:
-    """(path, position at time 0, m/s, length, id): half of them oncoming, the others behind it on the crossing road."""
+    """(path, position at time 0, m/s, length, id): half of them oncoming, the others behind it on
+    the crossing road."""
     w = LANE_WIDTH
     south, north = _line((-1.5 * w, ARM), (-1.5 * w, -ARM)), _line((1.5 * w, -ARM), (1.5 * w, ARM))
     west = _line((ARM, 0.5 * w), (-ARM, 0.5 * w))
@@ -194,7 +291,15 @@ def _actors(count: int) -> list[tuple[Path, float, float, float, str]]:
     for i in range(count):
         path = (south, south, north, west)[i % 4]
         start = (75.0, 47.0, 95.0, -60.0)[i % 4] - 80.0 * (i // 4)
-        result.append((path, start, float(rng.uniform(8.5, 9.5)), 9.0 if i == 1 else float(rng.uniform(4.2, 5.0)), f"car.{i:02d}"))
+        result.append(
+            (
+                path,
+                start,
+                float(rng.uniform(8.5, 9.5)),
+                9.0 if i == 1 else float(rng.uniform(4.2, 5.0)),
+                f"car.{i:02d}",
+            )
+        )
     return result
 
 
@@ -243,16 +348,40 @@ def _pose(path: Path, along: float) -> tuple[float, float, float]:
 
 
 def _lanes() -> Lanes:
-    """Two lanes a direction on four arms, and the straight and left-turning ways across the junction."""
+    """Two lanes a direction on four arms, and the straight and left-turning ways across the
+    junction."""
     w, shapes = LANE_WIDTH, []
     for quarter in range(4):
-        turn = np.array([[np.cos(quarter * np.pi / 2), np.sin(quarter * np.pi / 2)], [-np.sin(quarter * np.pi / 2), np.cos(quarter * np.pi / 2)]])
+        turn = np.array(
+            [
+                [np.cos(quarter * np.pi / 2), np.sin(quarter * np.pi / 2)],
+                [-np.sin(quarter * np.pi / 2), np.cos(quarter * np.pi / 2)],
+            ]
+        )
         for lane, offset in enumerate((0.5 * w, 1.5 * w)):
-            shapes.append((f"in{quarter}_{1 - lane}", _line((offset, -ARM), (offset, -BOX)) @ turn, False, quarter == 0))
-            shapes.append((f"out{quarter}_{1 - lane}", _line((-offset, -BOX), (-offset, -ARM)) @ turn, False, quarter == 3))
-            shapes.append((f":c_{quarter}_{lane}", _line((offset, -BOX), (offset, BOX)) @ turn, True, False))
+            shapes.append(
+                (
+                    f"in{quarter}_{1 - lane}",
+                    _line((offset, -ARM), (offset, -BOX)) @ turn,
+                    False,
+                    quarter == 0,
+                )
+            )
+            shapes.append(
+                (
+                    f"out{quarter}_{1 - lane}",
+                    _line((-offset, -BOX), (-offset, -ARM)) @ turn,
+                    False,
+                    quarter == 3,
+                )
+            )
+            shapes.append(
+                (f":c_{quarter}_{lane}", _line((offset, -BOX), (offset, BOX)) @ turn, True, False)
+            )
         shapes.append((f":c_{quarter}_left", _left_turn()[1:-1] @ turn, True, quarter == 0))
-    ends = [(shape[-1], _across(shape) * w / 2) for name, shape, _, _ in shapes if name.startswith("in")]
+    ends = [
+        (shape[-1], _across(shape) * w / 2) for name, shape, _, _ in shapes if name.startswith("in")
+    ]
     return Lanes(
         lane_ids=tuple(name for name, _, _, _ in shapes),
         points=np.concatenate([shape for _, shape, _, _ in shapes]),

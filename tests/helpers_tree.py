@@ -1,4 +1,7 @@
-"""Searches on scenes made by hand, and their trees as plain data. Run as a program it renews the golden trees."""
+"""Searches on scenes made by hand, and their trees as plain data.
+
+Run as a program it renews the golden trees.
+"""
 
 import json
 import math
@@ -9,7 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from helpers import Agent, edges, ego_at, lights
-from helpers_model import lanes_east, local_of, road_with_light, scenario, scene_of, situation_of, task_of
+from helpers_model import (
+    lanes_east,
+    local_of,
+    road_with_light,
+    scenario,
+    scene_of,
+    situation_of,
+    task_of,
+)
 
 from sumo_mcts.driver.params import mcts_params
 from sumo_mcts.driver.registry import make_planner
@@ -55,26 +66,49 @@ def mirrored(toy: Toy) -> Toy:
     """Left and right exchanged, on lanes that mirror into themselves at y = 0."""
     ego, others, last = toy.scene.ego, toy.scene.agents, len(toy.road.lane_ids) - 1
     ego = ego._replace(y=-ego.y, heading=-ego.heading, d=-ego.d, lane=last - ego.lane)
-    others = others._replace(y=-others.y, heading=-others.heading, d=-others.d, lane=(last - others.lane).astype(np.int32), blinker=-others.blinker)
+    others = others._replace(
+        y=-others.y,
+        heading=-others.heading,
+        d=-others.d,
+        lane=(last - others.lane).astype(np.int32),
+        blinker=-others.blinker,
+    )
     return toy._replace(scene=toy.scene._replace(ego=ego, agents=others))
 
 
 def before_a_light(shows: int, distance: float = 60.0, v: float = 12.0) -> Toy:
     """The ego `distance` m before a stop line."""
     road = road_with_light()
-    return Toy(road, scene_of(ego_at(road, "a_0", 200.0 - distance, v, route=edges(road, "a", "b")), road, signals=lights(shows)))
+    return Toy(
+        road,
+        scene_of(
+            ego_at(road, "a_0", 200.0 - distance, v, route=edges(road, "a", "b")),
+            road,
+            signals=lights(shows),
+        ),
+    )
 
 
 def steady(toy: Toy) -> Toy:
-    """The same with a search that tries everything until its passes are made, and draws its rollouts."""
+    """The same with a search that tries everything until its passes are made, and draws its
+    rollouts."""
     return toy._replace(sets=(*toy.sets, "planner.adaptive=false"))
 
 
 TOYS = {
     "free": on_three_lanes(),
-    "traffic": on_three_lanes(None, Agent("ahead", "a_1", 130.0, 6.0), Agent("beside", "a_2", 98.0, 11.0), Agent("behind", "a_0", 80.0, 13.0)),
+    "traffic": on_three_lanes(
+        None,
+        Agent("ahead", "a_1", 130.0, 6.0),
+        Agent("beside", "a_2", 98.0, 11.0),
+        Agent("behind", "a_0", 80.0, 13.0),
+    ),
     "reactive": on_three_lanes(
-        None, Agent("ahead", "a_1", 130.0, 6.0), Agent("beside", "a_2", 93.0, 11.0), Agent("behind", "a_1", 80.0, 13.0), sets=("planner.reactive=3",)
+        None,
+        Agent("ahead", "a_1", 130.0, 6.0),
+        Agent("beside", "a_2", 93.0, 11.0),
+        Agent("behind", "a_1", 80.0, 13.0),
+        sets=("planner.reactive=3",),
     ),
     "wall": on_three_lanes(None, *(Agent(f"w{k}", f"a_{k}", 135.0, 0.0) for k in range(3))),
     "red": before_a_light(RED),
@@ -82,15 +116,34 @@ TOYS = {
 
 
 def grow(toy: Toy, iterations: int, seed: int = 1, *, each: bool = False) -> Grown:
-    """The tree after a number of passes; `each`: with the best of every root action (see tree.SearchParams)."""
+    """The tree after a number of passes;
+
+    `each`: with the best of every root action (see tree.SearchParams).
+    """
     config = scenario(*toy.sets)
     task = task_of(toy.road, toy.scene.ego, config)
     local, root = local_of(task, toy.scene, reactive=config.planner.reactive)
     p = config.planner
     actions = actions_of(mcts_params(config))
     q = in_steps(mcts_params(config), task.ego.step, local.dt)._replace(each=each)
-    tree = new_tree(iterations + 2, len(actions), p.look_ahead_steps + p.rollout_steps, at_rest(local, p.reactive))
-    done, known = search(tree, local, task.ego, task.cost, q, actions, root, iterations, math.inf, np.random.Generator(np.random.PCG64(seed)))
+    tree = new_tree(
+        iterations + 2,
+        len(actions),
+        p.look_ahead_steps + p.rollout_steps,
+        at_rest(local, p.reactive),
+    )
+    done, known = search(
+        tree,
+        local,
+        task.ego,
+        task.cost,
+        q,
+        actions,
+        root,
+        iterations,
+        math.inf,
+        np.random.Generator(np.random.PCG64(seed)),
+    )
     return Grown(tree, local, task, q, actions, root, int(done), int(known))
 
 
@@ -117,12 +170,21 @@ def plain(grown: Grown) -> dict[str, Any]:
 
 def rough(data: Mapping[str, Any]) -> dict[str, Any]:
     """The same with values as numbers, for comparison across platforms."""
-    return {**data, "best": [float.fromhex(best) if best != "inf" else math.inf for best in data["best"]]}
+    return {
+        **data,
+        "best": [float.fromhex(best) if best != "inf" else math.inf for best in data["best"]],
+    }
 
 
 def small_trees(iterations: int = 150) -> dict[str, Any]:
     """The toys' trees after a few passes, and without adapting."""
-    return {name: plain(grow(toy, iterations)) for name, toy in (*TOYS.items(), *((f"{name}-steady", steady(toy)) for name, toy in TOYS.items()))}
+    return {
+        name: plain(grow(toy, iterations))
+        for name, toy in (
+            *TOYS.items(),
+            *((f"{name}-steady", steady(toy)) for name, toy in TOYS.items()),
+        )
+    }
 
 
 if __name__ == "__main__":

@@ -23,12 +23,29 @@ class Box(NamedTuple):
 
     def polygon(self, grown: float = 0.0) -> Polygon:
         """Its outline, each half size longer by `grown` m."""
-        c, s, u, v = math.cos(self.heading), math.sin(self.heading), self.length + grown, self.width + grown
-        return Polygon([(self.x + a * u * c - b * v * s, self.y + a * u * s + b * v * c) for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))])
+        c, s, u, v = (
+            math.cos(self.heading),
+            math.sin(self.heading),
+            self.length + grown,
+            self.width + grown,
+        )
+        return Polygon(
+            [
+                (self.x + a * u * c - b * v * s, self.y + a * u * s + b * v * c)
+                for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+            ]
+        )
 
     def flat(self) -> tuple[float, float, float, float, float, float]:
         """As the kernels want it."""
-        return self.x, self.y, math.cos(self.heading), math.sin(self.heading), self.length, self.width
+        return (
+            self.x,
+            self.y,
+            math.cos(self.heading),
+            math.sin(self.heading),
+            self.length,
+            self.width,
+        )
 
 
 def distance(a: Box, b: Box) -> float:
@@ -41,14 +58,21 @@ def overlap_area(a: Box, b: Box) -> float:
     return float(a.polygon().intersection(b.polygon()).area)
 
 
-def share_in_view(x: float, y: float, boxes: Sequence[Box], blocks: Sequence[bool], rays: int) -> list[float]:
-    """The share of the rays that hit each box of which it is the first that they hit, looking past those that do not block."""
+def share_in_view(
+    x: float, y: float, boxes: Sequence[Box], blocks: Sequence[bool], rays: int
+) -> list[float]:
+    """The share of the rays that hit each box of which it is the first that they hit, looking past
+    those that do not block."""
     hits, free = [0] * len(boxes), [0] * len(boxes)
     outlines = [box.polygon() for box in boxes]
     for k in range(rays):
         angle = 2.0 * math.pi * (k + 0.5) / rays
         ray = LineString([(x, y), (x + 1000.0 * math.cos(angle), y + 1000.0 * math.sin(angle))])
-        met = {i: ray.intersection(outline).distance(Point(x, y)) for i, outline in enumerate(outlines) if ray.intersects(outline)}
+        met = {
+            i: ray.intersection(outline).distance(Point(x, y))
+            for i, outline in enumerate(outlines)
+            if ray.intersects(outline)
+        }
         for i, way in met.items():
             hits[i] += 1
             free[i] += all(way <= met[j] for j in met if blocks[j])
@@ -68,7 +92,8 @@ def point_at(points: Sequence[tuple[float, float]], along: float) -> tuple[float
 
 
 def cap(route: RouteMap, node: int, s: float, decel: float, goal: Sequence[bool]) -> float:
-    """The speed at (node, s) from which every lower limit and dead end further down is met with `decel`: the least over all places ahead."""
+    """The speed at (node, s) from which every lower limit and dead end further down is met with
+    `decel`: the least over all places ahead."""
     found = [float(route.limit[node])]
     to_end = max(float(route.length[node]) - s, 0.0)  # the last row lies at the end or beyond
     while True:
@@ -84,7 +109,10 @@ def cap(route: RouteMap, node: int, s: float, decel: float, goal: Sequence[bool]
 
 def rows_of(route: RouteMap, node: int) -> list[tuple[int, float]]:
     """(table row, position on the node) of each of its rows."""
-    return [(int(route.row[node]) + k, k * SPACING) for k in range(int(route.row[node + 1] - route.row[node]))]
+    return [
+        (int(route.row[node]) + k, k * SPACING)
+        for k in range(int(route.row[node + 1] - route.row[node]))
+    ]
 
 
 def chain_of(route: RouteMap, node: int) -> list[int]:
@@ -95,19 +123,29 @@ def chain_of(route: RouteMap, node: int) -> list[int]:
     return chain
 
 
-def desired_gap(v: float, leader_v: float, gap: float, headway: float, accel: float, decel: float) -> float:
-    """s* of the intelligent driver model (Treiber, Hennecke, Helbing 2000), never below the gap at standstill, m."""
+def desired_gap(
+    v: float, leader_v: float, gap: float, headway: float, accel: float, decel: float
+) -> float:
+    """s* of the intelligent driver model (Treiber, Hennecke, Helbing 2000), never below the gap at
+    standstill, m."""
     return max(gap, gap + headway * v + v * (v - leader_v) / (2.0 * math.sqrt(accel * decel)))
 
 
 def follow(p: EgoParams, v: float, limit: float, gap: float, leader_v: float) -> float:
     """The ego's car following, m/s2."""
-    interaction = 0.0 if gap == math.inf else desired_gap(v, leader_v, p.gap, p.headway, p.max_accel, p.approach_decel) / gap
+    interaction = (
+        0.0
+        if gap == math.inf
+        else desired_gap(v, leader_v, p.gap, p.headway, p.max_accel, p.approach_decel) / gap
+    )
     return p.max_accel * (1.0 - (v / limit) ** 4 - interaction**2)
 
 
-def free_drive(s: float, v: float, limit: float, accel: float, step: float, times: int) -> list[tuple[float, float]]:
-    """(position, speed) of a car alone on an endless road below its limit, accelerating as it likes up to it, by trapezoids."""
+def free_drive(
+    s: float, v: float, limit: float, accel: float, step: float, times: int
+) -> list[tuple[float, float]]:
+    """(position, speed) of a car alone on an endless road below its limit, accelerating as it likes
+    up to it, by trapezoids."""
     states = [(s, v)]
     for _ in range(times - 1):
         faster = min(v + step * accel, limit)
@@ -117,7 +155,8 @@ def free_drive(s: float, v: float, limit: float, accel: float, step: float, time
 
 
 def light_at(signals: Signals, signal: int, link: int, time: float) -> int:
-    """What a link shows at a time from now: the phase whose end is the first after it; the last one stays."""
+    """What a link shows at a time from now: the phase whose end is the first after it; the last one
+    stays."""
     phases = len(signals.until[signal])
     for k in range(phases):
         if time < signals.until[signal][k]:
@@ -146,4 +185,7 @@ def arc_lengths(points: Sequence[tuple[float, float]]) -> list[float]:
 
 def successors_of(road: RoadMap, lane: int) -> list[int]:
     """The lanes driven next."""
-    return [int(i) for i in road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]]
+    return [
+        int(i)
+        for i in road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]
+    ]

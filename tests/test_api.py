@@ -15,16 +15,28 @@ from sumo_mcts.errors import ConfigError
 
 SCENE = load_scenario("straight-line", "planner.name=sumo", "episode.stop_time_s=1")
 WRONG: dict[str, Callable[[Path], object]] = {
-    "run_episode: config: a scenario, as load_scenario returns it, got 'straight-line'": lambda _: run_episode("straight-line"),
+    "run_episode: config: a scenario, as load_scenario returns it, got 'straight-line'": lambda _: (
+        run_episode("straight-line")
+    ),
     "seed: a whole number from 0 on, got -1": lambda _: run_episode(SCENE, -1),
     "seed: a whole number from 0 on, got '1'": lambda _: run_episode(SCENE, "1"),
     "seed: a whole number from 0 on, got True": lambda _: run_episode(SCENE, True),
-    "load_scenario: scenario: a name or a path, got ScenarioConfig(name='straight-line'": lambda _: load_scenario(SCENE),
-    "load_scenario: assignments: a text, got {'planner.iterations': 3}": lambda _: load_scenario("straight-line", {"planner.iterations": 3}),
+    "load_scenario: scenario: a name or a path, got ScenarioConfig(name='straight-line'": lambda _: (
+        load_scenario(SCENE)
+    ),
+    "load_scenario: assignments: a text, got {'planner.iterations': 3}": lambda _: load_scenario(
+        "straight-line", {"planner.iterations": 3}
+    ),
     "load_scenario: ego: a text, got 3": lambda _: load_scenario("straight-line", ego=3),
-    "jobs: a whole number from 1 on, got 0": lambda folder: run_batch("quick", folder / "out", jobs=0),
-    "jobs: a whole number from 1 on, got -2": lambda folder: run_batch("quick", folder / "out", jobs=-2),
-    "--shard 1/2/3: i/n with i from 1 to n": lambda folder: run_batch("quick", folder / "out", shard=(1, 2, 3)),
+    "jobs: a whole number from 1 on, got 0": lambda folder: run_batch(
+        "quick", folder / "out", jobs=0
+    ),
+    "jobs: a whole number from 1 on, got -2": lambda folder: run_batch(
+        "quick", folder / "out", jobs=-2
+    ),
+    "--shard 1/2/3: i/n with i from 1 to n": lambda folder: run_batch(
+        "quick", folder / "out", shard=(1, 2, 3)
+    ),
 }
 
 

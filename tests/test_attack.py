@@ -1,4 +1,5 @@
-"""A sample of the wrong inputs that `make attack` tries with the real command; and that the judge sees what it has to see."""
+"""A sample of the wrong inputs that `make attack` tries with the real command; and that the judge
+sees what it has to see."""
 
 import json
 import random
@@ -15,8 +16,22 @@ from attack.case import ANY, ONLY_REFUSED, Case, Interruption
 from attack.corpus import cases
 from attack.judge import Answer, Verdict
 
-# Those of which a case takes a second or two; what reads records or compiles the search is left to `make attack`.
-QUICK = ("yaml", "scenario", "experiment", "set", "option", "sumo-option", "sumocfg", "network", "traffic", "environment", "special-file", "stream")
+# Those of which a case takes a second or two; what reads records or compiles the search is left to
+# `make attack`.
+QUICK = (
+    "yaml",
+    "scenario",
+    "experiment",
+    "set",
+    "option",
+    "sumo-option",
+    "sumocfg",
+    "network",
+    "traffic",
+    "environment",
+    "special-file",
+    "stream",
+)
 EACH = 2
 SEED = 24
 
@@ -27,14 +42,23 @@ def test_sample(kind: str, number: int) -> None:
     """The same cases of each kind every time."""
     case = random.Random(f"{SEED} {kind}").sample(cases(kind), EACH)[number]
     verdict = judge.judge(case, slow=3.0)
-    assert verdict.faults == (), f"{case.title}: {judge.command_line(case)}\n{verdict.answer.err.decode(errors='replace')[-2000:]}"
+    assert verdict.faults == (), (
+        f"{case.title}: "
+        f"{judge.command_line(case)}\n{verdict.answer.err.decode(errors='replace')[-2000:]}"
+    )
 
 
 def test_every_number_and_every_option_is_attacked() -> None:
     """As they stand in the schema and in the commands, so that new ones are too."""
     titles = [case.title for kind in ("number", "option") for case in cases(kind)]
     assert len(set(titles)) == len(titles)
-    for part in ("cost.jerk: 1e+308", "traffic.crowd.streams.0.pos_m.1: -1", "batch --jobs 'nan'", "run --set ''", "report --out ''"):
+    for part in (
+        "cost.jerk: 1e+308",
+        "traffic.crowd.streams.0.pos_m.1: -1",
+        "batch --jobs 'nan'",
+        "run --set ''",
+        "report --out ''",
+    ):
         assert [title for title in titles if part in title]
 
 
@@ -83,7 +107,13 @@ def test_faults(answer: Answer, fault: str) -> None:
 
 @pytest.mark.parametrize(
     ("out", "fault"),
-    [(ROW, ""), (ROW.replace("arrived", "error"), "outcome error"), ("", "JSON"), (ROW.replace('"arrived"', "NaN"), "JSON"), (ROW + ROW, "JSON")],
+    [
+        (ROW, ""),
+        (ROW.replace("arrived", "error"), "outcome error"),
+        ("", "JSON"),
+        (ROW.replace('"arrived"', "NaN"), "JSON"),
+        (ROW + ROW, "JSON"),
+    ],
 )
 def test_faults_of_rows(out: str, fault: str) -> None:
     found = list(judge.faults(CASE._replace(allowed=ANY), answered(0, out=out)))
@@ -99,9 +129,15 @@ def judged(monkeypatch: pytest.MonkeyPatch, program: str, **case: object) -> Ver
 
 def test_what_a_command_leaves_is_seen_and_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     mark = uuid.uuid4().hex
-    orphan = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(99) # {mark}'], start_new_session=True)"
+    orphan = (
+        "import subprocess, sys; subprocess.Popen([sys.executable, '-c', 'import time; "
+        f"time.sleep(99) # {mark}'], start_new_session=True)"
+    )
     verdict = judged(monkeypatch, f"import tempfile; tempfile.mkdtemp(); {orphan}; sys.exit(2)")
-    assert [fault.split(":")[0] for fault in verdict.faults[:2]] == ["leaves 1 processes", "leaves files"]
+    assert [fault.split(":")[0] for fault in verdict.faults[:2]] == [
+        "leaves 1 processes",
+        "leaves files",
+    ]
     assert not [line for line in all_command_lines() if mark.encode() in line]
 
 
@@ -120,7 +156,10 @@ def test_a_hang_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_signal_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     moment = Interruption(signal.SIGTERM, 0.3, whole_group=False)
-    assert judged(monkeypatch, "import time; time.sleep(99)", interruption=moment).answer.status == -signal.SIGTERM
+    assert (
+        judged(monkeypatch, "import time; time.sleep(99)", interruption=moment).answer.status
+        == -signal.SIGTERM
+    )
 
 
 def test_memory_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,9 +11,20 @@ from sumo_mcts.studies import bench
 def test_every_quantity_is_measured() -> None:
     said: list[str] = []
     rows = bench.run(0.05, said.append)
-    assert all(list(row) == ["quantity", "value", "unit", "budget", "ok"] and row["value"] > 0 for row in rows)
+    assert all(
+        list(row) == ["quantity", "value", "unit", "budget", "ok"] and row["value"] > 0
+        for row in rows
+    )
     quantities = " ".join(row["quantity"] for row in rows)
-    for words in ("--help", "warm start", "5 tabulated agents", "50 tabulated agents", "3000 iterations", "reactive", "300 vehicles"):
+    for words in (
+        "--help",
+        "warm start",
+        "5 tabulated agents",
+        "50 tabulated agents",
+        "3000 iterations",
+        "reactive",
+        "300 vehicles",
+    ):
         assert words in quantities
     assert "first compilation" not in quantities
     assert said[0].startswith("starting")
@@ -30,7 +41,10 @@ def test_whoever_is_near_reacts() -> None:
 
 
 def test_budgets_are_judged_from_their_side() -> None:
-    floor, ceiling = bench.Budget("rate", "1/s", 100.0, at_least=True), bench.Budget("time", "ms", 20.0)
+    floor, ceiling = (
+        bench.Budget("rate", "1/s", 100.0, at_least=True),
+        bench.Budget("time", "ms", 20.0),
+    )
     assert [bench._row(floor, value)["ok"] for value in (99.0, 100.0)] == [False, True]
     assert [bench._row(ceiling, value)["ok"] for value in (20.0, 20.1)] == [True, False]
     assert bench._row(ceiling._replace(limit=None), 3.0)["ok"] is None

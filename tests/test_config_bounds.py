@@ -1,4 +1,5 @@
-"""Numbers, names and sizes of a scenario have bounds, and whatever else stands there is refused in one line."""
+"""Numbers, names and sizes of a scenario have bounds, and whatever else stands there is refused in
+one line."""
 
 import re
 from collections.abc import Iterator
@@ -37,7 +38,11 @@ def numbers(part: Any, path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
 @pytest.mark.parametrize("model", [ScenarioConfig, Experiment])
 def test_every_number_has_bounds(model: Any) -> None:
     # the values of a seed are checked where they are read: ranges are among them
-    found = [(path, part) for path, part in numbers(model.model_json_schema()) if not re.search(r"\.seeds\.", path)]
+    found = [
+        (path, part)
+        for path, part in numbers(model.model_json_schema())
+        if not re.search(r"\.seeds\.", path)
+    ]
     assert len(found) > (100 if model is ScenarioConfig else 1)
     assert [path for path, part in found if not any(key in part for key in LOWEST)] == []
     assert [path for path, part in found if not any(key in part for key in HIGHEST)] == []
@@ -50,7 +55,8 @@ def test_every_number_has_bounds(model: Any) -> None:
         ("planner.iterations='12'", "planner.iterations: has to be a whole number, got '12'"),
         ("planner.iterations=1.5", "planner.iterations: has to be a whole number, got 1.5"),
         ("planner.iterations=1000000000", "planner.iterations: has to be at most 1000000"),
-        ("planner.iterations=99999999999999999999999999", "planner.iterations: has to be at most 1000000"),
+        ("planner.iterations=99999999999999999999999999", ("planner.iterations: has to be at most "
+                                                          "1000000")),
         (f"planner.iterations={10**400}", "planner.iterations: has to be "),
         (f"cost.headway={10**400}", "cost.headway: has to be "),
         ("planner.look_ahead_steps=1000000000", "planner.look_ahead_steps: has to be at most 12"),
@@ -60,11 +66,15 @@ def test_every_number_has_bounds(model: Any) -> None:
         ("cost.headway=1e308", "cost.headway: has to be at most 1000000"),
         ("cost.headway=-.inf", "cost.headway: has to be a"),
         ("sensor.range_m=1e300", "sensor.range_m: has to be at most 10000"),
-        ("prediction.step_s=0.01", "prediction.step_s: with planner.look_ahead_steps, planner.rollout_steps and planner.step_s a forecast of 3600 states"),
+        ("prediction.step_s=0.01", ("prediction.step_s: with planner.look_ahead_steps, "
+                                   "planner.rollout_steps and planner.step_s a forecast of 3600 "
+                                   "states")),
         ("traffic.crowd.count=[0, 100000]", "traffic.crowd.count.1: has to be at most 500"),
-        ("sumo.options={scale: 1e300}", "sumo.options.scale: has to be a number from -1000000000 to 1000000000"),
+        ("sumo.options={scale: 1e300}", ("sumo.options.scale: has to be a number from -1000000000 "
+                                        "to 1000000000")),
         ("egos=[{id: 'a b'}]", "egos.0.id: has to be a text of 1 to 500 characters without spaces"),
-        ('egos=[{id: "a\\u001b[31m"}]', "egos.0.id: has to be a text of 1 to 500 characters without spaces"),
+        ('egos=[{id: "a\\u001b[31m"}]', ("egos.0.id: has to be a text of 1 to 500 characters "
+                                        "without spaces")),
         ("egos=[{id: []}]", "egos.0.id: has to be a text"),
         ("sumo.routes=[1]", "sumo.routes.0: has to be a text, got 1"),
         (".".join(["planner", "options", *"a" * 50]) + "=1", "a key of more than 40 parts"),
@@ -72,7 +82,11 @@ def test_every_number_has_bounds(model: Any) -> None:
     ],
 )  # fmt: skip
 def test_refused(override: str, said: str) -> None:
-    longest = ("planner.look_ahead_steps=12", "planner.rollout_steps=24") if override.startswith("prediction.step_s") else ()
+    longest = (
+        ("planner.look_ahead_steps=12", "planner.rollout_steps=24")
+        if override.startswith("prediction.step_s")
+        else ()
+    )
     with pytest.raises(ConfigError) as refused:
         build(fine(), "x.yaml", (*longest, override))
     assert said in str(refused.value)
@@ -102,12 +116,33 @@ def test_base_by_name(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("base: straight-line\nname: mine\n")
     found = load(path)
-    assert (found.name, found.sumo, found.traffic) == ("mine", (built_in := load(root() / "configs" / "straight-line.yaml")).sumo, built_in.traffic)
-    (tmp_path / "straight-line").write_text("name: beside\nsumo: {net: beside.net.xml}\negos: [{id: ego}]\n")
+    assert (found.name, found.sumo, found.traffic) == (
+        "mine",
+        (built_in := load(root() / "configs" / "straight-line.yaml")).sumo,
+        built_in.traffic,
+    )
+    (tmp_path / "straight-line").write_text(
+        "name: beside\nsumo: {net: beside.net.xml}\negos: [{id: ego}]\n"
+    )
     assert load(path).sumo.net == str(tmp_path / "beside.net.xml")
 
 
-@pytest.mark.parametrize("base", ["nowhere", "../configs/../x", "[1]", "''", ".", "/dev/zero", "'a\\0b'", f"{'x' * 300}", "{a: 1}", "~", "1"])
+@pytest.mark.parametrize(
+    "base",
+    [
+        "nowhere",
+        "../configs/../x",
+        "[1]",
+        "''",
+        ".",
+        "/dev/zero",
+        "'a\\0b'",
+        f"{'x' * 300}",
+        "{a: 1}",
+        "~",
+        "1",
+    ],
+)
 def test_a_base_that_is_none(base: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(f"base: {base}\nname: mine\n")
@@ -130,11 +165,22 @@ def test_entries_whose_id_is_no_text(tmp_path: Path) -> None:
 
 
 SCALAR = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20)
-JSON: st.SearchStrategy[object] = st.deferred(lambda: SCALAR | st.lists(JSON, max_size=3) | st.dictionaries(st.text(max_size=10), JSON, max_size=3))
-KEYS = sorted(key for section in json_schema()["$defs"].values() for key in section.get("properties", {}))
+JSON: st.SearchStrategy[object] = st.deferred(
+    lambda: (
+        SCALAR
+        | st.lists(JSON, max_size=3)
+        | st.dictionaries(st.text(max_size=10), JSON, max_size=3)
+    )
+)
+KEYS = sorted(
+    key for section in json_schema()["$defs"].values() for key in section.get("properties", {})
+)
 
 
-@given(st.sampled_from([*ScenarioConfig.model_fields, "base"]), st.dictionaries(st.sampled_from(KEYS), JSON, max_size=4) | JSON)
+@given(
+    st.sampled_from([*ScenarioConfig.model_fields, "base"]),
+    st.dictionaries(st.sampled_from(KEYS), JSON, max_size=4) | JSON,
+)
 def test_any_value(key: str, value: object) -> None:
     said = refusal(lambda: build({**fine(), key: value}, "x.yaml"))
     assert said == "" or (said.isprintable() and len(said) < 2100)

@@ -10,7 +10,20 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments.experiment import Experiment
 
 FINE: dict[str, Any] = {"name": "x", "sumo": {"net": "x.net.xml"}, "egos": [{"id": "ego"}]}
-NOT_OURS = ("Input", "valid", "dictionary", "instance", "tuple", "integer", "string", "validation", "permitted", "parse", "Config", "Field")
+NOT_OURS = (
+    "Input",
+    "valid",
+    "dictionary",
+    "instance",
+    "tuple",
+    "integer",
+    "string",
+    "validation",
+    "permitted",
+    "parse",
+    "Config",
+    "Field",
+)
 NONSENSE = (3, -1, 0.5, "word", "", [], [3], {}, {"nonsense": 1}, None, True, float("nan"))
 
 
@@ -19,11 +32,22 @@ def keys(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
     found = []
     for name, part in schema["properties"].items():
         inner = definitions.get(part.get("$ref", "").rpartition("/")[2])
-        found += [name] if inner is None else [name, *(f"{name}.{below}" for below in keys(inner, definitions))]
+        found += (
+            [name]
+            if inner is None
+            else [name, *(f"{name}.{below}" for below in keys(inner, definitions))]
+        )
     return found
 
 
-@pytest.mark.parametrize("key", [key for key in keys(json_schema(), json_schema()["$defs"]) if key not in ("base", "name", "sumo", "egos")])
+@pytest.mark.parametrize(
+    "key",
+    [
+        key
+        for key in keys(json_schema(), json_schema()["$defs"])
+        if key not in ("base", "name", "sumo", "egos")
+    ],
+)
 def test_scenario_files(key: str) -> None:
     for value in NONSENSE:
         data: dict[str, Any] = {**FINE, "sumo": dict(FINE["sumo"])}
@@ -57,7 +81,9 @@ def told(model: type[BaseModel], data: dict[str, Any]) -> list[str]:
 
 
 def test_what_is_short_of_wrong_entries_is_not_told_twice() -> None:
-    assert told(Experiment, {"name": "x", "scenarios": [3]}) == ["scenarios.0: has to be a mapping of keys, got 3"]
+    assert told(Experiment, {"name": "x", "scenarios": [3]}) == [
+        "scenarios.0: has to be a mapping of keys, got 3"
+    ]
     assert told(Experiment, {"name": 3, "scenarios": []}) == [
         "name: has to be a text, got 3",
         "scenarios: has to have at least 1 entry, got []",

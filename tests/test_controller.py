@@ -1,4 +1,5 @@
-"""Controller in a libsumo loop of one's own: the decisions of `run`, and nothing before, after or besides."""
+"""Controller in a libsumo loop of one's own: the decisions of `run`, and nothing before, after or
+besides."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -24,20 +25,40 @@ State = tuple[float, str, float, float, float, float]
 
 
 def scenario(*overrides: str) -> ScenarioConfig:
-    return config.load(builtin.scenario_path("highway-exit"), ("planner.iterations=200", *overrides))
+    return config.load(
+        builtin.scenario_path("highway-exit"), ("planner.iterations=200", *overrides)
+    )
 
 
 def state_of(vehicle: str) -> State:
     get: Any = libsumo.vehicle
-    return (libsumo.simulation.getTime(), get.getLaneID(vehicle), get.getLanePosition(vehicle), get.getSpeed(vehicle), *get.getPosition(vehicle))
+    return (
+        libsumo.simulation.getTime(),
+        get.getLaneID(vehicle),
+        get.getLanePosition(vehicle),
+        get.getSpeed(vehicle),
+        *get.getPosition(vehicle),
+    )
 
 
 class Simulation:
     """The built-in scene in a loop of its own."""
 
     def __init__(self, scene: ScenarioConfig, folder: Path) -> None:
-        drawn = cast(scene.traffic, ["ego"], read_roadmap(str(scene.sumo.net)), np.random.default_rng(streams(SEED).traffic))
-        libsumo.start(["sumo", *sumo_arguments(scene, SEED, drawn, folder, ()), "--no-step-log", "--no-warnings"])
+        drawn = cast(
+            scene.traffic,
+            ["ego"],
+            read_roadmap(str(scene.sumo.net)),
+            np.random.default_rng(streams(SEED).traffic),
+        )
+        libsumo.start(
+            [
+                "sumo",
+                *sumo_arguments(scene, SEED, drawn, folder, ()),
+                "--no-step-log",
+                "--no-warnings",
+            ]
+        )
         road = read_roadmap(str(scene.sumo.net))
         self._actors = Actors(drawn.actors, road, 0.1, egos=["ego"])
 
@@ -64,8 +85,13 @@ def drive(simulation: Simulation, controller: Controller) -> list[State]:
     raise AssertionError("the ego never left")
 
 
-@pytest.mark.parametrize("sets", [(), ("sensor.position_error_m=0.3", "sensor.drop_probability=0.2", "sensor.occlusion=true")])
-def test_the_same_trajectory_as_run_to_the_bit(sets: tuple[str, ...], simulation: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "sets",
+    [(), ("sensor.position_error_m=0.3", "sensor.drop_probability=0.2", "sensor.occlusion=true")],
+)
+def test_the_same_trajectory_as_run_to_the_bit(
+    sets: tuple[str, ...], simulation: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
     own = drive(simulation, Controller("ego", scenario(*sets), seed=SEED))
     libsumo.close()
 
@@ -109,7 +135,10 @@ def test_release_gives_back_the_users_own_modes(simulation: Simulation) -> None:
     controller.step()
     assert (libsumo.vehicle.getSpeedMode("ego"), libsumo.vehicle.getLaneChangeMode("ego")) == (0, 0)
     controller.release()
-    assert (libsumo.vehicle.getSpeedMode("ego"), libsumo.vehicle.getLaneChangeMode("ego")) == (7, 512)
+    assert (libsumo.vehicle.getSpeedMode("ego"), libsumo.vehicle.getLaneChangeMode("ego")) == (
+        7,
+        512,
+    )
     simulation.step()
     controller.step()
     assert not controller.driving
@@ -132,10 +161,15 @@ def test_decides_once_a_period(simulation: Simulation) -> None:
     [
         ({"planner": {"iteration": 5}}, "planner.iteration: unknown key"),
         ({"prediction": {"name": "script"}}, "prediction.name: script reads the scripts"),
-        ({"prediction": {"name": "clone"}}, "prediction.name: clone copies a simulation .* allowed: idm, constant_velocity, routes"),
+        (
+            {"prediction": {"name": "clone"}},
+            "prediction.name: clone copies a simulation .* allowed: idm, constant_velocity, routes",
+        ),
     ],
 )
-def test_wrong_settings_are_named(simulation: Simulation, settings: dict[str, Any], named: str) -> None:
+def test_wrong_settings_are_named(
+    simulation: Simulation, settings: dict[str, Any], named: str
+) -> None:
     with pytest.raises(ConfigError, match=named):
         Controller("ego", settings)
 
@@ -148,5 +182,8 @@ def test_says_that_no_simulation_runs() -> None:
 def test_wrong_arguments_are_named(simulation: Simulation) -> None:
     with pytest.raises(ConfigError, match=r"^seed: a whole number from 0 on, got -1$"):
         Controller("ego", seed=-1)
-    with pytest.raises(ConfigError, match=r"^Controller: config: a scenario or a mapping of its sections, got 'straight-line'$"):
+    with pytest.raises(
+        ConfigError,
+        match=r"^Controller: config: a scenario or a mapping of its sections, got 'straight-line'$",
+    ):
         Controller("ego", "straight-line")  # type: ignore[arg-type]

@@ -1,4 +1,5 @@
-"""Controller in loops that do the unusual: other simulations, other controllers, steps too few and too many, vehicles that never come or come again."""
+"""Controller in loops that do the unusual: other simulations, other controllers, steps too few and
+too many, vehicles that never come or come again."""
 
 import gc
 import os
@@ -19,7 +20,10 @@ from sumo_mcts.errors import ConfigError
 
 NET, ROUTES = "networks/straight-line/straight-line.net.xml", "routes/straight-line.rou.xml"
 SETTINGS: dict[str, Any] = {"planner": {"iterations": 50}}
-OWN, DRIVEN = (7, 512), (0, 0)  # speed mode and lane change mode: of the vehicle, and while it is driven
+OWN, DRIVEN = (
+    (7, 512),
+    (0, 0),
+)  # speed mode and lane change mode: of the vehicle, and while it is driven
 
 
 def arguments(step: str = "0.1") -> list[str]:
@@ -30,7 +34,9 @@ def add(vehicle: str = "ego", at: float = 60.0, **more: str) -> None:
     """A vehicle that departs in the next step."""
     if "way" not in libsumo.route.getIDList():
         libsumo.route.add("way", ["road", "beyond"])
-    libsumo.vehicle.add(vehicle, "way", typeID="ego", departLane="1", departPos=str(at), departSpeed="2", **more)
+    libsumo.vehicle.add(
+        vehicle, "way", typeID="ego", departLane="1", departPos=str(at), departSpeed="2", **more
+    )
 
 
 def modes(vehicle: str = "ego") -> tuple[int, int]:
@@ -135,7 +141,9 @@ def test_a_closed_simulation_is_named_and_the_next_one_driven_in() -> None:
     libsumo.close()
     assert not controller.driving
     for _ in range(2):
-        with pytest.raises(ConfigError, match=r"^no simulation runs in this process: call libsumo\.start first"):
+        with pytest.raises(
+            ConfigError, match=r"^no simulation runs in this process: call libsumo\.start first"
+        ):
             controller.step()
     libsumo.start(["sumo", *arguments()])
     add()
@@ -177,7 +185,11 @@ def test_a_state_of_the_same_moment_costs_no_control(tmp_path: Path) -> None:
 def test_a_second_controller_is_refused_until_the_first_lets_go() -> None:
     first = taken_over()
     for _ in range(2):
-        with pytest.raises(ConfigError, match=r"^Controller: ego: another Controller drives this vehicle; release\(\) that one first$"):
+        with pytest.raises(
+            ConfigError,
+            match=r"^Controller: ego: another Controller drives this vehicle; release\(\) that one "
+            r"first$",
+        ):
             Controller("ego", SETTINGS)
     assert first.driving
     first.release()
@@ -244,7 +256,8 @@ def test_a_second_call_in_a_step_does_nothing() -> None:
 
 
 def test_steps_without_a_call_do_not_delay_the_plan() -> None:
-    """The speed is kept in them, and caught up with as fast as the bounds allow; lane changes take their time."""
+    """The speed is kept in them, and caught up with as fast as the bounds allow; lane changes take
+    their time."""
     settings = {"planner": {"iterations": 50, "period_s": 1.0}, "failsafe": {"on": False}}
     whole = drive(Controller("ego", settings), steps=10)
     libsumo.load(arguments())
@@ -286,7 +299,11 @@ def until_none_is_left(controller: Controller, most: int = 2000) -> None:
 @pytest.mark.smoke
 def test_a_mistyped_id_is_named_when_the_traffic_is_over() -> None:
     controller = Controller("eggo", SETTINGS)
-    with pytest.raises(ConfigError, match=r"^Controller: eggo: never departed: no vehicle is left and none is to come; near: ego$"):
+    with pytest.raises(
+        ConfigError,
+        match=r"^Controller: eggo: never departed: no vehicle is left and none is to come; near: "
+        r"ego$",
+    ):
         until_none_is_left(controller)
     libsumo.simulationStep()  # said once
     controller.step()
@@ -294,7 +311,11 @@ def test_a_mistyped_id_is_named_when_the_traffic_is_over() -> None:
 
 def test_a_mistyped_id_is_named_after_the_time_to_wait() -> None:
     controller = Controller("eggo", {**SETTINGS, "episode": {"depart_limit_s": 2.0}})
-    with pytest.raises(ConfigError, match=r"^Controller: eggo: never departed within 2 s \(episode\.depart_limit_s\); near: ego$"):
+    with pytest.raises(
+        ConfigError,
+        match=r"^Controller: eggo: never departed within 2 s \(episode\.depart_limit_s\); near: "
+        r"ego$",
+    ):
         until_none_is_left(controller)
     assert libsumo.simulation.getTime() == pytest.approx(2.0)
 
@@ -342,12 +363,21 @@ def block_the_next_edge() -> list[str]:
     standing = [f"{lane}_{k}" for lane in range(3) for k in range(11)]
     for vehicle in standing:
         lane, k = vehicle.split("_")
-        libsumo.vehicle.add(vehicle, "end", typeID="ego", departLane=lane, departPos=str(6 + 9 * int(k)), departSpeed="0")
+        libsumo.vehicle.add(
+            vehicle,
+            "end",
+            typeID="ego",
+            departLane=lane,
+            departPos=str(6 + 9 * int(k)),
+            departSpeed="0",
+        )
         libsumo.vehicle.setMaxSpeed(vehicle, 0.001)
     return standing
 
 
-def test_the_modes_are_given_back_while_sumo_teleports_the_vehicle_and_taken_again_afterwards() -> None:
+def test_the_modes_are_given_back_while_sumo_teleports_the_vehicle_and_taken_again_afterwards() -> (
+    None
+):
     libsumo.load([*arguments(), "--collision.action", "teleport"])
     standing = block_the_next_edge()
     add("wall", 80.0)
@@ -366,7 +396,11 @@ def test_the_modes_are_given_back_while_sumo_teleports_the_vehicle_and_taken_aga
                 break
             for vehicle in standing:
                 libsumo.vehicle.remove(vehicle)
-    assert seen == [("on the road", True, DRIVEN), ("teleporting", False, OWN), ("on the road", True, DRIVEN)]
+    assert seen == [
+        ("on the road", True, DRIVEN),
+        ("teleporting", False, OWN),
+        ("on the road", True, DRIVEN),
+    ]
 
 
 # --- the modes are given back ---
@@ -381,7 +415,9 @@ def test_a_with_block_gives_the_modes_back_whatever_happens_in_it() -> None:
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-def test_a_step_that_raises_gives_the_modes_back(error: type[BaseException], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_that_raises_gives_the_modes_back(
+    error: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
     controller = taken_over()
     libsumo.simulationStep()
 
@@ -457,11 +493,24 @@ def test_a_simulation_with_a_window_is_driven_in_alike() -> None:
     if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb is not installed: apt-get install --no-install-recommends xvfb")
     display = f":{200 + os.getpid() % 300}"
-    server = subprocess.Popen(["Xvfb", display, "-screen", "0", "800x600x24"], stderr=subprocess.DEVNULL)
+    server = subprocess.Popen(
+        ["Xvfb", display, "-screen", "0", "800x600x24"], stderr=subprocess.DEVNULL
+    )
     try:
         time.sleep(2.0)
-        environment = {**os.environ, "DISPLAY": display, "PYTHONPATH": os.pathsep.join(["tests", *sys.path])}
-        done = subprocess.run([sys.executable, "-c", _IN_A_WINDOW], env=environment, capture_output=True, text=True, timeout=300, check=False)
+        environment = {
+            **os.environ,
+            "DISPLAY": display,
+            "PYTHONPATH": os.pathsep.join(["tests", *sys.path]),
+        }
+        done = subprocess.run(
+            [sys.executable, "-c", _IN_A_WINDOW],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
         assert done.stdout.splitlines()[-2:] == ["True (0, 0)", "(31, 1621)"], done.stderr
     finally:
         server.terminate()

@@ -1,4 +1,5 @@
-"""The documents say what is there: generated parts are up to date, files, functions and keys exist, commands parse, examples are valid."""
+"""The documents say what is there: generated parts are up to date, files, functions and keys exist,
+commands parse, examples are valid."""
 
 import ast
 import importlib
@@ -24,7 +25,12 @@ from sumo_mcts.experiments import experiment
 from sumo_mcts.records import ROW_KEYS
 
 TOP = Path(__file__).resolve().parent.parent
-PAGES = [TOP / "README.md", TOP / "CHANGELOG.md", TOP / "CONTRIBUTING.md", *sorted((TOP / "docs").glob("*.md"))]
+PAGES = [
+    TOP / "README.md",
+    TOP / "CHANGELOG.md",
+    TOP / "CONTRIBUTING.md",
+    *sorted((TOP / "docs").glob("*.md")),
+]
 SECTIONS = config.json_schema()["properties"]
 # What a run leaves behind, and files of the reader.
 _NOT_HERE = ("manifests/", "out/", "traces/", "maps/", "figures/", "exports/")
@@ -33,7 +39,11 @@ _FILE = re.compile(r"[\w.-]+(?:/[\w.-]+)+\.(?:py|md|yaml|json|toml|xml|gif|sumoc
 
 def pages(pattern: str) -> list[tuple[Path, str]]:
     """(page, first group) of every match, outside the generated tables."""
-    return [(page, found) for page in PAGES for found in re.findall(pattern, page.read_text(encoding="utf-8"), re.MULTILINE)]
+    return [
+        (page, found)
+        for page in PAGES
+        for found in re.findall(pattern, page.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
 
 
 def spans() -> list[tuple[Path, str]]:
@@ -43,7 +53,13 @@ def spans() -> list[tuple[Path, str]]:
 
 def fenced(language: str) -> list[Any]:
     """Every fenced example, as test parameters."""
-    found = [(page.name, text) for page in PAGES for text in re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)]
+    found = [
+        (page.name, text)
+        for page in PAGES
+        for text in re.findall(
+            rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL
+        )
+    ]
     return [pytest.param(text, id=f"{name}-{k}") for k, (name, text) in enumerate(found)]
 
 
@@ -55,7 +71,12 @@ def examples(of_experiments: bool) -> list[Any]:
 def indented(program: str) -> list[Any]:
     """Every line of an indented example that calls the program, without its comment."""
     lines = pages(rf"^    ({program} [^\n]*)$")
-    return [pytest.param(shlex.split(line, comments=True)[len(program.split()) :], id=f"{page.name}-{k}") for k, (page, line) in enumerate(lines)]
+    return [
+        pytest.param(
+            shlex.split(line, comments=True)[len(program.split()) :], id=f"{page.name}-{k}"
+        )
+        for k, (page, line) in enumerate(lines)
+    ]
 
 
 def exists(name: str, page: Path) -> bool:
@@ -72,7 +93,9 @@ def test_the_tables_of_the_scenario_file_are_up_to_date() -> None:
 
 
 def test_the_schema_on_disk_is_up_to_date() -> None:
-    assert (TOP / "configs" / "schema.json").read_text(encoding="utf-8") == schema_text(config.json_schema()), "run python -m sumo_mcts.schema_docs"
+    assert (TOP / "configs" / "schema.json").read_text(encoding="utf-8") == schema_text(
+        config.json_schema()
+    ), "run python -m sumo_mcts.schema_docs"
 
 
 def test_the_schema_is_no_scenario() -> None:
@@ -82,7 +105,9 @@ def test_the_schema_is_no_scenario() -> None:
 def test_every_key_has_a_meaning_a_type_and_a_default() -> None:
     rows = [line for line in tables(config.json_schema()).splitlines() if line.startswith("| `")]
     for row in rows:
-        _, key, kind, default, _, meaning, _ = (cell.strip() for cell in re.split(r"(?<!\\)\|", row))
+        _, key, kind, default, _, meaning, _ = (
+            cell.strip() for cell in re.split(r"(?<!\\)\|", row)
+        )
         assert key and kind and default and meaning, row
         assert kind != "None", row
 
@@ -95,7 +120,9 @@ def test_files_named_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     links = {link for link in re.findall(r"\]\(([^)#]+)[^)]*\)", text) if "://" not in link}
     named = {name for name in _FILE.findall(text) if not name.startswith(_NOT_HERE)} | links
-    named -= {name for name in named if name.startswith(("roads/", "courteous/", "learned/"))}  # made up in an example
+    named -= {
+        name for name in named if name.startswith(("roads/", "courteous/", "learned/"))
+    }  # made up in an example
     assert not [name for name in sorted(named) if not exists(name, page)]
 
 
@@ -104,13 +131,23 @@ def test_functions_named_exist() -> None:
     assert len(named) > 40
     for file, name in named:
         tree = ast.parse((TOP / "sumo_mcts" / file).read_text(encoding="utf-8"))
-        assert name in {node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)}, f"{file}::{name}"
+        assert name in {
+            node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)
+        }, f"{file}::{name}"
 
 
 def test_keys_named_exist() -> None:
     schema = config.json_schema()
-    sections = {key: schema["$defs"][field["$ref"].rsplit("/", 1)[-1]]["properties"] for key, field in SECTIONS.items() if "$ref" in field}
-    dotted = [span for _, span in spans() if re.fullmatch(r"[a-z_]+\.[a-z_0-9]+", span) and not span.endswith(".py")]
+    sections = {
+        key: schema["$defs"][field["$ref"].rsplit("/", 1)[-1]]["properties"]
+        for key, field in SECTIONS.items()
+        if "$ref" in field
+    }
+    dotted = [
+        span
+        for _, span in spans()
+        if re.fullmatch(r"[a-z_]+\.[a-z_0-9]+", span) and not span.endswith(".py")
+    ]
     named = [span.split(".") for span in dotted if span.split(".")[0] in sections]
     assert len(named) > 40
     assert not [".".join(parts) for parts in named if parts[1] not in sections[parts[0]]]
@@ -123,12 +160,21 @@ def test_every_key_of_the_row_is_explained() -> None:
 
 def test_every_outcome_is_explained() -> None:
     text = (TOP / "docs" / "measures.md").read_text(encoding="utf-8")
-    outcomes = (referee.ARRIVED, referee.COLLISION, referee.TELEPORTED, referee.OFF_ROUTE, referee.TIMEOUT, referee.ERROR)
+    outcomes = (
+        referee.ARRIVED,
+        referee.COLLISION,
+        referee.TELEPORTED,
+        referee.OFF_ROUTE,
+        referee.TIMEOUT,
+        referee.ERROR,
+    )
     assert not [outcome for outcome in outcomes if f"| `{outcome}` |" not in text]
 
 
 def test_no_path_of_a_machine_is_named() -> None:
-    assert not [(page.name, found) for page, found in pages(r"((?:/home|/work|/tmp|/root|C:\\)\S*)")]
+    assert not [
+        (page.name, found) for page, found in pages(r"((?:/home|/work|/tmp|/root|C:\\)\S*)")
+    ]
 
 
 # --- commands ---
@@ -138,7 +184,9 @@ def test_no_path_of_a_machine_is_named() -> None:
 def test_commands_parse(arguments: list[str]) -> None:
     group: Any = typer.main.get_command(app)
     name, *rest = arguments
-    context = group.commands[name].make_context(name, rest)  # raises where an option or a value is wrong
+    context = group.commands[name].make_context(
+        name, rest
+    )  # raises where an option or a value is wrong
     scenario = context.params.get("scenario")
     if scenario is not None and "." not in scenario:
         assert scenario in builtin.scenario_names()
@@ -150,7 +198,9 @@ def test_cheap_commands_run(command: str) -> None:
 
 
 def test_make_knows_the_targets_named() -> None:
-    targets = set(re.findall(r"^([\w-]+):", (TOP / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    targets = set(
+        re.findall(r"^([\w-]+):", (TOP / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    )
     assert {target for _, target in pages(r"^    make ([\w-]+)")} <= targets
 
 
@@ -184,7 +234,11 @@ def test_python_examples_import_what_is_there(text: str) -> None:
 def test_experiment_examples_are_valid(text: str, tmp_path: Path) -> None:
     (tmp_path / "example.yaml").write_text(text, encoding="utf-8")
     plan = experiment.load(tmp_path / "example.yaml")
-    assert len(experiment.episodes(plan, {})) == sum(len(case.seeds) * len(plan.variants) for case in plan.cases) > 0
+    assert (
+        len(experiment.episodes(plan, {}))
+        == sum(len(case.seeds) * len(plan.variants) for case in plan.cases)
+        > 0
+    )
 
 
 @pytest.mark.slow
@@ -203,10 +257,17 @@ def test_the_animation_is_small() -> None:
 
 def test_the_experiments_are_listed_with_what_they_are_about() -> None:
     found = json.loads(CliRunner().invoke(app, ["experiments", "--json"]).stdout)
-    files = {path.stem: yaml.safe_load(path.read_text()) for path in (builtin.root() / "configs" / "experiments").glob("*.yaml")}
-    assert found == [{"name": name, "description": files[name]["description"]} for name in sorted(files)]
+    files = {
+        path.stem: yaml.safe_load(path.read_text())
+        for path in (builtin.root() / "configs" / "experiments").glob("*.yaml")
+    }
+    assert found == [
+        {"name": name, "description": files[name]["description"]} for name in sorted(files)
+    ]
     lines = CliRunner().invoke(app, ["experiments"]).stdout.splitlines()
-    assert [line.split(None, 1) for line in lines] == [[item["name"], item["description"]] for item in found]
+    assert [line.split(None, 1) for line in lines] == [
+        [item["name"], item["description"]] for item in found
+    ]
     page = (builtin.root() / "docs" / "experiments.md").read_text()
     assert all(f"`{item['name']}`" in page for item in found)
 

@@ -65,39 +65,62 @@ def test_mcts_drives_the_reactive_scenes(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["unprotected-left-turn", "highway-exit", "straight-line"])
 def test_the_oracle_solves_the_fixed_scripted_scenes(name: str) -> None:
-    scene = config.load(builtin.scenario_path(f"{name}-scripted"), ("prediction.name=script", "traffic.vary=0"))
+    scene = config.load(
+        builtin.scenario_path(f"{name}-scripted"), ("prediction.name=script", "traffic.vary=0")
+    )
     row = run_episode(scene, 0).rows[0]
     assert row["outcome"] == "arrived", row
     assert row["inevitable"] is None
 
 
 def test_a_blind_driver_collides_where_the_search_does_not() -> None:
-    scene = config.load(builtin.scenario_path("unprotected-left-turn-scripted"), ("planner.name=constant", "traffic.vary=0"))
+    scene = config.load(
+        builtin.scenario_path("unprotected-left-turn-scripted"),
+        ("planner.name=constant", "traffic.vary=0"),
+    )
     row = run_episode(scene, 0).rows[0]
     assert (row["outcome"], row["inevitable"]) == ("collision", False)
 
 
 def walled(gap: float, *sets: str, pos_vary: float = 0.0, more: str = "") -> config.ScenarioConfig:
-    """A blind ego at 15 m/s, for whom standing cars block all lanes `gap` m ahead, give or take `pos_vary`; it needs 15.6 m to stop."""
-    ego = "{id: ego, vtype: ego, route: [road, beyond], depart: {lane: 1, pos_m: 100, speed_mps: 15}}"
+    """A blind ego at 15 m/s, for whom standing cars block all lanes `gap` m ahead, give or take
+    `pos_vary`; it needs 15.6 m to stop."""
+    ego = (
+        "{id: ego, vtype: ego, route: [road, beyond], depart: {lane: 1, pos_m: 100, speed_mps: 15}}"
+    )
     place = f"route: [road, beyond], driver: script, vtype: car, vary: {{pos_m: {pos_vary}}}"
-    wall = [f"{{id: wall_{k}, {place}, depart: {{lane: {k}, pos_m: {100 + gap + 4.7}}}}}" for k in range(3)]
+    wall = [
+        f"{{id: wall_{k}, {place}, depart: {{lane: {k}, pos_m: {100 + gap + 4.7}}}}}"
+        for k in range(3)
+    ]
     actors = f"traffic.actors=[{', '.join([ego, *wall, *([more] if more else [])])}]"
-    return config.load(builtin.scenario_path("straight-line-scripted"), ("planner.name=constant", actors, *sets))
+    return config.load(
+        builtin.scenario_path("straight-line-scripted"), ("planner.name=constant", actors, *sets)
+    )
 
 
 @pytest.mark.parametrize("fixed", [walled(15.0, "traffic.vary=0", pos_vary=3.0), walled(15.0)])
 def test_a_fixed_scene_is_never_drawn_again(fixed: config.ScenarioConfig) -> None:
     result = run_episode(fixed, 0)
-    assert (result.rows[0]["outcome"], result.rows[0]["inevitable"], result.manifest["redrawn"]) == ("collision", True, 0)
+    assert (
+        result.rows[0]["outcome"],
+        result.rows[0]["inevitable"],
+        result.manifest["redrawn"],
+    ) == ("collision", True, 0)
 
 
 def test_nobody_knows_what_is_inevitable_where_somebody_reacts() -> None:
-    reacting = "{id: eyes, vtype: car, route: [road, beyond], depart: {lane: 0, pos_m: 20, time_s: 0}}"
+    reacting = (
+        "{id: eyes, vtype: car, route: [road, beyond], depart: {lane: 0, pos_m: 20, time_s: 0}}"
+    )
     late = "{id: eyes, vtype: car, route: [road, beyond], depart: {lane: 0, pos_m: 20, time_s: 30}}"
     for more in (reacting, late):
         result = run_episode(walled(15.0, pos_vary=0.1, more=more), 0)
-        assert (result.rows[0]["outcome"], result.rows[0]["inevitable"], result.manifest["redrawn"]) == ("collision", None, 0)
+        assert (
+            result.rows[0]["outcome"],
+            result.rows[0]["inevitable"],
+            result.manifest["redrawn"],
+        ) == ("collision", None, 0)
 
 
 def test_a_scene_without_a_way_out_is_drawn_again() -> None:
@@ -106,22 +129,38 @@ def test_a_scene_without_a_way_out_is_drawn_again() -> None:
     # a draw is lost in about one of two
     redrawn = [result.manifest["redrawn"] for result in first]
     assert 2 <= sum(count > 0 for count in redrawn) <= 6
-    assert all((result.rows[0]["outcome"], result.rows[0]["inevitable"]) == ("collision", False) for result in first)
+    assert all(
+        (result.rows[0]["outcome"], result.rows[0]["inevitable"]) == ("collision", False)
+        for result in first
+    )
     again = [run_episode(scene, seed) for seed in range(8)]
     assert [result.manifest["redrawn"] for result in again] == redrawn
-    assert [result.rows[0]["trace_digest"] for result in again] == [result.rows[0]["trace_digest"] for result in first]
+    assert [result.rows[0]["trace_digest"] for result in again] == [
+        result.rows[0]["trace_digest"] for result in first
+    ]
     walls = {result.traces[0].cycles[0].agents.s.tobytes() for result in first}
     assert len(walls) == len(first)
 
 
 def test_the_next_draw_is_the_same_in_another_process() -> None:
     scene = walled(15.6, pos_vary=3.0)
-    seed, here = next((seed, result) for seed in range(20) if (result := run_episode(scene, seed)).manifest["redrawn"] > 0)
-    program = "import sys; from sumo_mcts.config import ScenarioConfig; from sumo_mcts.episode import run_episode\n"
-    program += "result = run_episode(ScenarioConfig.model_validate_json(sys.argv[1]), int(sys.argv[2]))\n"
+    seed, here = next(
+        (seed, result)
+        for seed in range(20)
+        if (result := run_episode(scene, seed)).manifest["redrawn"] > 0
+    )
+    program = (
+        "import sys; from sumo_mcts.config import ScenarioConfig; from sumo_mcts.episode "
+        "import run_episode\n"
+    )
+    program += (
+        "result = run_episode(ScenarioConfig.model_validate_json(sys.argv[1]), int(sys.argv[2]))\n"
+    )
     program += "print(result.manifest['redrawn'], result.rows[0]['trace_digest'])"
     command = [sys.executable, "-c", program, scene.model_dump_json(), str(seed)]
-    there = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout.split()
+    there = subprocess.run(
+        command, capture_output=True, text=True, check=True, timeout=300
+    ).stdout.split()
     assert there == [str(here.manifest["redrawn"]), here.rows[0]["trace_digest"]]
 
 
@@ -144,16 +183,24 @@ def test_the_twin_is_driven_by_sumo() -> None:
 
 
 def test_the_planner_knows_the_top_speed_of_its_actor() -> None:
-    ego = "{id: ego, vtype: ego, route: [road, beyond], max_speed_mps: 4, depart: {lane: 1, pos_m: 250, speed_mps: 3}}"
+    ego = (
+        "{id: ego, vtype: ego, route: [road, beyond], max_speed_mps: 4, depart: {lane: 1, pos_m: "
+        "250, speed_mps: 3}}"
+    )
     sets = ("planner.name=idm", f"traffic.actors=[{ego}]", "traffic.vary=0")
     result = run_episode(config.load(builtin.scenario_path("straight-line"), sets), 0)
     speeds = [cycle.ego.v for cycle in result.traces[0].cycles]
     assert 3.5 < max(speeds) <= 4.0
-    assert result.rows[0]["free_flow_s"] == pytest.approx(result.rows[0]["distance_m"] / 4.0, rel=0.1)
+    assert result.rows[0]["free_flow_s"] == pytest.approx(
+        result.rows[0]["distance_m"] / 4.0, rel=0.1
+    )
 
 
 def test_two_egos_get_a_row_each() -> None:
-    scene = config.load(builtin.scenario_path("straight-line"), ("planner.iterations=200", "egos=[{id: ego, until: road}, {id: behind, until: road}]"))
+    scene = config.load(
+        builtin.scenario_path("straight-line"),
+        ("planner.iterations=200", "egos=[{id: ego, until: road}, {id: behind, until: road}]"),
+    )
     result = run_episode(scene, 1)
     assert [row["ego"] for row in result.rows] == ["ego", "behind"]
     assert [row["outcome"] for row in result.rows] == ["arrived", "arrived"]
@@ -173,8 +220,17 @@ def test_a_planner_that_raises_is_an_outcome(monkeypatch: pytest.MonkeyPatch) ->
     assert set(row) == set(ROW_KEYS)
 
 
-@pytest.mark.parametrize("shortage", [MemoryError(), OSError(11, "Resource temporarily unavailable"), RuntimeError("can't start new thread")])
-def test_a_shortage_of_the_machine_is_no_outcome(shortage: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "shortage",
+    [
+        MemoryError(),
+        OSError(11, "Resource temporarily unavailable"),
+        RuntimeError("can't start new thread"),
+    ],
+)
+def test_a_shortage_of_the_machine_is_no_outcome(
+    shortage: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def starve(*_: object) -> None:
         raise shortage
 
@@ -187,7 +243,9 @@ def test_a_shortage_of_the_machine_is_no_outcome(shortage: Exception, monkeypatc
 
 
 def test_an_ego_that_never_comes_is_an_error() -> None:
-    scene = config.load(builtin.scenario_path("straight-line"), ("egos=[{id: ahead.7}]", "episode.depart_limit_s=5"))
+    scene = config.load(
+        builtin.scenario_path("straight-line"), ("egos=[{id: ahead.7}]", "episode.depart_limit_s=5")
+    )
     row = run_episode(scene, 1).rows[0]
     assert row["outcome"] == "error"
     assert "never departed" in row["error"]
@@ -208,7 +266,9 @@ def test_the_trace_tells_what_the_row_says(tmp_path: Path) -> None:
     assert sum(cycle.deviation != "" for cycle in again.cycles) <= 1
 
 
-def test_a_planner_that_raises_under_way_leaves_what_was_driven_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planner_that_raises_under_way_leaves_what_was_driven_so_far(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     decide = Driver.decide
 
     def tired(self: Driver, scene: Scene) -> Thought:
@@ -217,7 +277,9 @@ def test_a_planner_that_raises_under_way_leaves_what_was_driven_so_far(monkeypat
         return decide(self, scene)
 
     monkeypatch.setattr(Driver, "decide", tired)
-    result = run_episode(config.load(builtin.scenario_path("straight-line"), ("planner.iterations=50",)), 1)
+    result = run_episode(
+        config.load(builtin.scenario_path("straight-line"), ("planner.iterations=50",)), 1
+    )
     row = result.rows[0]
     assert (row["outcome"], row["error"], row["cycles"]) == ("error", "RuntimeError: enough", 6)
     assert len(result.traces[0].cycles) == 6
@@ -233,11 +295,17 @@ def test_an_episode_leaves_nothing_behind_for_the_next() -> None:
 
 
 def test_a_trace_is_drawn_the_same_after_it_was_loaded(tmp_path: Path) -> None:
-    trace = run_episode(config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=100",)), 2).traces[0]
+    trace = run_episode(
+        config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=100",)), 2
+    ).traces[0]
     records.save_trace(tmp_path / "trace.npz", trace)
     again = records.load_trace(tmp_path / "trace.npz")
     middle = trace.cycles[len(trace.cycles) // 2].time
-    before, after = (np.asarray(birdseye.picture(one, middle)[0], dtype=int) for one in (trace, again))
+    before, after = (
+        np.asarray(birdseye.picture(one, middle)[0], dtype=int) for one in (trace, again)
+    )
     assert before.shape == after.shape
-    assert (np.abs(before - after).max(axis=2) > 24).mean() < 0.001  # poses are kept in single precision
+    assert (
+        np.abs(before - after).max(axis=2) > 24
+    ).mean() < 0.001  # poses are kept in single precision
     assert before.std() > 10.0

@@ -1,4 +1,5 @@
-"""The gymnasium environment: its interface, the same episodes as everybody else's, and one simulation a process."""
+"""The gymnasium environment: its interface, the same episodes as everybody else's, and one
+simulation a process."""
 
 import json
 import math
@@ -41,11 +42,15 @@ def env() -> Iterator[DriveEnv]:
     environment.close()
 
 
-def drive(environment: DriveEnv, actions: list[int], seed: int) -> tuple[list[dict[str, Any]], list[float], dict[str, Any]]:
+def drive(
+    environment: DriveEnv, actions: list[int], seed: int
+) -> tuple[list[dict[str, Any]], list[float], dict[str, Any]]:
     """Observations, rewards, and the last info of an episode; the last action goes on."""
     seen, rewards = [environment.reset(seed=seed)[0]], []
     for k in range(1000):
-        observation, reward, terminated, truncated, info = environment.step(np.int64(actions[min(k, len(actions) - 1)]))
+        observation, reward, terminated, truncated, info = environment.step(
+            np.int64(actions[min(k, len(actions) - 1)])
+        )
         seen.append(observation)
         rewards.append(reward)
         assert observation in environment.observation_space
@@ -66,9 +71,14 @@ def test_gymnasium_finds_nothing_amiss() -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 5])
-def test_a_policy_is_judged_alike_in_the_environment_and_as_a_planner(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_policy_is_judged_alike_in_the_environment_and_as_a_planner(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene = load_scenario("unprotected-left-turn", *SHORT)
-    actions = [int(action) for action in np.random.default_rng(seed).integers(len(Actions(scene).table), size=40)]
+    actions = [
+        int(action)
+        for action in np.random.default_rng(seed).integers(len(Actions(scene).table), size=40)
+    ]
 
     class Policy:
         needs_forecast = True
@@ -88,10 +98,19 @@ def test_a_policy_is_judged_alike_in_the_environment_and_as_a_planner(seed: int,
     seen, _, info = drive(environment, actions, seed)
     row = info["row"]
     assert tuple(row) == ROW_KEYS
-    told = [key for key in ROW_KEYS if key not in ("key", "variant", "planner", "wall_s", "realtime_factor", "deadline_misses") and "plan_ms" not in key]
+    told = [
+        key
+        for key in ROW_KEYS
+        if key not in ("key", "variant", "planner", "wall_s", "realtime_factor", "deadline_misses")
+        and "plan_ms" not in key
+    ]
     assert {key: row[key] for key in told} == {key: ours[key] for key in told}
     assert row["cycles"] == len(seen) - 1 > 5
-    assert (row["planner"], row["variant"], row["key"]) == ("policy", "policy", f"unprotected-left-turn--policy--{seed}")
+    assert (row["planner"], row["variant"], row["key"]) == (
+        "policy",
+        "policy",
+        f"unprotected-left-turn--policy--{seed}",
+    )
 
 
 def test_a_seed_is_an_episode_and_later_ones_follow_from_it(env: DriveEnv) -> None:
@@ -109,9 +128,16 @@ def test_the_reward_is_what_the_referee_counts(env: DriveEnv) -> None:
     _, rewards, info = drive(env, [int(np.argmax(env.actions[:, 0] == 2.6))], 2)
     row = info["row"]
     assert row["outcome"] in ("arrived", "collision", "timeout")
-    outcome = {"arrived": REWARD["arrived"], "collision": REWARD["collision"]}.get(row["outcome"], 0.0)
+    outcome = {"arrived": REWARD["arrived"], "collision": REWARD["collision"]}.get(
+        row["outcome"], 0.0
+    )
     imposed = row["imposed_brakes_2"] + row["imposed_brakes_3"] + row["imposed_brakes_4"]
-    least = REWARD["progress"] * row["distance_m"] + outcome + REWARD["imposed"] * imposed + REWARD["red"] * row["red_lights_run"]
+    least = (
+        REWARD["progress"] * row["distance_m"]
+        + outcome
+        + REWARD["imposed"] * imposed
+        + REWARD["red"] * row["red_lights_run"]
+    )
     passed = row["travel_time_s"] if row["travel_time_s"] is not None else 0.5 * row["cycles"]
     comfort = REWARD["discomfort"] * (1.0 - row["comfortable_share"]) * passed
     assert sum(rewards) == pytest.approx(least + REWARD["time"] * passed + comfort, abs=0.2)
@@ -130,7 +156,9 @@ def test_what_is_seen_moves_as_the_ego_does(env: DriveEnv) -> None:
     speed, left = names.index("speed, m/s"), names.index("way to the end of its route, m")
     for before, after in pairwise(seen[:-1]):
         driven = before["ego"][left] - after["ego"][left]
-        assert driven == pytest.approx(0.5 * after["ego"][speed], abs=0.15 * 0.5 * 10.0)  # half a second, accelerations below 3 m/s2
+        assert driven == pytest.approx(
+            0.5 * after["ego"][speed], abs=0.15 * 0.5 * 10.0
+        )  # half a second, accelerations below 3 m/s2
     for observation in seen:
         there = observation["agents"][:, 0] > 0
         distances = np.hypot(*observation["agents"][there, 1:3].T)
@@ -154,8 +182,15 @@ def test_the_actions_are_those_of_the_search(env: DriveEnv) -> None:
 def test_more_is_shown_where_it_is_asked_for() -> None:
     environment = DriveEnv("straight-line", agents=2, points=3)
     observation, _ = environment.reset(seed=0)
-    assert {name: part.shape for name, part in observation.items()} == {"ego": (10,), "agents": (2, 11), "route": (3, 5), "stop_line": (7,)}
-    assert {name: low.shape for name, (low, _) in bounds(Shown(2, 3)).items()} == {name: part.shape for name, part in observation.items()}
+    assert {name: part.shape for name, part in observation.items()} == {
+        "ego": (10,),
+        "agents": (2, 11),
+        "route": (3, 5),
+        "stop_line": (7,),
+    }
+    assert {name: low.shape for name, (low, _) in bounds(Shown(2, 3)).items()} == {
+        name: part.shape for name, part in observation.items()
+    }
     environment.close()
 
 
@@ -229,10 +264,14 @@ print(json.dumps([[first["agents"][k].tolist(), digests[k], totals[k]] for k in 
 @pytest.mark.slow
 def test_two_at_once_in_processes_of_their_own() -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    done = subprocess.run([sys.executable, "-c", TWO], env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", TWO], env=environment, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     for seed, (agents, digest, total) in zip((4, 5), json.loads(done.stdout), strict=True):
-        seen, rewards, info = drive(DriveEnv("straight-line", assignments=("episode.stop_time_s=6",)), [8], seed)
+        seen, rewards, info = drive(
+            DriveEnv("straight-line", assignments=("episode.stop_time_s=6",)), [8], seed
+        )
         assert seen[0]["agents"].tolist() == agents
         assert info["row"]["trace_digest"] == digest
         assert sum(rewards) == pytest.approx(total)
@@ -242,10 +281,21 @@ def test_two_at_once_in_processes_of_their_own() -> None:
 
 
 def test_a_sumocfg_of_the_users_own() -> None:
-    environment = DriveEnv(sumocfg=INPUTS / "good.sumocfg", ego="ego", assignments=("episode.time_limit_s=5",))
+    environment = DriveEnv(
+        sumocfg=INPUTS / "good.sumocfg", ego="ego", assignments=("episode.time_limit_s=5",)
+    )
     _, _, info = drive(environment, [0], 3)
-    row = run_episode(load_scenario(INPUTS / "good.sumocfg", "planner.name=sumo", "episode.time_limit_s=5", ego="ego"), 3).rows[0]
-    assert (info["row"]["scenario"], info["row"]["ego"], info["row"]["free_flow_s"]) == (row["scenario"], row["ego"], row["free_flow_s"])
+    row = run_episode(
+        load_scenario(
+            INPUTS / "good.sumocfg", "planner.name=sumo", "episode.time_limit_s=5", ego="ego"
+        ),
+        3,
+    ).rows[0]
+    assert (info["row"]["scenario"], info["row"]["ego"], info["row"]["free_flow_s"]) == (
+        row["scenario"],
+        row["ego"],
+        row["free_flow_s"],
+    )
 
 
 @pytest.mark.parametrize(
@@ -254,14 +304,20 @@ def test_a_sumocfg_of_the_users_own() -> None:
         ({"scenario": "nowhere"}, "nowhere: no such scenario"),
         ({"sumocfg": INPUTS / "good.sumocfg"}, "good.sumocfg: --ego: not given"),
         ({"sumocfg": INPUTS / "good.sumocfg", "ego": "any"}, "ego: any: name one vehicle"),
-        ({"scenario": load_scenario("straight-line")}, "load_scenario: scenario: a name or a path, got ScenarioConfig(name='straight-line'"),
+        (
+            {"scenario": load_scenario("straight-line")},
+            "load_scenario: scenario: a name or a path, got ScenarioConfig(name='straight-line'",
+        ),
         ({"agents": -1}, "agents: a whole number from 1 on, got -1"),
         ({"points": 2.5}, "points: a whole number from 1 on, got 2.5"),
         ({"reward": {"progress": math.nan}}, "reward: progress: a finite number, got nan"),
         ({"reward": ["progress"]}, "reward: a mapping of terms to weights, got ['progress']"),
         ({"reward": {"speed": 1.0}}, "reward: speed: unknown term; allowed: progress, time"),
         ({"render_mode": "human"}, "render_mode: human: not one of rgb_array"),
-        ({"assignments": ("planner.name=nobody:Nothing",)}, "planner.name: nobody:Nothing: code that a scenario names runs only"),
+        (
+            {"assignments": ("planner.name=nobody:Nothing",)},
+            "planner.name: nobody:Nothing: code that a scenario names runs only",
+        ),
         ({"assignments": ("egos=[{id: a}, {id: b}]",)}, "egos: an environment has one, not 2"),
     ],
 )
@@ -275,7 +331,9 @@ def test_there_is_nothing_to_see_before_the_first_episode() -> None:
         DriveEnv("straight-line", render_mode="rgb_array").render()
 
 
-def test_a_simulation_that_fails_ends_the_episode_with_its_message(env: DriveEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_simulation_that_fails_ends_the_episode_with_its_message(
+    env: DriveEnv, monkeypatch: pytest.MonkeyPatch
+) -> None:
     env.reset(seed=0)
     env.step(np.int64(0))
 
@@ -291,7 +349,12 @@ def test_a_simulation_that_fails_ends_the_episode_with_its_message(env: DriveEnv
 
 
 def test_an_ego_that_never_departs_is_no_episode() -> None:
-    environment = DriveEnv("straight-line", ego="ahead.7", assignments=("episode.depart_limit_s=1",))
-    with pytest.raises(RuntimeError, match="straight-line: seed 0: error before the first decision: never departed within 1 s"):
+    environment = DriveEnv(
+        "straight-line", ego="ahead.7", assignments=("episode.depart_limit_s=1",)
+    )
+    with pytest.raises(
+        RuntimeError,
+        match="straight-line: seed 0: error before the first decision: never departed within 1 s",
+    ):
         environment.reset(seed=0)
     assert not libsumo.simulation.isLoaded()

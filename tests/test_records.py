@@ -1,4 +1,5 @@
-"""What an episode leaves behind comes back as it was written, and half-written files are told from whole ones."""
+"""What an episode leaves behind comes back as it was written, and half-written files are told from
+whole ones."""
 
 import csv
 import json
@@ -30,7 +31,8 @@ def named(key: str, **known: Any) -> records.Row:
 
 
 def random_value(kind: Any, rng: np.random.Generator, path: str = "") -> Any:
-    """Any value of an annotated type: empty and odd-shaped arrays, nan and inf, strings beyond ASCII."""
+    """Any value of an annotated type: empty and odd-shaped arrays, nan and inf, strings beyond
+    ASCII."""
     kind = records._without_alias(kind)
     origin, args = get_origin(kind), get_args(kind)
     if kind is float:
@@ -46,14 +48,25 @@ def random_value(kind: Any, rng: np.random.Generator, path: str = "") -> Any:
         values = rng.normal(size=shape) * 1000
         if issubclass(get_args(args[1])[0], np.floating):
             values = np.where(rng.random(shape) < 0.1, np.inf, values)
-            return values.astype(np.float32).astype(np.float64) if path.endswith(records._COARSE) else values
+            return (
+                values.astype(np.float32).astype(np.float64)
+                if path.endswith(records._COARSE)
+                else values
+            )
         return values.astype(get_args(args[1])[0])
     if origin is tuple:
         return tuple(random_value(args[0], rng, path) for _ in range(rng.integers(4)))
     if origin is UnionType:
         member = args[rng.integers(len(args))]
-        return None if member is type(None) else random_value(member, rng, f"{path}/{member.__name__}")
-    return kind(*(random_value(annotation, rng, f"{path}/{field}") for field, annotation in get_type_hints(kind).items()))
+        return (
+            None if member is type(None) else random_value(member, rng, f"{path}/{member.__name__}")
+        )
+    return kind(
+        *(
+            random_value(annotation, rng, f"{path}/{field}")
+            for field, annotation in get_type_hints(kind).items()
+        )
+    )
 
 
 def assert_same(a: Any, b: Any, path: str = "trace") -> None:
@@ -75,7 +88,9 @@ def assert_same(a: Any, b: Any, path: str = "trace") -> None:
 @pytest.mark.smoke
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=30, deadline=None)
-def test_a_trace_of_anything_comes_back(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+def test_a_trace_of_anything_comes_back(
+    tmp_path_factory: pytest.TempPathFactory, seed: int
+) -> None:
     trace = random_value(records.Trace, np.random.default_rng(seed))
     path = tmp_path_factory.mktemp("trace") / "t.npz"
     records.save_trace(path, trace)
@@ -84,10 +99,18 @@ def test_a_trace_of_anything_comes_back(tmp_path_factory: pytest.TempPathFactory
 
 def test_an_alias_of_a_type_is_the_type_behind_it() -> None:
     element = TypeVar("element", bound=np.generic)
-    array = TypeAliasType("array", np.ndarray[tuple[Any, ...], np.dtype[element]], type_params=(element,))
+    array = TypeAliasType(
+        "array", np.ndarray[tuple[Any, ...], np.dtype[element]], type_params=(element,)
+    )
     column = TypeAliasType("column", array[np.int32])
-    kind: Any = NamedTuple("kind", [("speeds", array[np.float64]), ("lanes", column), ("several", tuple[column, ...])])
-    value = kind(np.arange(6.0).reshape(2, 3), np.arange(3, dtype=np.int32), (np.zeros(0, np.int32), np.ones(2, np.int32)))
+    kind: Any = NamedTuple(
+        "kind", [("speeds", array[np.float64]), ("lanes", column), ("several", tuple[column, ...])]
+    )
+    value = kind(
+        np.arange(6.0).reshape(2, 3),
+        np.arange(3, dtype=np.int32),
+        (np.zeros(0, np.int32), np.ones(2, np.int32)),
+    )
     (back,) = records._decode(kind, 1, "kind", records._columns(kind, value))
     assert_same(back, value)
 
@@ -136,21 +159,43 @@ def test_a_truncated_trace_is_refused_by_name(tmp_path: Path, share: float) -> N
 
 @given(data=st.data())
 @settings(max_examples=150, deadline=None)
-def test_a_damaged_trace_is_whole_or_refused(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
-    """Bytes overwritten anywhere, most of all where the archive and its headers say what is in them."""
+def test_a_damaged_trace_is_whole_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """Bytes overwritten anywhere, most of all where the archive and its headers say what is in
+    them."""
     path = tmp_path_factory.mktemp("trace") / "t.npz"
-    content = bytearray(records.trace_bytes(crossing_trace()._replace(cycles=crossing_trace().cycles[:1])))
-    heads = [found.start() for mark in (b"PK\x01\x02", b"PK\x03\x04", b"PK\x05\x06") for found in re.finditer(re.escape(mark), content)]
+    content = bytearray(
+        records.trace_bytes(crossing_trace()._replace(cycles=crossing_trace().cycles[:1]))
+    )
+    heads = [
+        found.start()
+        for mark in (b"PK\x01\x02", b"PK\x03\x04", b"PK\x05\x06")
+        for found in re.finditer(re.escape(mark), content)
+    ]
     for _ in range(data.draw(st.integers(1, 3))):
-        at = data.draw(st.sampled_from(heads)) + data.draw(st.integers(0, 90)) if data.draw(st.booleans()) else data.draw(st.integers(0, len(content) - 1))
+        at = (
+            data.draw(st.sampled_from(heads)) + data.draw(st.integers(0, 90))
+            if data.draw(st.booleans())
+            else data.draw(st.integers(0, len(content) - 1))
+        )
         content[at : at + 1] = data.draw(st.binary(min_size=1, max_size=1))
     path.write_bytes(content)
     with suppress(records.TraceError):
         records.load_trace(path)
 
 
-@pytest.mark.parametrize(("what", "changed"), [(b"PK\x01\x02", (10, b"\x07")), (b"\x93NUMPY", (10, b"{'a': (")), (b"\x93NUMPY", (10, b"[" * 40))])
-def test_damage_that_the_archive_does_not_know_is_refused(tmp_path: Path, what: bytes, changed: tuple[int, bytes]) -> None:
+@pytest.mark.parametrize(
+    ("what", "changed"),
+    [
+        (b"PK\x01\x02", (10, b"\x07")),
+        (b"\x93NUMPY", (10, b"{'a': (")),
+        (b"\x93NUMPY", (10, b"[" * 40)),
+    ],
+)
+def test_damage_that_the_archive_does_not_know_is_refused(
+    tmp_path: Path, what: bytes, changed: tuple[int, bytes]
+) -> None:
     """A kind of packing that nobody knows, and headers that cannot be parsed."""
     np.savez(tmp_path / "t.npz", format=np.array(3))
     content, (offset, new) = bytearray((tmp_path / "t.npz").read_bytes()), changed
@@ -196,7 +241,9 @@ def test_other_files_are_not_traces(tmp_path: Path) -> None:
         records.load_trace(tmp_path / "none.npz")
 
 
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "t.npz"
     path.write_bytes(b"old")
 
@@ -210,7 +257,14 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path, mon
     assert [p.name for p in tmp_path.iterdir()] == ["t.npz"]
 
 
-@pytest.mark.parametrize("write", [lambda f: records.append_row(f, {}), records.write_csv, lambda f: records.write_manifest(f, {})])
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda f: records.append_row(f, {}),
+        records.write_csv,
+        lambda f: records.write_manifest(f, {}),
+    ],
+)
 def test_a_folder_that_cannot_be_is_an_os_error(tmp_path: Path, write: Any) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OSError, match="file"):
@@ -218,18 +272,38 @@ def test_a_folder_that_cannot_be_is_an_os_error(tmp_path: Path, write: Any) -> N
 
 
 @pytest.mark.parametrize("lacking", records.WHOLE)
-def test_a_line_that_does_not_say_which_episode_it_is_or_how_it_ended_is_no_row(tmp_path: Path, lacking: str) -> None:
+def test_a_line_that_does_not_say_which_episode_it_is_or_how_it_ended_is_no_row(
+    tmp_path: Path, lacking: str
+) -> None:
     for unknown in ({}, {lacking: None}, {lacking: 3}, {lacking: ""}):
-        records.append_row(tmp_path, {**{key: value for key, value in named("a").items() if key != lacking}, **unknown})
+        records.append_row(
+            tmp_path,
+            {**{key: value for key, value in named("a").items() if key != lacking}, **unknown},
+        )
     assert records.read_rows(tmp_path) == []
     assert records.rows_and_torn(tmp_path)[1] == 4
 
 
 def test_rows_have_every_key_in_order_and_no_nan(tmp_path: Path) -> None:
-    records.append_row(tmp_path, {"key": "k", "min_ttc_s": float("nan"), "max_drac_mps2": np.float64("inf"), "seed": np.int64(3), "in_time": np.True_})
+    records.append_row(
+        tmp_path,
+        {
+            "key": "k",
+            "min_ttc_s": float("nan"),
+            "max_drac_mps2": np.float64("inf"),
+            "seed": np.int64(3),
+            "in_time": np.True_,
+        },
+    )
     row = json.loads((tmp_path / records.ROWS).read_text(), parse_constant=pytest.fail)
     assert tuple(row) == records.ROW_KEYS
-    assert (row["min_ttc_s"], row["max_drac_mps2"], row["seed"], row["in_time"], row["outcome"]) == (None, None, 3, True, None)
+    assert (
+        row["min_ttc_s"],
+        row["max_drac_mps2"],
+        row["seed"],
+        row["in_time"],
+        row["outcome"],
+    ) == (None, None, 3, True, None)
 
 
 def test_row_keys_are_those_of_the_documentation() -> None:
@@ -258,13 +332,20 @@ def test_line_breaks_of_other_alphabets_do_not_split_a_row(tmp_path: Path) -> No
 
 
 def test_csv_has_the_rows_of_the_jsonl(tmp_path: Path) -> None:
-    records.append_row(tmp_path, named("a", at_fault=False, min_ttc_s=1.5, error='said "no", twice'))
+    records.append_row(
+        tmp_path, named("a", at_fault=False, min_ttc_s=1.5, error='said "no", twice')
+    )
     records.append_row(tmp_path, named("b", further=1))
     records.write_csv(tmp_path)
     with (tmp_path / records.TABLE).open(newline="", encoding="utf-8") as file:
         table = list(csv.DictReader(file))
     assert list(table[0]) == [*records.ROW_KEYS, "further"]
-    assert (table[0]["at_fault"], table[0]["min_ttc_s"], table[0]["error"], table[0]["planner"]) == ("false", "1.5", 'said "no", twice', "")
+    assert (
+        table[0]["at_fault"],
+        table[0]["min_ttc_s"],
+        table[0]["error"],
+        table[0]["planner"],
+    ) == ("false", "1.5", 'said "no", twice', "")
     assert (table[1]["key"], table[1]["further"]) == ("b", "1")
 
 
@@ -274,7 +355,10 @@ def test_csv_without_rows_is_a_header(tmp_path: Path) -> None:
 
 
 def test_manifest_is_plain_json(tmp_path: Path) -> None:
-    records.write_manifest(tmp_path / "new" / "out", {"when": Path("x"), "values": np.array([1.0, np.nan]), "versions": records.versions()})
+    records.write_manifest(
+        tmp_path / "new" / "out",
+        {"when": Path("x"), "values": np.array([1.0, np.nan]), "versions": records.versions()},
+    )
     manifest = json.loads((tmp_path / "new" / "out" / records.MANIFEST).read_text())
     assert manifest["schema_version"] == records.SCHEMA_VERSION
     assert manifest["values"] == [1.0, None]
@@ -282,12 +366,23 @@ def test_manifest_is_plain_json(tmp_path: Path) -> None:
 
 
 def test_versions_do_not_load_sumo() -> None:
-    code = "import sys, sumo_mcts.records as r; r.versions(); print([m for m in ('libsumo', 'sumolib', 'pydantic', 'numba') if m in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    code = (
+        "import sys, sumo_mcts.records as r; r.versions(); print([m for m in ('libsumo', "
+        "'sumolib', 'pydantic', 'numba') if m in sys.modules])"
+    )
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        == "[]"
+    )
 
 
 def test_ordinary_keys_stay_readable() -> None:
-    assert records.episode_key("unprotected-left-turn", "mcts_1000.idm", 7) == "unprotected-left-turn--mcts_1000.idm--7"
+    assert (
+        records.episode_key("unprotected-left-turn", "mcts_1000.idm", 7)
+        == "unprotected-left-turn--mcts_1000.idm--7"
+    )
     assert records.episode_key("a", "b", 7, "veh.0") == "a--b--7--veh.0"
     assert records.episode_key("a", "b", None) != records.episode_key("a", "b", 0)
 
@@ -295,8 +390,13 @@ def test_ordinary_keys_stay_readable() -> None:
 _NAMES = st.text(max_size=100) | st.text(alphabet="a-_./", max_size=4)
 
 
-@given(a=st.tuples(_NAMES, _NAMES, st.integers(), st.none() | _NAMES), b=st.tuples(_NAMES, _NAMES, st.integers(), st.none() | _NAMES))
-def test_keys_are_safe_and_tell_episodes_apart(a: tuple[str, str, int, str | None], b: tuple[str, str, int, str | None]) -> None:
+@given(
+    a=st.tuples(_NAMES, _NAMES, st.integers(), st.none() | _NAMES),
+    b=st.tuples(_NAMES, _NAMES, st.integers(), st.none() | _NAMES),
+)
+def test_keys_are_safe_and_tell_episodes_apart(
+    a: tuple[str, str, int, str | None], b: tuple[str, str, int, str | None]
+) -> None:
     key = records.episode_key(*a)
     assert (key == records.episode_key(*b)) == (a == b)
     assert len(key) <= 240
@@ -306,9 +406,16 @@ def test_keys_are_safe_and_tell_episodes_apart(a: tuple[str, str, int, str | Non
 
 
 def test_every_field_of_a_cycle_is_storable() -> None:
-    """A new field in scene.py of a kind that the trace cannot hold shows here, not at the end of an episode."""
+    """A new field in scene.py of a kind that the trace cannot hold shows here, not at the end of an
+    episode."""
     columns: records.Columns = {}
     records._encode(records.Trace, [crossing_trace()], "trace", columns)
-    assert {name.split("#")[0] for name in columns} >= {f"trace/cycles/ego/{field}" for field in EgoState._fields}
-    assert {name.split("#")[0].split("/")[3] for name in columns if name.startswith("trace/cycles/decision/")} == set(Decision._fields)
+    assert {name.split("#")[0] for name in columns} >= {
+        f"trace/cycles/ego/{field}" for field in EgoState._fields
+    }
+    assert {
+        name.split("#")[0].split("/")[3]
+        for name in columns
+        if name.startswith("trace/cycles/decision/")
+    } == set(Decision._fields)
     assert all(column.dtype != object for column in columns.values())

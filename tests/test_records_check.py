@@ -1,4 +1,5 @@
-"""What a trace and a map have to hold: all that is written passes, and damaged numbers are refused before anything is computed from them."""
+"""What a trace and a map have to hold: all that is written passes, and damaged numbers are refused
+before anything is computed from them."""
 
 import os
 import shutil
@@ -32,7 +33,9 @@ KEY = "unprotected-left-turn--mcts-idm-200--3"
 def result() -> EpisodeResult:
     """Four seconds of an episode, on the way into the junction."""
     whole = run_episode(of_a_scene("unprotected-left-turn"), 3)
-    return whole._replace(traces=tuple(trace._replace(cycles=trace.cycles[8:16]) for trace in whole.traces))
+    return whole._replace(
+        traces=tuple(trace._replace(cycles=trace.cycles[8:16]) for trace in whole.traces)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +67,11 @@ def test_every_number_of_a_record_has_a_rule() -> None:
     """A new field shows here, not when somebody damages it."""
     for kind in kinds_in(records.Trace) | kinds_in(RoadMap):
         for field, annotation in get_type_hints(kind).items():
-            members = [each for each in get_args(annotation) if each is not NoneType] if get_origin(annotation) in (Union, UnionType) else [annotation]
+            members = (
+                [each for each in get_args(annotation) if each is not NoneType]
+                if get_origin(annotation) in (Union, UnionType)
+                else [annotation]
+            )
             itself = all(hasattr(each, "_fields") or each in (bool, str) for each in members)
             assert itself or field in check.RULES[kind.__name__], f"{kind.__name__}.{field}"
 
@@ -75,14 +82,22 @@ def test_a_rule_is_about_a_field_that_there_is() -> None:
         assert set(rules) <= set(kinds[name]._fields), name
 
 
-@pytest.mark.parametrize("trace", [crossing_trace(), highway_trace(), busy_trace(), crossing_trace()._replace(cycles=())])
+@pytest.mark.parametrize(
+    "trace", [crossing_trace(), highway_trace(), busy_trace(), crossing_trace()._replace(cycles=())]
+)
 def test_what_is_made_up_passes(trace: records.Trace) -> None:
     assert check.trace_problem(trace) == ""
 
 
 @pytest.mark.parametrize(
     "sets",
-    [(), ("planner.name=sumo",), ("planner.name=constant", "failsafe.on=true"), ("prediction.name=clone",), ("planner.name=idm", "sumo.step_length_s=0.5")],
+    [
+        (),
+        ("planner.name=sumo",),
+        ("planner.name=constant", "failsafe.on=true"),
+        ("prediction.name=clone",),
+        ("planner.name=idm", "sumo.step_length_s=0.5"),
+    ],
 )
 def test_what_is_recorded_passes(sets: tuple[str, ...]) -> None:
     result = run_episode(of_a_scene("highway-exit", "episode.stop_time_s=5", *sets), 1)
@@ -96,14 +111,18 @@ def test_what_is_recorded_passes(sets: tuple[str, ...]) -> None:
 # --- what is refused ---
 
 MAP_DAMAGE = {
-    "left": 999, "right": -2, "exit": 10**6, "successor": -1, "successor_offset": 7777, "point_offset": -3, "conflict_offset": 10**6, "conflict_lane": -1,
-    "edge": -1, "junction": 500, "signal": 99, "rule": 5, "direction": -1, "knot": -2, "length": np.nan, "speed": np.inf, "points": np.nan, "point_s": -1.0,
+    "left": 999, "right": -2, "exit": 10**6, "successor": -1, "successor_offset": 7777,
+    "point_offset": -3, "conflict_offset": 10**6, "conflict_lane": -1,
+    "edge": -1, "junction": 500, "signal": 99, "rule": 5, "direction": -1, "knot": -2,
+    "length": np.nan, "speed": np.inf, "points": np.nan, "point_s": -1.0,
     "width": -1.0, "scale": np.inf, "index": -1, "conflict_begin": np.nan,
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("field", MAP_DAMAGE)
-def test_a_number_of_a_map_that_makes_no_sense_is_refused_by_file_and_field(field: str, copy: Path) -> None:
+def test_a_number_of_a_map_that_makes_no_sense_is_refused_by_file_and_field(
+    field: str, copy: Path
+) -> None:
     """Compiled code would read beyond the array: `explain --replan` ended with status 139."""
     (path,) = (copy / records.MAPS).iterdir()
     columns = columns_of(path)
@@ -122,7 +141,9 @@ def test_lanes_that_lead_round_in_a_circle_are_refused(result: EpisodeResult) ->
     inside = int(np.flatnonzero(road.internal & (np.diff(road.successor_offset) > 0))[0])
     successor = road.successor.copy()
     successor[road.successor_offset[inside]] = inside
-    assert "successor: leads round in a circle" in check.map_problem(road._replace(successor=successor))
+    assert "successor: leads round in a circle" in check.map_problem(
+        road._replace(successor=successor)
+    )
     left = road.left.copy()
     beside = int(np.flatnonzero(left >= 0)[0])
     left[beside] = beside
@@ -134,26 +155,35 @@ def test_offsets_that_fall_by_more_than_their_type_can_tell_are_refused() -> Non
     trace = crossing_trace()
     offset = trace.lanes.offset.copy()
     offset[1:3] = 2**31 - 1, -(2**31) + 10
-    assert "lanes.offset: has to rise" in check.trace_problem(trace._replace(lanes=trace.lanes._replace(offset=offset)))
+    assert "lanes.offset: has to rise" in check.trace_problem(
+        trace._replace(lanes=trace.lanes._replace(offset=offset))
+    )
 
 
 def test_offsets_of_nothing_are_refused() -> None:
     trace = crossing_trace()
-    cycle = trace.cycles[0]._replace(signals=trace.cycles[0].signals._replace(offset=np.zeros(0, np.int32)))
+    cycle = trace.cycles[0]._replace(
+        signals=trace.cycles[0].signals._replace(offset=np.zeros(0, np.int32))
+    )
     assert "signals.offset: has to rise" in check.trace_problem(trace._replace(cycles=(cycle,)))
 
 
 TRACE_DAMAGE = {
-    "cycles/step": 0.0, "cycles/time": np.nan, "setting/step": -0.1, "cycles/ego/lane": -2, "cycles/ego/x": np.nan, "cycles/ego/vclass": 64,
-    "cycles/agents/lane": -5, "cycles/agents/x": np.nan, "cycles/agents/vclass": 99, "cycles/agents/length": -1.0, "cycles/forecast/dt": 0.0,
+    "cycles/step": 0.0, "cycles/time": np.nan, "setting/step": -0.1, "cycles/ego/lane": -2,
+    "cycles/ego/x": np.nan, "cycles/ego/vclass": 64,
+    "cycles/agents/lane": -5, "cycles/agents/x": np.nan, "cycles/agents/vclass": 99,
+    "cycles/agents/length": -1.0, "cycles/forecast/dt": 0.0,
     "cycles/forecast/pose": np.inf, "cycles/forecast/weight": 2.0, "cycles/decision/chosen": 40,
     "cycles/decision/command/Follow/lane_change": 2, "lanes/points": np.nan, "lanes/offset": -1,
-    "cycles/decision/children/poses": np.nan, "cycles/decision/plan/Plan/time": np.nan, "cycles/memory/planner/numbers": np.nan,
+    "cycles/decision/children/poses": np.nan, "cycles/decision/plan/Plan/time": np.nan,
+    "cycles/memory/planner/numbers": np.nan,
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("field", TRACE_DAMAGE)
-def test_a_number_of_a_trace_that_makes_no_sense_is_refused_by_file_and_field(field: str, copy: Path) -> None:
+def test_a_number_of_a_trace_that_makes_no_sense_is_refused_by_file_and_field(
+    field: str, copy: Path
+) -> None:
     (path,) = (copy / records.TRACES).iterdir()
     columns = columns_of(path)
     column = columns[f"trace/{field}"]
@@ -164,11 +194,18 @@ def test_a_number_of_a_trace_that_makes_no_sense_is_refused_by_file_and_field(fi
     assert f".{field.rpartition('/')[2]}: has to " in str(caught.value)
 
 
-def test_a_trace_beside_the_map_of_another_network_is_refused(result: EpisodeResult, tmp_path: Path) -> None:
+def test_a_trace_beside_the_map_of_another_network_is_refused(
+    result: EpisodeResult, tmp_path: Path
+) -> None:
     """A pair of sound files: lanes that the one names and the other does not have."""
-    trace, road = result.traces[0], run_episode(of_a_scene("straight-line", "episode.stop_time_s=1"), 1).road
+    trace, road = (
+        result.traces[0],
+        run_episode(of_a_scene("straight-line", "episode.stop_time_s=1"), 1).road,
+    )
     assert road is not None
-    with pytest.raises(TraceError, match=r"trace\.cycles\[0\]\..*: has to be from -1 to .*; its map is maps/"):
+    with pytest.raises(
+        TraceError, match=r"trace\.cycles\[0\]\..*: has to be from -1 to .*; its map is maps/"
+    ):
         records.require_fit(trace, road)
     with pytest.raises(TraceError, match=r"trace\.cycles\[3\]"):
         replan(trace, road, 4, recorded_config(trace.setting))
@@ -178,13 +215,26 @@ def test_a_route_over_edges_to_which_no_lane_belongs_is_refused(result: EpisodeR
     trace, road = result.traces[0], result.road
     assert road is not None
     one_edge = road._replace(edge=np.full_like(road.edge, trace.cycles[0].ego.route[0]))
-    with pytest.raises(TraceError, match=r"trace\.cycles\[0\]\.ego\.route: no lane of the map belongs to edge \d+; its map is maps/"):
+    with pytest.raises(
+        TraceError,
+        match=r"trace\.cycles\[0\]\.ego\.route: no lane of the map belongs to edge \d+; its map is "
+        r"maps/",
+    ):
         records.require_fit(trace, one_edge)
 
 
-@pytest.mark.parametrize("column", ["trace/cycles/decision/command#tag", "trace/cycles/agents/ids#count", "trace/cycles/agents/x#shape"])
+@pytest.mark.parametrize(
+    "column",
+    [
+        "trace/cycles/decision/command#tag",
+        "trace/cycles/agents/ids#count",
+        "trace/cycles/agents/x#shape",
+    ],
+)
 @pytest.mark.parametrize("value", [-1, 99, 127])
-def test_counts_and_kinds_that_do_not_add_up_are_refused(column: str, value: int, copy: Path) -> None:
+def test_counts_and_kinds_that_do_not_add_up_are_refused(
+    column: str, value: int, copy: Path
+) -> None:
     (path,) = (copy / records.TRACES).iterdir()
     columns = columns_of(path)
     columns[column][0] = value
@@ -196,8 +246,16 @@ def test_counts_and_kinds_that_do_not_add_up_are_refused(column: str, value: int
 def test_numbers_of_another_kind_and_missing_columns_are_refused_by_name(copy: Path) -> None:
     (path,) = (copy / records.TRACES).iterdir()
     columns = columns_of(path)
-    np.savez(path, **{**columns, "trace/cycles/agents/lane": columns["trace/cycles/agents/lane"].astype(float)})
-    with pytest.raises(TraceError, match=r"trace/cycles/agents/lane is float64 .*, not a row of int32"):
+    np.savez(
+        path,
+        **{
+            **columns,
+            "trace/cycles/agents/lane": columns["trace/cycles/agents/lane"].astype(float),
+        },
+    )
+    with pytest.raises(
+        TraceError, match=r"trace/cycles/agents/lane is float64 .*, not a row of int32"
+    ):
         records.load_trace(path)
     del columns["trace/cycles/agents/lane"]
     np.savez(path, **columns)
@@ -215,7 +273,9 @@ def test_a_map_is_named_by_letters_and_digits_alone(copy: Path) -> None:
 # --- bounded memory ---
 
 
-def test_an_archive_that_grows_beyond_bounds_is_refused_before_it_is_unpacked(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_archive_that_grows_beyond_bounds_is_refused_before_it_is_unpacked(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (path,) = (copy / records.TRACES).iterdir()
     monkeypatch.setattr("sumo_mcts.records.codec.MOST_BYTES", 100_000)
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("unpacked"))
@@ -224,7 +284,11 @@ def test_an_archive_that_grows_beyond_bounds_is_refused_before_it_is_unpacked(co
 
 
 def test_an_array_that_claims_to_be_larger_than_its_bytes_is_refused(tmp_path: Path) -> None:
-    header = b"\x93NUMPY\x01\x00\x76\x00" + f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({10**13},), }}".encode().ljust(117) + b"\n"
+    header = (
+        b"\x93NUMPY\x01\x00\x76\x00"
+        + f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({10**13},), }}".encode().ljust(117)
+        + b"\n"
+    )
     with zipfile.ZipFile(tmp_path / "t.npz", "w") as archive:
         archive.writestr("format.npy", header + b"\x00" * 8)
     with pytest.raises(TraceError, match=r"an array of float64 \(10000000000000,\) in 8 bytes"):
@@ -236,7 +300,9 @@ def test_an_array_that_claims_to_be_larger_than_its_bytes_is_refused(tmp_path: P
 
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=15, deadline=None)
-def test_whatever_is_damaged_is_refused_in_a_line_or_does_no_harm(recorded_folder: Path, seed: int) -> None:
+def test_whatever_is_damaged_is_refused_in_a_line_or_does_no_harm(
+    recorded_folder: Path, seed: int
+) -> None:
     target = recorded_folder.with_name("damaged")
     copy_damaged(recorded_folder, target, np.random.default_rng(seed))
     for use in uses(target, KEY, 6.0, again=False).values():
@@ -245,7 +311,9 @@ def test_whatever_is_damaged_is_refused_in_a_line_or_does_no_harm(recorded_folde
 
 @given(data=st.data())
 @settings(max_examples=40, deadline=None)
-def test_a_map_with_damaged_bytes_is_whole_or_refused(recorded_folder: Path, data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_a_map_with_damaged_bytes_is_whole_or_refused(
+    recorded_folder: Path, data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     (path,) = (recorded_folder / records.MAPS).iterdir()
     content, folder = bytearray(path.read_bytes()), tmp_path_factory.mktemp("bytes")
     for _ in range(data.draw(st.integers(1, 4))):
@@ -261,10 +329,19 @@ def test_a_map_with_damaged_bytes_is_whole_or_refused(recorded_folder: Path, dat
 
 
 @pytest.mark.slow
-def test_no_decision_taken_again_from_a_damaged_record_reads_beyond_an_array(recorded_folder: Path) -> None:
+def test_no_decision_taken_again_from_a_damaged_record_reads_beyond_an_array(
+    recorded_folder: Path,
+) -> None:
     """In plain Python, where that is an IndexError."""
     command = [sys.executable, helpers_damage.__file__, recorded_folder, KEY, "60", "1"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, timeout=600)
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        timeout=600,
+    )
     assert done.returncode == 0, done.stderr
     assert recorded.choices(recorded_folder)
     assert done.stdout.startswith("60 damaged, ")

@@ -1,4 +1,5 @@
-"""Regret: the judgement by hand, the panel on scenes made by hand, and the command in small episodes."""
+"""Regret: the judgement by hand, the panel on scenes made by hand, and the command in small
+episodes."""
 
 import json
 from pathlib import Path
@@ -15,14 +16,24 @@ from sumo_mcts.cli import app
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.planners.reference import Solution, best_root, digest, problem_of, root_lines, solve
 from sumo_mcts.studies import regret
-from sumo_mcts.studies.regret import Panel, Row, both_efforts, convergence, judged, ranking, standing
+from sumo_mcts.studies.regret import (
+    Panel,
+    Row,
+    both_efforts,
+    convergence,
+    judged,
+    ranking,
+    standing,
+)
 
 SCALE = 0.8
 SHORT = ("--set", "episode.time_limit_s=4", "--every", "4")
 
 
 def solution(*values: float, collides: tuple[int, ...] = ()) -> Solution:
-    return Solution(np.array(values), np.isin(np.arange(len(values)), collides), np.zeros((len(values), 3)), 0)
+    return Solution(
+        np.array(values), np.isin(np.arange(len(values)), collides), np.zeros((len(values), 3)), 0
+    )
 
 
 def verdict(found: Solution, roots: int, i: int) -> Row:
@@ -34,11 +45,26 @@ def verdict(found: Solution, roots: int, i: int) -> Row:
 
 def test_regret_is_what_is_lost_against_the_best_action_in_units_of_the_scale() -> None:
     row = verdict(solution(3.0, 5.0, 11.0, 3.4), 3, 3)
-    assert (row["regret"], row["optimum"], row["spread"]) == (pytest.approx(0.5), pytest.approx(3.75), pytest.approx(10.0))
+    assert (row["regret"], row["optimum"], row["spread"]) == (
+        pytest.approx(0.5),
+        pytest.approx(3.75),
+        pytest.approx(10.0),
+    )
 
 
-@pytest.mark.parametrize(("worst", "chosen", "near"), [(11.0, 3.39, True), (11.0, 3.41, False), (3.7, 3.079, True), (3.7, 3.081, False), (3.9, 3.046, False)])
-def test_near_optimal_is_a_twentieth_of_the_spread_or_a_tenth_of_the_scale_where_the_spread_is_small(worst: float, chosen: float, near: bool) -> None:
+@pytest.mark.parametrize(
+    ("worst", "chosen", "near"),
+    [
+        (11.0, 3.39, True),
+        (11.0, 3.41, False),
+        (3.7, 3.079, True),
+        (3.7, 3.081, False),
+        (3.9, 3.046, False),
+    ],
+)
+def test_near_optimal_is_a_twentieth_of_the_spread_or_a_tenth_of_the_scale_where_the_spread_is_small(
+    worst: float, chosen: float, near: bool
+) -> None:
     assert verdict(solution(3.0, worst, chosen), 2, 2)["near_optimal"] == near
 
 
@@ -50,7 +76,13 @@ def test_a_collision_that_could_be_avoided_is_never_near_optimal() -> None:
 
 def test_a_collision_that_cannot_be_avoided_may_be() -> None:
     row = verdict(solution(60.0, 65.0, 60.0, collides=(0, 1, 2)), 2, 2)
-    assert (row["collides"], row["avoidable"], row["near_optimal"], row["contested"], row["spread"]) == (False, False, True, True, 0.0)
+    assert (
+        row["collides"],
+        row["avoidable"],
+        row["near_optimal"],
+        row["contested"],
+        row["spread"],
+    ) == (False, False, True, True, 0.0)
 
 
 def test_the_spread_and_the_optimum_are_of_what_does_not_collide() -> None:
@@ -58,17 +90,41 @@ def test_the_spread_and_the_optimum_are_of_what_does_not_collide() -> None:
     assert (here.optimum, here.spread, here.avoidable, here.contested) == (5.0, 3.0, True, True)
 
 
-@pytest.mark.parametrize(("values", "collides", "contested"), [((1.0, 1.7), (), False), ((1.0, 1.9), (), True), ((1.0, 1.1), (1,), True)])
+@pytest.mark.parametrize(
+    ("values", "collides", "contested"),
+    [((1.0, 1.7), (), False), ((1.0, 1.9), (), True), ((1.0, 1.1), (1,), True)],
+)
 def test_contested(values: tuple[float, ...], collides: tuple[int, ...], contested: bool) -> None:
     assert standing(solution(*values, 99.0, collides=collides), 2, SCALE).contested == contested
 
 
 def test_the_table_counts() -> None:
-    row = {"planner": "mcts", "iterations": 50, "regret": -1.0, "near_optimal": True, "collides": False, "avoidable": True, "contested": False}
-    rows = [row, {**row, "regret": 3.0, "near_optimal": False, "collides": True, "contested": True}, {**row, "iterations": 100}]
+    row = {
+        "planner": "mcts",
+        "iterations": 50,
+        "regret": -1.0,
+        "near_optimal": True,
+        "collides": False,
+        "avoidable": True,
+        "contested": False,
+    }
+    rows = [
+        row,
+        {**row, "regret": 3.0, "near_optimal": False, "collides": True, "contested": True},
+        {**row, "iterations": 100},
+    ]
     first, second = ranking(rows)
-    assert (first["all"]["near_optimal"], first["all"]["states"], first["all"]["mean_regret"], first["all"]["collides"]) == (1, 2, 1.5, 1)
-    assert (first["contested"]["states"], first["contested"]["near_optimal"], second["contested"]["wilson"]) == (1, 0, None)
+    assert (
+        first["all"]["near_optimal"],
+        first["all"]["states"],
+        first["all"]["mean_regret"],
+        first["all"]["collides"],
+    ) == (1, 2, 1.5, 1)
+    assert (
+        first["contested"]["states"],
+        first["contested"]["near_optimal"],
+        second["contested"]["wilson"],
+    ) == (1, 0, None)
 
 
 # --- planners ---
@@ -76,16 +132,26 @@ def test_the_table_counts() -> None:
 
 @pytest.mark.parametrize("toy", TOYS.values(), ids=TOYS)
 def test_the_reference_regrets_nothing_and_no_action_is_better(toy: Toy) -> None:
-    """Planner random draws among the reference's own actions, so the optimum bounds it from below; others drive profiles between the actions."""
+    """Planner random draws among the reference's own actions, so the optimum bounds it from below;
+    others drive profiles between the actions."""
     config = scenario(*toy.sets)
     task = task_of(toy.road, toy.scene.ego, config)
     situation = situation_of(task, toy.scene)
-    rows = Panel(config, ("exhaustive", "random", "mcts", "paper", "idm", "constant"), (30, 300)).ask(task, situation, 5)
-    assert [(row["planner"], row["iterations"]) for row in rows[:4]] == [("exhaustive", None), ("random", None), ("mcts", 30), ("mcts", 300)]
+    rows = Panel(
+        config, ("exhaustive", "random", "mcts", "paper", "idm", "constant"), (30, 300)
+    ).ask(task, situation, 5)
+    assert [(row["planner"], row["iterations"]) for row in rows[:4]] == [
+        ("exhaustive", None),
+        ("random", None),
+        ("mcts", 30),
+        ("mcts", 300),
+    ]
     assert rows[0]["regret"] == 0.0 and rows[0]["near_optimal"]
     assert rows[1]["regret"] >= 0.0
     assert len({(row["optimum"], row["spread"], row["contested"]) for row in rows}) == 1
-    assert rows == Panel(config, ("exhaustive", "random", "mcts", "paper", "idm", "constant"), (30, 300)).ask(task, situation, 5)
+    assert rows == Panel(
+        config, ("exhaustive", "random", "mcts", "paper", "idm", "constant"), (30, 300)
+    ).ask(task, situation, 5)
 
 
 def test_whoever_drives_into_a_wall_regrets_it() -> None:
@@ -99,7 +165,9 @@ def test_whoever_drives_into_a_wall_regrets_it() -> None:
 
 @pytest.mark.parametrize("name", ["sumo", "alphazero", ""])
 def test_who_decides_nothing_from_one_cycle_is_not_asked(name: str) -> None:
-    with pytest.raises(ConfigError, match="allowed: mcts, paper, idm, random, exhaustive, constant"):
+    with pytest.raises(
+        ConfigError, match="allowed: mcts, paper, idm, random, exhaustive, constant"
+    ):
         Panel(scenario(), ("mcts", name), (10,))
 
 
@@ -114,10 +182,22 @@ def test_the_efforts_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     found = solve(problem, root_lines(problem))
     unit = rows[0]["value"] / found.value[0]
     assert [row["value"] for row in rows] == pytest.approx((found.value * unit).tolist())
-    assert [row["chosen"] for row in rows].index(True) == best_root(found) and sum(row["best"] for row in rows) == 1
+    assert [row["chosen"] for row in rows].index(True) == best_root(found) and sum(
+        row["best"] for row in rows
+    ) == 1
     assert min(row["regret"] for row in rows) == 0.0
-    off = convergence([*rows, {**rows[0], "value": rows[0]["converged"] + 2.0}, {**rows[0], "collides": not rows[0]["collides_converged"]}])
-    assert off["actions"]["max"] == pytest.approx(2.0) and off["other_outcome"] == 1 and off["choice"]["count"] >= 1
+    off = convergence(
+        [
+            *rows,
+            {**rows[0], "value": rows[0]["converged"] + 2.0},
+            {**rows[0], "collides": not rows[0]["collides_converged"]},
+        ]
+    )
+    assert (
+        off["actions"]["max"] == pytest.approx(2.0)
+        and off["other_outcome"] == 1
+        and off["choice"]["count"] >= 1
+    )
     assert convergence([])["optimum"] == {"count": 0, "mean": None, "p99": None, "max": None}
 
 
@@ -131,19 +211,37 @@ def command(*words: str) -> str:
 
 
 def test_the_command_from_end_to_end(tmp_path: Path) -> None:
-    words = ("straight-line", "highway-exit-scripted", *SHORT, "--planners", "mcts,exhaustive", "--iterations", "20,60", "--states", "3")
+    words = (
+        "straight-line",
+        "highway-exit-scripted",
+        *SHORT,
+        "--planners",
+        "mcts,exhaustive",
+        "--iterations",
+        "20,60",
+        "--states",
+        "3",
+    )
     told = json.loads(command(*words, "--json", "--out", str(tmp_path / "out")))
-    rows = [json.loads(line) for line in (tmp_path / "out" / "regret.jsonl").read_text().splitlines()]
+    rows = [
+        json.loads(line) for line in (tmp_path / "out" / "regret.jsonl").read_text().splitlines()
+    ]
     assert told["reference_digest"] == digest() and told["problems"] == []
     assert (told["states"], len(rows)) == (3, 9)
-    assert sum(told["outcomes"].values()) == 2 and told["scenarios"] == ["straight-line", "highway-exit-scripted"]
-    assert [(line["planner"], line["iterations"], line["all"]["states"]) for line in told["planners"]] == [
+    assert sum(told["outcomes"].values()) == 2 and told["scenarios"] == [
+        "straight-line",
+        "highway-exit-scripted",
+    ]
+    assert [(line["planner"], line["iterations"],
+    line["all"]["states"]) for line in told["planners"]] == [
         ("mcts", 20, 3), ("mcts", 60, 3), ("exhaustive", None, 3),
     ]  # fmt: skip
     assert all(row["regret"] == 0.0 for row in rows if row["planner"] == "exhaustive")
     assert len({(row["scenario"], row["seed"], row["time_s"]) for row in rows}) == 3
     table = (tmp_path / "out" / "regret.csv").read_text().splitlines()
-    assert len(table) == 10 and table[0].startswith("scenario,prediction,seed,ego,time_s,planner,iterations,regret,near_optimal")
+    assert len(table) == 10 and table[0].startswith(
+        "scenario,prediction,seed,ego,time_s,planner,iterations,regret,near_optimal"
+    )
     assert json.loads((tmp_path / "out" / "regret.json").read_text()) == told
     again = command(*words)
     assert digest()[:16] in again and "| exhaustive | - | 3 | 3/3 (" in again
@@ -152,10 +250,28 @@ def test_the_command_from_end_to_end(tmp_path: Path) -> None:
 
 def test_the_number_of_processes_changes_nothing(tmp_path: Path) -> None:
     """What is driven ahead in vain does not count."""
-    words = ("straight-line", "highway-exit", *SHORT, "--planners", "mcts,random", "--iterations", "20", "--states", "4", "--seeds", "2", "--json")
-    told = [json.loads(command(*words, "--jobs", jobs, "--out", str(tmp_path / jobs))) for jobs in ("1", "2")]
+    words = (
+        "straight-line",
+        "highway-exit",
+        *SHORT,
+        "--planners",
+        "mcts,random",
+        "--iterations",
+        "20",
+        "--states",
+        "4",
+        "--seeds",
+        "2",
+        "--json",
+    )
+    told = [
+        json.loads(command(*words, "--jobs", jobs, "--out", str(tmp_path / jobs)))
+        for jobs in ("1", "2")
+    ]
     assert told[0] == told[1] and told[0]["states"] == 4
-    assert (tmp_path / "1" / "regret.jsonl").read_bytes() == (tmp_path / "2" / "regret.jsonl").read_bytes()
+    assert (tmp_path / "1" / "regret.jsonl").read_bytes() == (
+        tmp_path / "2" / "regret.jsonl"
+    ).read_bytes()
 
 
 def test_the_command_looks_at_the_reference_itself(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,13 +279,29 @@ def test_the_command_looks_at_the_reference_itself(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(regret, "FINER", 2)
     words = ("unprotected-left-turn", *SHORT, "--states", "2", "--converged", "--jobs", "1")
     told = json.loads(command(*words, "--json"))
-    assert told["states"] == told["convergence"]["choice"]["count"] == 2 and told["convergence"]["actions"]["count"] >= 18
+    assert (
+        told["states"] == told["convergence"]["choice"]["count"] == 2
+        and told["convergence"]["actions"]["count"] >= 18
+    )
     assert "costs of the optimum: 2, off by" in command(*words)
 
 
 def test_a_sumocfg_with_an_ego(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(FILES)
-    told = json.loads(command("good.sumocfg", "--ego", "any", "--planners", "constant", "--states", "2", "--seeds", "1", "--json"))
+    told = json.loads(
+        command(
+            "good.sumocfg",
+            "--ego",
+            "any",
+            "--planners",
+            "constant",
+            "--states",
+            "2",
+            "--seeds",
+            "1",
+            "--json",
+        )
+    )
     assert told["states"] == 2 and told["planners"][0]["planner"] == "constant"
 
 
@@ -178,5 +310,20 @@ def test_a_planner_that_fails_is_an_outcome(monkeypatch: pytest.MonkeyPatch) -> 
         raise RuntimeError("no idea")
 
     monkeypatch.setattr("sumo_mcts.planners.baselines.IdmPlanner.plan", broken)
-    done = CliRunner().invoke(app, ["regret", "straight-line", *SHORT, "--planners", "idm", "--seeds", "1", "--states", "2", "--jobs", "1"])
+    done = CliRunner().invoke(
+        app,
+        [
+            "regret",
+            "straight-line",
+            *SHORT,
+            "--planners",
+            "idm",
+            "--seeds",
+            "1",
+            "--states",
+            "2",
+            "--jobs",
+            "1",
+        ],
+    )
     assert done.exit_code == 1 and "straight-line: ego ego: RuntimeError: no idea" in done.output

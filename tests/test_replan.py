@@ -1,4 +1,5 @@
-"""A decision taken again from its record is the decision that was taken, to the last bit, cycle by cycle over whole episodes."""
+"""A decision taken again from its record is the decision that was taken, to the last bit, cycle by
+cycle over whole episodes."""
 
 import shutil
 from collections.abc import Iterator
@@ -20,7 +21,12 @@ from sumo_mcts.scene import USUAL, Decision, Follow, Forecast, RoadMap
 
 CASES = {
     "left turn": ("unprotected-left-turn",),
-    "highway exit, a sensor that errs": ("highway-exit", "sensor.position_error_m=0.5", "sensor.drop_probability=0.1", "sensor.occlusion=true"),
+    "highway exit, a sensor that errs": (
+        "highway-exit",
+        "sensor.position_error_m=0.5",
+        "sensor.drop_probability=0.1",
+        "sensor.occlusion=true",
+    ),
     "straight line, drawn rollouts": ("straight-line", "planner.adaptive=false"),
     "oracle script": ("unprotected-left-turn-scripted", "prediction.name=script"),
     "oracle clone": ("unprotected-left-turn", "prediction.name=clone"),
@@ -60,7 +66,11 @@ def differing(trace: Trace, road: RoadMap) -> Iterator[int]:
     for i, cycle in enumerate(trace.cycles):
         thought = replan(trace, road, i, same_settings)
         foreseen = thought.forecast is None or same(Forecast, thought.forecast, cycle.forecast)
-        if not (foreseen and same(Decision, thought.decision, cycle.decision) and thought.intervened == cycle.intervened):
+        if not (
+            foreseen
+            and same(Decision, thought.decision, cycle.decision)
+            and thought.intervened == cycle.intervened
+        ):
             yield i
 
 
@@ -70,10 +80,14 @@ def test_every_decision_of_an_episode_comes_out_again(case: str, tmp_path: Path)
     trace, road = kept(tmp_path, result)
     assert list(differing(trace, road)) == []
     assert any(cycle.intervened for cycle in trace.cycles) == (case == "fail-safe")
-    assert any(len(cycle.answers.agent) or cycle.answers.ways for cycle in trace.cycles) == case.startswith("oracle")
+    assert any(
+        len(cycle.answers.agent) or cycle.answers.ways for cycle in trace.cycles
+    ) == case.startswith("oracle")
 
 
-def test_every_decision_on_a_network_of_a_user_comes_out_again(on_a_grid: EpisodeResult, tmp_path: Path) -> None:
+def test_every_decision_on_a_network_of_a_user_comes_out_again(
+    on_a_grid: EpisodeResult, tmp_path: Path
+) -> None:
     trace, road = kept(tmp_path, on_a_grid)
     assert list(differing(trace, road)) == []
     assert any(cycle.memory.stood for cycle in trace.cycles)
@@ -81,15 +95,25 @@ def test_every_decision_on_a_network_of_a_user_comes_out_again(on_a_grid: Episod
 
 
 @pytest.mark.parametrize("forgotten", ["numbers", "stood", "last"])
-def test_what_is_remembered_decides(forgotten: str, on_a_grid: EpisodeResult, tmp_path: Path) -> None:
-    """Without any one part of the memory some decision is another: so the tests above would notice a part that is not kept."""
+def test_what_is_remembered_decides(
+    forgotten: str, on_a_grid: EpisodeResult, tmp_path: Path
+) -> None:
+    """Without any one part of the memory some decision is another: so the tests above would notice
+    a part that is not kept."""
     trace, road = kept(tmp_path, on_a_grid if forgotten == "stood" else left_turn())
     cycles = trace.cycles
     if forgotten == "numbers":
         blank = np.zeros(1)
-        cycles = tuple(c._replace(memory=c.memory._replace(planner=c.memory.planner._replace(numbers=blank))) if c.memory.edges else c for c in cycles)
+        cycles = tuple(
+            c._replace(memory=c.memory._replace(planner=c.memory.planner._replace(numbers=blank)))
+            if c.memory.edges
+            else c
+            for c in cycles
+        )
     elif forgotten == "stood":
-        cycles = tuple(c._replace(memory=c.memory._replace(stood=(), stood_since=())) for c in cycles)
+        cycles = tuple(
+            c._replace(memory=c.memory._replace(stood=(), stood_since=())) for c in cycles
+        )
     else:
         cycles = tuple(c._replace(decision=c.decision._replace(plan=None)) for c in cycles)
     assert any(True for _ in differing(trace._replace(cycles=cycles), road))
@@ -99,14 +123,23 @@ def test_other_settings_are_followed_and_nothing_else_changes() -> None:
     trace, road = left_turn().traces[0], left_turn().road
     assert road is not None
     kinder = recorded_config(trace.setting, ("planner.name=idm",))
-    assert {replan(trace, road, i, kinder).decision.reason for i in range(len(trace.cycles))} == {"idm"}
+    assert {replan(trace, road, i, kinder).decision.reason for i in range(len(trace.cycles))} == {
+        "idm"
+    }
     more = recorded_config(trace.setting, ("planner.iterations=2000",))
-    assert any(replan(trace, road, i, more).decision.iterations > trace.cycles[i].decision.iterations for i in range(len(trace.cycles)))
+    assert any(
+        replan(trace, road, i, more).decision.iterations > trace.cycles[i].decision.iterations
+        for i in range(len(trace.cycles))
+    )
 
 
 def test_an_oracle_that_was_not_asked_cannot_be_asked_later(tmp_path: Path) -> None:
     trace, road = kept(tmp_path, left_turn())
-    with pytest.raises(ConfigError, match=r"prediction.name: routes is an oracle that this episode did not ask; allowed: idm, constant_velocity"):
+    with pytest.raises(
+        ConfigError,
+        match=r"prediction.name: routes is an oracle that this episode did not ask; allowed: idm, "
+        r"constant_velocity",
+    ):
         replan(trace, road, 0, recorded_config(trace.setting, ("prediction.name=routes",)))
 
 
@@ -116,8 +149,17 @@ def test_an_oracle_told_no_more_than_the_horizon() -> None:
     longer = recorded_config(result.traces[0].setting, ("planner.rollout_steps=6",))
     with pytest.raises(ConfigError, match=r"the oracle told \d+ states"):
         replan(result.traces[0], result.road, 2, longer)
-    with pytest.raises(ConfigError, match=r"prediction.step_s: the oracle told where the others are every 0.2 s, not every 0.4 s"):
-        replan(result.traces[0], result.road, 2, recorded_config(result.traces[0].setting, ("prediction.step_s=0.4",)))
+    with pytest.raises(
+        ConfigError,
+        match=r"prediction.step_s: the oracle told where the others are every 0.2 s, not every 0.4 "
+        r"s",
+    ):
+        replan(
+            result.traces[0],
+            result.road,
+            2,
+            recorded_config(result.traces[0].setting, ("prediction.step_s=0.4",)),
+        )
     shorter = recorded_config(result.traces[0].setting, ("planner.rollout_steps=0",))
     assert isinstance(replan(result.traces[0], result.road, 2, shorter).decision.command, Follow)
 
@@ -152,7 +194,8 @@ def test_maps_are_written_once_and_told_by_their_roads(tmp_path: Path) -> None:
 
 
 def test_a_planner_that_failed_fails_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The decisions that a bug report is about: the planner raises for a while, and the fail-safe drives."""
+    """The decisions that a bug report is about: the planner raises for a while, and the fail-safe
+    drives."""
     plan = MctsPlanner.plan
 
     def failing(self: MctsPlanner, situation: Situation) -> Decision:
@@ -161,10 +204,15 @@ def test_a_planner_that_failed_fails_again(tmp_path: Path, monkeypatch: pytest.M
         return plan(self, situation)
 
     monkeypatch.setattr(MctsPlanner, "plan", failing)
-    trace, road = kept(tmp_path, run_episode(of_a_scene("straight-line", "episode.stop_time_s=5"), 3))
+    trace, road = kept(
+        tmp_path, run_episode(of_a_scene("straight-line", "episode.stop_time_s=5"), 3)
+    )
     failed = [cycle for cycle in trace.cycles if cycle.intervened]
     assert [cycle.memory.failures for cycle in failed] == [0, 1, 2, 3]
-    assert all("the planner failed: ZeroDivisionError: for a while" in cycle.decision.reason for cycle in failed)
+    assert all(
+        "the planner failed: ZeroDivisionError: for a while" in cycle.decision.reason
+        for cycle in failed
+    )
     assert list(differing(trace, road)) == []
     monkeypatch.setattr(MctsPlanner, "plan", plan)
     mended = replan(trace, road, trace.cycles.index(failed[0]), recorded_config(trace.setting))
@@ -173,4 +221,12 @@ def test_a_planner_that_failed_fails_again(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_of_every_section_it_is_known_whether_a_decision_reads_it() -> None:
-    assert set(ScenarioConfig.model_fields) - set(READ) == {"name", "description", "sumo", "egos", "traffic", "episode", "sensor"}
+    assert set(ScenarioConfig.model_fields) - set(READ) == {
+        "name",
+        "description",
+        "sumo",
+        "egos",
+        "traffic",
+        "episode",
+        "sensor",
+    }

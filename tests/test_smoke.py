@@ -1,6 +1,8 @@
-"""What a user does first, with the real command and with warnings as errors: does all of it work with this Python and these versions of the dependencies?
+"""What a user does first, with the real command and with warnings as errors: does all of it work
+with this Python and these versions of the dependencies?
 
-Together with tests elsewhere that are marked `smoke` this is what `make test-versions` runs with each of them.
+Together with tests elsewhere that are marked `smoke` this is what `make test-versions` runs with
+each of them.
 """
 
 import csv
@@ -30,7 +32,9 @@ def command(*words: object, status: int = 0) -> subprocess.CompletedProcess[str]
     """sumo-mcts, in a process of its own."""
     line = [sys.executable, "-m", "sumo_mcts.cli", *map(str, words)]
     environment = {**os.environ, "PYTHONWARNINGS": f"error,{FROM_LIBSUMO}"}
-    done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=600, check=False)
+    done = subprocess.run(
+        line, env=environment, capture_output=True, text=True, timeout=600, check=False
+    )
     assert done.returncode == status, done.stderr
     return done
 
@@ -39,7 +43,19 @@ def command(*words: object, status: int = 0) -> subprocess.CompletedProcess[str]
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of an episode of four seconds."""
     folder = tmp_path_factory.mktemp("smoke") / "one"
-    command("run", "unprotected-left-turn", "--seed", 3, "--iterations", 100, "--time-limit", 4, "--out", folder, "--quiet")
+    command(
+        "run",
+        "unprotected-left-turn",
+        "--seed",
+        3,
+        "--iterations",
+        100,
+        "--time-limit",
+        4,
+        "--out",
+        folder,
+        "--quiet",
+    )
     return folder
 
 
@@ -74,7 +90,13 @@ def test_a_batch_of_two_episodes(tmp_path: Path) -> None:
     assert json.loads(command("report", tmp_path / "out", "--json").stdout)
 
 
-@pytest.mark.parametrize(("words", "said"), [(("no-such-scene",), "no-such-scene"), (("straight-line", "--set", "planner.iteration=5"), "planner.iteration")])
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("no-such-scene",), "no-such-scene"),
+        (("straight-line", "--set", "planner.iteration=5"), "planner.iteration"),
+    ],
+)
 def test_wrong_input_is_told_in_one_line(words: tuple[str, ...], said: str) -> None:
     lines = command("run", *words, status=2).stderr.splitlines()
     assert len(lines) == 1

@@ -1,4 +1,5 @@
-"""A supervised command ends in one line and a documented status, whatever ends it, and leaves no file and no process behind."""
+"""A supervised command ends in one line and a documented status, whatever ends it, and leaves no
+file and no process behind."""
 
 import os
 import signal
@@ -11,7 +12,10 @@ import pytest
 
 from sumo_mcts import cli
 
-pytestmark = pytest.mark.skipif(not hasattr(signal, "sigtimedwait"), reason="commands are supervised where signals can be waited for")
+pytestmark = pytest.mark.skipif(
+    not hasattr(signal, "sigtimedwait"),
+    reason="commands are supervised where signals can be waited for",
+)
 
 PATIENCE_S = 60.0
 
@@ -39,13 +43,31 @@ ENDS = {
     "raise FailedError('not now')": (1, "error: not now\n"),
     "raise MemoryError": (1, "error: not enough memory\n"),
     "open('/nowhere/file')": (2, "error: /nowhere/file: No such file or directory\n"),
-    "raise OSError(28, 'No space left on device', 'rows')": (1, "error: rows: No space left on device\n"),
-    "raise OSError(28, 'No space left on device')": (1, "error: standard output: No space left on device\n"),
+    "raise OSError(28, 'No space left on device', 'rows')": (
+        1,
+        "error: rows: No space left on device\n",
+    ),
+    "raise OSError(28, 'No space left on device')": (
+        1,
+        "error: standard output: No space left on device\n",
+    ),
     "raise SystemExit(3)": (3, ""),
-    "{}['key']": (1, "error: a fault of sumo-mcts: KeyError: 'key' (<string>, line 10); SUMO_MCTS_DEBUG=1 shows the traceback\n"),
+    "{}['key']": (
+        1,
+        (
+            "error: a fault of sumo-mcts: KeyError: 'key' (<string>, line 10); SUMO_MCTS_DEBUG=1 shows "
+            "the traceback\n"
+        ),
+    ),
     "os.abort()": (1, "error: the process was ended by SIGABRT\n"),
-    "os.kill(os.getpid(), signal.SIGKILL)": (1, "error: the process was ended by SIGKILL, as the system does for want of memory\n"),
-    "supervisor.doing('SUMO, reading a.net.xml,'); os.abort()": (1, "error: SUMO, reading a.net.xml, was ended by SIGABRT\n"),
+    "os.kill(os.getpid(), signal.SIGKILL)": (
+        1,
+        "error: the process was ended by SIGKILL, as the system does for want of memory\n",
+    ),
+    "supervisor.doing('SUMO, reading a.net.xml,'); os.abort()": (
+        1,
+        "error: SUMO, reading a.net.xml, was ended by SIGABRT\n",
+    ),
     "os._exit(1)": (1, ""),
     "supervisor.results_are_out(0); ctypes.PyDLL(None).sleep(60)": (0, ""),
     "supervisor.results_are_out(1); os.abort()": (1, ""),
@@ -55,7 +77,12 @@ ENDS = {
 def start(body: str, folder: Path, **environment: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-c", PROGRAM.replace("{body}", body)]
     return subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "TMPDIR": str(folder), **environment}, start_new_session=True
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(folder), **environment},
+        start_new_session=True,
     )
 
 
@@ -85,13 +112,22 @@ def test_ends(body: str, tmp_path: Path) -> None:
     assert processes_of(process.pid) == []
 
 
-SIGNALS = {signal.SIGINT: (130, "interrupted\n"), signal.SIGTERM: (143, "terminated\n"), signal.SIGHUP: (129, "hung up\n")}
-BUSY = {"in Python": "time.sleep(60)", "in compiled code": STUCK, "while it cleans up": "try: time.sleep(60)\n    finally: time.sleep(1)"}
+SIGNALS = {
+    signal.SIGINT: (130, "interrupted\n"),
+    signal.SIGTERM: (143, "terminated\n"),
+    signal.SIGHUP: (129, "hung up\n"),
+}
+BUSY = {
+    "in Python": "time.sleep(60)",
+    "in compiled code": STUCK,
+    "while it cleans up": "try: time.sleep(60)\n    finally: time.sleep(1)",
+}
 
 
 CASES = [
     *((number, "in Python", whole_group) for number in SIGNALS for whole_group in (False, True)),
-    (signal.SIGINT, "in compiled code", False), (signal.SIGHUP, "in compiled code", True), (signal.SIGTERM, "while it cleans up", True),
+    (signal.SIGINT, "in compiled code", False), (signal.SIGHUP, "in compiled code", True),
+    (signal.SIGTERM, "while it cleans up", True),
 ]  # fmt: skip
 
 
@@ -123,8 +159,16 @@ def test_asked_twice_it_ends_at_once(tmp_path: Path) -> None:
 
 def test_before_anything_is_loaded(tmp_path: Path) -> None:
     """The parent answers from its first moment on; the child has not begun with its command."""
-    code = "from sumo_mcts import __main__ as m; m._command = lambda: __import__('time').sleep(60); m.main()"
-    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, env={**os.environ, "TMPDIR": str(tmp_path)})
+    code = (
+        "from sumo_mcts import __main__ as m; m._command = lambda: "
+        "__import__('time').sleep(60); m.main()"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    )
     until = time.monotonic() + PATIENCE_S
     while not list(tmp_path.iterdir()) and time.monotonic() < until:
         time.sleep(0.001)
@@ -149,7 +193,11 @@ def test_nohup_stays_what_it_is(tmp_path: Path) -> None:
     program = PROGRAM.replace("{body}", "time.sleep(2)")
     code = f"import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{program}"
     process = subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "TMPDIR": str(tmp_path)}
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
     )
     assert process.stdout is not None
     process.stdout.readline()
@@ -179,7 +227,14 @@ def test_a_traceback_where_it_is_wanted(tmp_path: Path) -> None:
 def command(words: str, tmp_path: Path) -> tuple[int, str, str]:
     """Exit status, standard output and error of a line for a shell; `sumo-mcts` is the command."""
     line = words.replace("sumo-mcts", f"{sys.executable} -m sumo_mcts")
-    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=PATIENCE_S, check=False, env={**os.environ, "TMPDIR": str(tmp_path)})
+    done = subprocess.run(
+        ["bash", "-c", line],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    )
     assert list(tmp_path.iterdir()) == []
     return done.returncode, done.stdout, done.stderr
 
@@ -191,18 +246,36 @@ def test_a_closed_pipe_is_status_1(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is full")
 def test_a_full_disk_is_status_1(tmp_path: Path) -> None:
-    assert command("sumo-mcts schema > /dev/full", tmp_path) == (1, "", "error: standard output: No space left on device\n")
+    assert command("sumo-mcts schema > /dev/full", tmp_path) == (
+        1,
+        "",
+        "error: standard output: No space left on device\n",
+    )
 
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
 def test_closed_standard_files(closed: str, tmp_path: Path) -> None:
-    status, _, err = command(f"sumo-mcts run straight-line --planner constant --quiet --set episode.time_limit_s=1 {closed}", tmp_path)
+    status, _, err = command(
+        "sumo-mcts run straight-line --planner constant --quiet --set episode.time_limit_s=1 "
+        f"{closed}",
+        tmp_path,
+    )
     assert (status, err) == (0, "")
 
 
-@pytest.mark.parametrize("words", ["scenarios --json", "run straight-line --planner constant --json --set episode.time_limit_s=1"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "scenarios --json",
+        "run straight-line --planner constant --json --set episode.time_limit_s=1",
+    ],
+)
 def test_a_closed_standard_output_is_status_1(words: str, tmp_path: Path) -> None:
-    assert command(f"sumo-mcts {words} >&-", tmp_path) == (1, "", "error: standard output: Bad file descriptor\n")
+    assert command(f"sumo-mcts {words} >&-", tmp_path) == (
+        1,
+        "",
+        "error: standard output: Bad file descriptor\n",
+    )
 
 
 def test_wrong_input_is_status_2_where_all_is_closed(tmp_path: Path) -> None:
@@ -210,19 +283,28 @@ def test_wrong_input_is_status_2_where_all_is_closed(tmp_path: Path) -> None:
 
 
 def test_a_temporary_folder_that_is_none(tmp_path: Path) -> None:
-    status, out, err = command("for k in TMPDIR TEMP TMP; do export $k=/nowhere; done; sumo-mcts scenarios --json > /dev/null", tmp_path)
+    status, out, err = command(
+        "for k in TMPDIR TEMP TMP; do export $k=/nowhere; done; sumo-mcts scenarios --json > "
+        "/dev/null",
+        tmp_path,
+    )
     assert (status, out, err) == (0, "", "")  # Python falls back to others
 
 
 def test_what_libraries_warn_of_is_not_shown(tmp_path: Path) -> None:
-    warn = "supervisor.silence_libraries(); import logging, warnings; warnings.warn('w'); logging.getLogger('library').warning('l')"
+    warn = (
+        "supervisor.silence_libraries(); import logging, warnings; warnings.warn('w'); "
+        "logging.getLogger('library').warning('l')"
+    )
     assert end_of(start(warn, tmp_path)) == (0, "")
     _, err = end_of(start(warn, tmp_path, SUMO_MCTS_DEBUG="1"))
     assert "UserWarning: w" in err
     assert err.endswith("l\n")
 
 
-def test_progress_shows_ids_as_they_are(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_shows_ids_as_they_are(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """On a terminal the library for progress would take them for markup, or end with an error."""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with cli._Voice(quiet=False).progress("starting") as note:

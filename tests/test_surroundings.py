@@ -9,7 +9,8 @@ from sumo_mcts.scene import RoadMap
 
 
 def _grid() -> RoadMap:
-    """An approach of two lanes, an internal lane from each (the left one signalled), and an exit of one lane far away."""
+    """An approach of two lanes, an internal lane from each (the left one signalled), and an exit of
+    one lane far away."""
     shapes: list[list[tuple[float, float]]] = [
         [(0, -3.2), (50, -3.2)],
         [(0, 0), (50, 0)],
@@ -19,8 +20,10 @@ def _grid() -> RoadMap:
     ]
     points = np.array([point for shape in shapes for point in shape], dtype=np.float64)
     ints: dict[str, list[int]] = {
-        "edge": [0, 0, 1, 1, 2], "exit": [0, 1, 4, 4, 4], "rule": [0, 0, 0, 0, 0], "signal": [-1, -1, -1, 0, -1],
-        "point_offset": [0, 2, 4, 6, 9, 11], "successor_offset": [0, 1, 2, 3, 4, 4], "successor": [2, 3, 4, 4],
+        "edge": [0, 0, 1, 1, 2], "exit": [0, 1, 4, 4, 4], "rule": [0, 0, 0, 0, 0],
+        "signal": [-1, -1, -1, 0, -1],
+        "point_offset": [0, 2, 4, 6, 9, 11], "successor_offset": [0, 1, 2, 3, 4, 4],
+        "successor": [2, 3, 4, 4],
     }  # fmt: skip
     given: dict[str, Any] = {
         "lane_ids": ("a_0", "a_1", ":j_0_0", ":j_0_1", "b_0"),
@@ -38,5 +41,7 @@ def test_the_lanes_near_the_ego_are_kept_with_route_and_stop_lines() -> None:
     assert lanes.route.tolist() == [True] * 5
     np.testing.assert_allclose(lanes.stop_lines, [[50, 1.6, 50, -1.6]])
     assert lanes_around(_grid(), (0,), np.array([[90.0, 0.0]]), 5.0).lane_ids == ("b_0",)
-    assert lanes_around(_grid(), (0,), np.array([[25.0, 3.0]]), 5.0).lane_ids == ("a_1",)  # in the middle of a long straight piece
+    assert lanes_around(_grid(), (0,), np.array([[25.0, 3.0]]), 5.0).lane_ids == (
+        "a_1",
+    )  # in the middle of a long straight piece
     assert lanes_around(_grid(), (0,), np.array([[900.0, 0.0]]), 5.0).lane_ids == ()

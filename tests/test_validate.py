@@ -33,13 +33,25 @@ def problems(folder: Path, text: str, name: str = "mine.yaml") -> list[str]:
 def test_what_is_fine(tmp_path: Path) -> None:
     assert problems(tmp_path, SCENE + ACTORS) == []
     assert checks.problems_of(FILES / "good.sumocfg") == []
-    assert problems(tmp_path, "name: e\nscenarios: [straight-line]\nvariants: {a: {}, b: {planner.name: idm}}\n") == []
+    assert (
+        problems(
+            tmp_path,
+            "name: e\nscenarios: [straight-line]\nvariants: {a: {}, b: {planner.name: idm}}\n",
+        )
+        == []
+    )
 
 
 def test_every_value_that_is_wrong(tmp_path: Path) -> None:
     found = problems(tmp_path, SCENE + "planer: 1\ncost: {jerk: -1, headway: x}\n")
-    assert [line.split(": ")[1] for line in found] == ["cost.headway", "cost.jerk", "planer"] or len(found) == 3
-    assert all(line.startswith(f"{tmp_path / 'mine.yaml'}: ") and "more)" not in line for line in found)
+    assert [line.split(": ")[1] for line in found] == [
+        "cost.headway",
+        "cost.jerk",
+        "planer",
+    ] or len(found) == 3
+    assert all(
+        line.startswith(f"{tmp_path / 'mine.yaml'}: ") and "more)" not in line for line in found
+    )
 
 
 def test_everything_that_does_not_fit_the_network(tmp_path: Path) -> None:
@@ -47,27 +59,58 @@ def test_everything_that_does_not_fit_the_network(tmp_path: Path) -> None:
         tmp_path,
         SCENE.replace("{id: ego}", "{id: ego, until: nowhere}")
         + ACTORS
-        + "    - {id: a, route: [nowhere]}\n    - {id: b, route: [from_west, from_east]}\n    - {id: c, route: [from_west], depart: {lane: 9}}\n"
+        + "    - {id: a, route: [nowhere]}\n    - {id: b, route: [from_west, from_east]}\n    - "
+        "{id: c, route: [from_west], depart: {lane: 9}}\n"
         + "  crowd: {count: [0, 1], streams: [{route: [elsewhere]}]}\n",
     )
-    said = ("egos: ego: until: the network has no edge nowhere", "traffic.actors: a: route: ", "traffic.actors: b: route: no connection leads from",
-            "traffic.actors: c: depart.lane: ", "traffic.crowd.streams: stream 1: route: the network has no edge elsewhere")  # fmt: skip
+    said = ("egos: ego: until: the network has no edge nowhere", "traffic.actors: a: route: ",
+    "traffic.actors: b: route: no connection leads from",
+            "traffic.actors: c: depart.lane: ", ("traffic.crowd.streams: stream 1: route: the "
+                                                "network has no edge elsewhere"))  # fmt: skip
     assert len(found) == len(said)
     assert all(words in line for words, line in zip(said, found, strict=True))
 
 
 def test_every_missing_file(tmp_path: Path) -> None:
-    found = problems(tmp_path, "name: x\nsumo: {net: a.net.xml, routes: [b.rou.xml], additional: [c.add.xml]}\negos: [{id: ego}]\n")
-    assert [line.split(": ", 2)[1] for line in found] == ["sumo.net", "sumo.routes", "sumo.additional"]
+    found = problems(
+        tmp_path,
+        "name: x\nsumo: {net: a.net.xml, routes: [b.rou.xml], additional: [c.add.xml]}\negos: "
+        "[{id: ego}]\n",
+    )
+    assert [line.split(": ", 2)[1] for line in found] == [
+        "sumo.net",
+        "sumo.routes",
+        "sumo.additional",
+    ]
 
 
-@pytest.mark.parametrize("name", ["actor-type", "routes-unknown-edge", "routes-unknown-type", "option-unknown", "net-junk", "success-off-route"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "actor-type",
+        "routes-unknown-edge",
+        "routes-unknown-type",
+        "option-unknown",
+        "net-junk",
+        "success-off-route",
+    ],
+)
 def test_what_only_sumo_or_the_road_tells(name: str) -> None:
     (line,) = checks.problems_of(FILES / f"{name}.yaml")
     assert f"{name}.yaml: " in line
 
 
-@pytest.mark.parametrize("name", ["truncated", "cfg-key-unknown", "cfg-step-text", "cfg-net-missing", "cfg-routes-missing", "cfg-no-net"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "truncated",
+        "cfg-key-unknown",
+        "cfg-step-text",
+        "cfg-net-missing",
+        "cfg-routes-missing",
+        "cfg-no-net",
+    ],
+)
 def test_configurations(name: str) -> None:
     (line,) = checks.problems_of(FILES / f"{name}.sumocfg")
     assert f"{name}.sumocfg: " in line
@@ -78,16 +121,29 @@ def test_experiments(tmp_path: Path) -> None:
     assert [line.split(": ")[1] for line in found] == ["name", "seeds", "twins"]
     found = problems(
         tmp_path,
-        f"name: e\nscenarios:\n  - {{sumocfg: {FILES}/good.sumocfg, egos: [ego, nobody], name: cfg}}\n  - {FILES}/actor-type.yaml\n  - {FILES}/good.yaml\n",
+        f"name: e\nscenarios:\n  - {{sumocfg: {FILES}/good.sumocfg, egos: [ego, nobody], name: "
+        f"cfg}}\n  - {FILES}/actor-type.yaml\n  - {FILES}/good.yaml\n",
     )
     assert len(found) == 2
-    assert "scenarios: cfg: egos: nobody: no file of the simulation names such a vehicle" in found[0]
+    assert (
+        "scenarios: cfg: egos: nobody: no file of the simulation names such a vehicle" in found[0]
+    )
     assert "The vehicle type 'tank' for vehicle 'ego' is not known" in found[1]
 
 
 def test_the_command(tmp_path: Path) -> None:
     (tmp_path / "wrong.yaml").write_text(SCENE + "planer: 1\ncost: {jerk: -1}\n")
-    answer = CliRunner().invoke(app, ["validate", str(TOP / "configs" / "straight-line.yaml"), str(tmp_path / "wrong.yaml"), str(tmp_path)])
+    answer = CliRunner().invoke(
+        app,
+        [
+            "validate",
+            str(TOP / "configs" / "straight-line.yaml"),
+            str(tmp_path / "wrong.yaml"),
+            str(tmp_path),
+        ],
+    )
     assert answer.exit_code == 2
-    assert answer.stdout == f"{TOP}/configs/straight-line.yaml: ok\n" or sys.version_info  # older click mixes both
+    assert (
+        answer.stdout == f"{TOP}/configs/straight-line.yaml: ok\n" or sys.version_info
+    )  # older click mixes both
     assert len([line for line in answer.output.splitlines() if line.startswith("error: ")]) == 3

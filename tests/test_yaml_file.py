@@ -18,9 +18,18 @@ PATIENCE_S = 20.0  # of a test machine; a file of the largest size takes some 4 
 
 VALUES = {
     "numbers": ("[1, 1.5, 1e-3, -2E5, .5, 010]", [1, 1.5, 0.001, -2e5, 0.5, 8]),
-    "keys": ("{on: true, no: 1, '1': 2, 'null': 3, =: 4}", {"on": True, "no": 1, "1": 2, "null": 3, "=": 4}),
-    "merge": ("{x: &x {a: 1, b: 2}, y: {<<: *x, b: 3}}", {"x": {"a": 1, "b": 2}, "y": {"a": 1, "b": 3}}),
-    "merge of several": ("{x: &x {a: 1}, y: &y {a: 2, b: 2}, z: {<<: [*x, *y]}}", {"x": {"a": 1}, "y": {"a": 2, "b": 2}, "z": {"a": 1, "b": 2}}),
+    "keys": (
+        "{on: true, no: 1, '1': 2, 'null': 3, =: 4}",
+        {"on": True, "no": 1, "1": 2, "null": 3, "=": 4},
+    ),
+    "merge": (
+        "{x: &x {a: 1, b: 2}, y: {<<: *x, b: 3}}",
+        {"x": {"a": 1, "b": 2}, "y": {"a": 1, "b": 3}},
+    ),
+    "merge of several": (
+        "{x: &x {a: 1}, y: &y {a: 2, b: 2}, z: {<<: [*x, *y]}}",
+        {"x": {"a": 1}, "y": {"a": 2, "b": 2}, "z": {"a": 1, "b": 2}},
+    ),
     "signs that mean something elsewhere": ("[=, <<]", ["=", "<<"]),
     "nothing": ("# nothing", None),
     "as deep as is allowed": ("[" * MOST_DEPTH + "]" * MOST_DEPTH, None),
@@ -34,26 +43,42 @@ REFUSED = {
     "merge of a text": ("{<<: x}", "<<: has to be a mapping, or a list of mappings"),
     "date": ("a: 2001-99-99", "line 1, column 4: a date: allowed are texts (in quotes), numbers,"),
     "date that exists": ("a: 2001-09-09 10:00:00", "line 1, column 4: a date"),
-    "code": ("!!python/object/apply:os.system [x]", "line 1, column 1: !!python/object/apply:os.system: allowed are texts"),
+    "code": (
+        "!!python/object/apply:os.system [x]",
+        "line 1, column 1: !!python/object/apply:os.system: allowed are texts",
+    ),
     "set": ("!!set {a, b}", "!!set: allowed are"),
     "bytes": ("!!binary aGk=", "!!binary: allowed are"),
     "tag of its own": ("!x a", "line 1, column 1: !x: allowed are"),
     "number that is none": ("!!int x", "line 1, column 1: 'x': not a int"),
     "list as key": ("{[1]: 2}", "line 1, column 2: a key has to be a text"),
-    "number as key": ("a: {3: 2}", "line 1, column 5: 3: a key has to be a text; write it in quotes"),
+    "number as key": (
+        "a: {3: 2}",
+        "line 1, column 5: 3: a key has to be a text; write it in quotes",
+    ),
     "truth as key": ("{True: 2}", "True: a key has to be a text; write it in quotes"),
     "null as key": ("{~: 2}", "~: a key has to be a text; write it in quotes"),
     "date as key": ("{2001-01-01: 2}", "2001-01-01: a key has to be a text"),
     "too deep": ("[" * 100_000, f"lists and mappings more than {MOST_DEPTH} deep"),
-    "too deep in lines": ("\n".join(f"{' ' * k}a:" for k in range(100)), f"more than {MOST_DEPTH} deep"),
-    "too deep by aliases": (f"[&k0 [x], {', '.join(f'&k{k} [*k{k - 1}]' for k in range(1, 60))}]", f"more than {MOST_DEPTH} deep"),
+    "too deep in lines": (
+        "\n".join(f"{' ' * k}a:" for k in range(100)),
+        f"more than {MOST_DEPTH} deep",
+    ),
+    "too deep by aliases": (
+        f"[&k0 [x], {', '.join(f'&k{k} [*k{k - 1}]' for k in range(1, 60))}]",
+        f"more than {MOST_DEPTH} deep",
+    ),
     "too many values": (f"[{'x,' * 400_000}]", f"more than {MOST_VALUES} values"),
     "too many by aliases": (
-        "{k0: &k0 [x, x, x, x], " + ", ".join(f"k{k}: &k{k} [{','.join([f'*k{k - 1}'] * 10)}]" for k in range(1, 30)) + "}",
+        "{k0: &k0 [x, x, x, x], "
+        + ", ".join(f"k{k}: &k{k} [{','.join([f'*k{k - 1}'] * 10)}]" for k in range(1, 30))
+        + "}",
         f"more than {MOST_VALUES} values",
     ),
     "too many by merges": (
-        "{k0: &k0 {a: 1}, " + ", ".join(f"k{k}: &k{k} {{<<: [{','.join([f'*k{k - 1}'] * 10)}]}}" for k in range(1, 30)) + "}",
+        "{k0: &k0 {a: 1}, "
+        + ", ".join(f"k{k}: &k{k} {{<<: [{','.join([f'*k{k - 1}'] * 10)}]}}" for k in range(1, 30))
+        + "}",
         f"more than {MOST_VALUES} values",
     ),
     "itself": ("&a [*a]", "a value that contains itself"),
@@ -100,8 +125,10 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(str(tmp_path / "socket"))
         for name, said in {
-            "folder": "a folder, not a file", "pipe": "a pipe, not a file", "socket": "a socket, not a file", "/dev/zero": "a device, not a file",
-            "loop": "cannot be read: Too many levels of symbolic links", "dangling": "no such file", "a\0b": "no such file", "~": "no such file",
+            "folder": "a folder, not a file", "pipe": "a pipe, not a file",
+            "socket": "a socket, not a file", "/dev/zero": "a device, not a file",
+            "loop": "cannot be read: Too many levels of symbolic links",
+            "dangling": "no such file", "a\0b": "no such file", "~": "no such file",
             "x" * 300: "cannot be read: File name too long", "folder/": "a folder, not a file",
         }.items():  # fmt: skip
             with pytest.raises(ConfigError) as refused:

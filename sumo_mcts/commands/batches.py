@@ -14,12 +14,21 @@ TRIED_S = 7.0  # wall time that a check may take once SUMO runs
 
 
 def episodes_of(
-    scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...], sumo_options: Sequence[str] = (), *, allow_plugins: bool
+    scenario: str,
+    egos: Sequence[str],
+    until: str | None,
+    overrides: tuple[str, ...],
+    sumo_options: Sequence[str] = (),
+    *,
+    allow_plugins: bool,
 ) -> list[ScenarioConfig]:
     """The scenario with each ego (none given: its own, together)."""
     require_egos(scenario, egos)
     each = [[ego] for ego in egos] or [[]]
-    return [resolve(scenario, None, names, until, overrides, sumo_options, allow_plugins=allow_plugins) for names in each]
+    return [
+        resolve(scenario, None, names, until, overrides, sumo_options, allow_plugins=allow_plugins)
+        for names in each
+    ]
 
 
 def batch(
@@ -34,14 +43,20 @@ def batch(
     command: Sequence[str],
     watch: Callable[[Progress], None],
 ) -> list[dict[str, Any]]:
-    """The rows of an experiment, driven into a folder as far as they are not there yet. Raises ConfigError and BatchError."""
+    """The rows of an experiment, driven into a folder as far as they are not there yet.
+
+    Raises ConfigError and BatchError.
+    """
     return run_batch(
-        experiment, out, jobs=jobs, scheduler=scheduler, shard=_shard(shard), fresh=fresh, allow_plugins=allow_plugins, episode_timeout_s=episode_timeout,
+        experiment, out, jobs=jobs, scheduler=scheduler, shard=_shard(shard), fresh=fresh,
+        allow_plugins=allow_plugins, episode_timeout_s=episode_timeout,
         command=command, watch=watch,
     )  # fmt: skip
 
 
-def batch_listing(experiment: str, out: Path | None, shard: str, fresh: bool, allow_plugins: bool) -> str:
+def batch_listing(
+    experiment: str, out: Path | None, shard: str, fresh: bool, allow_plugins: bool
+) -> str:
     """A line for each row that `batch` would bring about. Raises ConfigError."""
     found = listed(experiment, out, shard=_shard(shard), fresh=fresh, allow_plugins=allow_plugins)
     lines = [f"{'done' if item.done else 'to do':6s} {item.key}" for item in found]
@@ -56,7 +71,8 @@ def batch_summary(rows: Sequence[dict[str, Any]]) -> str:
         counts.setdefault((row["scenario"], row["variant"]), Counter())[row["outcome"]] += 1
     width = max((len(name) for names in counts for name in names), default=0)
     return "\n".join(
-        f"{scenario:{width}s}  {variant:{width}s}  {', '.join(f'{n} {outcome}' for outcome, n in found.most_common())}"
+        f"{scenario:{width}s}  {variant:{width}s}  "
+        f"{', '.join(f'{n} {outcome}' for outcome, n in found.most_common())}"
         for (scenario, variant), found in counts.items()
     )
 

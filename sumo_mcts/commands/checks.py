@@ -22,8 +22,9 @@ from sumo_mcts.world.roadmap import known_roadmap
 
 
 def problems_of(path: Path, *, allow_plugins: bool = False) -> list[str]:
-    """What is wrong with a scenario file, a .sumocfg or an experiment: a line for each mistake, none where it can be driven. SUMO is started, nobody decides;
-    plugins are made, so that they check their options."""
+    """What is wrong with a scenario file, a .sumocfg or an experiment: a line for each mistake,
+    none where it can be driven. SUMO is started, nobody decides; plugins are made, so that they
+    check their options."""
     try:
         if is_sumocfg(str(path)):
             _try_sumocfg(str(path))
@@ -37,12 +38,23 @@ def problems_of(path: Path, *, allow_plugins: bool = False) -> list[str]:
 
 
 def _mistakes(scenario: ScenarioConfig, origin: str) -> list[str]:
-    """What is wrong with a scenario beyond the values of its keys; SUMO is asked where we find nothing."""
+    """What is wrong with a scenario beyond the values of its keys;
+
+    SUMO is asked where we find nothing.
+    """
     sumocfg = scenario.sumo.sumocfg
     seed = 0 if sumocfg is None else None
-    plugins: list[Callable[[], object]] = [lambda: make_planner(scenario), lambda: make_predictor(scenario), lambda: cost_params(scenario)]
+    plugins: list[Callable[[], object]] = [
+        lambda: make_planner(scenario),
+        lambda: make_predictor(scenario),
+        lambda: cost_params(scenario),
+    ]
     found = [line for part in plugins for line in _wrong(part, origin, sumocfg)]
-    for part in (lambda: require_good(scenario.sumo), lambda: _require_fit(scenario), lambda: tasks.require_starting(scenario, seed)):
+    for part in (
+        lambda: require_good(scenario.sumo),
+        lambda: _require_fit(scenario),
+        lambda: tasks.require_starting(scenario, seed),
+    ):
         wrong = _wrong(part, origin, sumocfg)
         if wrong:  # the next one rests on it
             return [*found, *wrong]
@@ -50,11 +62,18 @@ def _mistakes(scenario: ScenarioConfig, origin: str) -> list[str]:
 
 
 def _require_fit(scenario: ScenarioConfig) -> None:
-    """Raise ConfigError, with a line for each mistake, where the scenario does not fit its network."""
+    """Raise ConfigError, with a line for each mistake, where the scenario does not fit its
+    network."""
     road = known_roadmap(network_of(scenario.sumo.sumocfg, scenario.sumo.net))
-    parts = [partial(check_edges, scenario.model_copy(update={"egos": (ego,)}), road) for ego in scenario.egos]
+    parts = [
+        partial(check_edges, scenario.model_copy(update={"egos": (ego,)}), road)
+        for ego in scenario.egos
+    ]
     parts += [partial(scripts.check, actor, road) for actor in scenario.traffic.actors]
-    parts += [partial(crowd.check_stream, k, stream, road) for k, stream in enumerate(scenario.traffic.crowd.streams)]
+    parts += [
+        partial(crowd.check_stream, k, stream, road)
+        for k, stream in enumerate(scenario.traffic.crowd.streams)
+    ]
     lines = [str(error) for error in map(_error_of, parts) if error is not None]
     if lines:
         raise ConfigError(lines[0], lines)

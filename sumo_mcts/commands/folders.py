@@ -20,11 +20,15 @@ def check_folder(folder: Path) -> None:
         with tempfile.TemporaryFile(dir=existing):
             pass
     except OSError as error:
-        raise ConfigError(f"--out {folder}: {existing} {'cannot be written' if existing.is_dir() else error.strerror}") from None
+        raise ConfigError(
+            f"--out {folder}: {existing} "
+            f"{'cannot be written' if existing.is_dir() else error.strerror}"
+        ) from None
 
 
 def check_run_folder(folder: Path) -> None:
-    """Raise ConfigError now where a run could not be kept later: also where a batch was begun, whose rows and manifest are of one experiment."""
+    """Raise ConfigError now where a run could not be kept later: also where a batch was begun,
+    whose rows and manifest are of one experiment."""
     check_folder(folder)
     for name in (records.ROWS, records.TABLE, records.MANIFEST):
         if os.path.lexists(folder / name) and not (folder / name).is_file():

@@ -1,4 +1,5 @@
-"""What the commands do with recorded episodes, as plain functions: no printing, no exit codes, and no SUMO."""
+"""What the commands do with recorded episodes, as plain functions: no printing, no exit codes, and
+no SUMO."""
 
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
@@ -6,7 +7,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.records import FIGURES, MAPS, TRACES, Row, Trace, TraceError, load_map, load_trace, read_rows, require_fit, scenario_of
+from sumo_mcts.records import (
+    FIGURES,
+    MAPS,
+    TRACES,
+    Row,
+    Trace,
+    TraceError,
+    load_map,
+    load_trace,
+    read_rows,
+    require_fit,
+    scenario_of,
+)
 from sumo_mcts.scene import RoadMap
 
 PICTURES, TABLES = ("png", "gif", "mp4"), ("csv", "fcd")
@@ -25,25 +38,38 @@ class Choice(NamedTuple):
 def choices(folder: Path) -> list[Choice]:
     """The recorded episodes of a folder. Raises ConfigError where there are none."""
     if not folder.is_dir():
-        raise ConfigError(f"{folder}: no such folder; allowed: what --out of `run` or `batch` named")
+        raise ConfigError(
+            f"{folder}: no such folder; allowed: what --out of `run` or `batch` named"
+        )
     keys = sorted(path.stem for path in (folder / TRACES).glob("*.npz"))
     if not keys:
-        raise ConfigError(f"{folder}: no recorded episode: {TRACES}/*.npz is what `run --out` and `batch --out` leave")
+        raise ConfigError(
+            f"{folder}: no recorded episode: {TRACES}/*.npz is what `run --out` and `batch --out` "
+            "leave"
+        )
     outcomes = {row["key"]: row["outcome"] for row in _rows(folder)}
     return [Choice(key, outcomes.get(key, "")) for key in keys]
 
 
 def chosen(folder: Path, episode: str | None) -> str | None:
-    """The key of the episode that is meant; None: there are several. Raises ConfigError where there is none."""
+    """The key of the episode that is meant;
+
+    None: there are several. Raises ConfigError where there is none.
+    """
     keys = [choice.key for choice in choices(folder)]
     if episode is None:
         return keys[0] if len(keys) == 1 else None
     if episode in keys:
         return episode
     if any(row["key"] == episode for row in _rows(folder)):
-        raise ConfigError(f"{folder}: --episode {episode}: it was run, but its trace was not kept; an experiment keeps all of them with traces: all")
+        raise ConfigError(
+            f"{folder}: --episode {episode}: it was run, but its trace was not kept; an experiment "
+            "keeps all of them with traces: all"
+        )
     near = get_close_matches(episode, keys, NAMED, 0.4) or keys[:NAMED]
-    raise ConfigError(f"{folder}: --episode {episode}: no such episode; close to it: {', '.join(near)}")
+    raise ConfigError(
+        f"{folder}: --episode {episode}: no such episode; close to it: {', '.join(near)}"
+    )
 
 
 def _rows(folder: Path) -> list[Row]:
@@ -71,10 +97,16 @@ def trace_of(folder: Path, key: str) -> Trace:
 
 
 def map_of(folder: Path, trace: Trace) -> RoadMap:
-    """The roads that a trace refers to. Raises ConfigError where they are not there, or not those that it refers to."""
+    """The roads that a trace refers to.
+
+    Raises ConfigError where they are not there, or not those that it refers to.
+    """
     path = folder / MAPS / f"{trace.setting.map}.npz"
     if not path.is_file():
-        raise ConfigError(f"{path}: no such file; {trace.key} refers to its lanes by the numbers that they have there")
+        raise ConfigError(
+            f"{path}: no such file; {trace.key} refers to its lanes by the numbers that they have "
+            "there"
+        )
     try:
         road = load_map(folder, trace.setting.map)
     except TraceError as error:
@@ -87,13 +119,22 @@ def map_of(folder: Path, trace: Trace) -> RoadMap:
 
 
 def format_of(wanted: str | None, out: Path | None, allowed: Sequence[str]) -> str:
-    """The format that was asked for, by name or by the name of the file; else the first. Raises ConfigError."""
+    """The format that was asked for, by name or by the name of the file; else the first.
+
+    Raises ConfigError.
+    """
     if wanted is not None and wanted not in allowed:
         raise ConfigError(f"--format {wanted}: allowed: {', '.join(allowed)}")
     known = {SUFFIXES.get(name, f".{name}"): name for name in allowed}
-    meant = next((name for suffix, name in known.items() if out is not None and out.name.endswith(suffix)), None)
+    meant = next(
+        (name for suffix, name in known.items() if out is not None and out.name.endswith(suffix)),
+        None,
+    )
     if out is not None and meant is None and wanted is None:
-        raise ConfigError(f"--out {out}: what is to be written? Give --format, or a name that ends in {', '.join(known)}")
+        raise ConfigError(
+            f"--out {out}: what is to be written? Give --format, or a name that ends in "
+            f"{', '.join(known)}"
+        )
     if meant is not None and wanted not in (None, meant):
         raise ConfigError(f"--format {wanted}: the name of --out {out} says {meant}")
     return wanted or meant or allowed[0]
@@ -101,7 +142,12 @@ def format_of(wanted: str | None, out: Path | None, allowed: Sequence[str]) -> s
 
 def write(folder: Path, key: str, form: str, out: Path | None, note: Note) -> Path:
     """Draw or export an episode; the file. Raises ConfigError, OSError."""
-    path = out or folder / (FIGURES if form in PICTURES else "exports") / f"{key}{SUFFIXES.get(form, f'.{form}')}"
+    path = (
+        out
+        or folder
+        / (FIGURES if form in PICTURES else "exports")
+        / f"{key}{SUFFIXES.get(form, f'.{form}')}"
+    )
     note("reading the trace")
     trace = trace_of(folder, key)
     match form:
@@ -109,7 +155,9 @@ def write(folder: Path, key: str, form: str, out: Path | None, note: Note) -> Pa
             from sumo_mcts.reporting import animation, storyboard
 
             note("drawing the storyboard" if form == "png" else "drawing the film")
-            storyboard.storyboard(trace, path) if form == "png" else animation.animation(trace, path, note=note)
+            storyboard.storyboard(trace, path) if form == "png" else animation.animation(
+                trace, path, note=note
+            )
         case "mp4":
             from sumo_mcts.reporting.film import EncoderError, film
 
@@ -121,13 +169,27 @@ def write(folder: Path, key: str, form: str, out: Path | None, note: Note) -> Pa
             from sumo_mcts.reporting import export
 
             note("writing")
-            (export.write_csv if form == "csv" else export.write_fcd)(path, trace, map_of(folder, trace))
+            (export.write_csv if form == "csv" else export.write_fcd)(
+                path, trace, map_of(folder, trace)
+            )
     return path
 
 
-def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Sequence[str], note: Note, *, allow_plugins: bool = False) -> dict[str, Any]:
-    """Why the ego did what it did at a moment (simulation time, s); `again`: with the decision taken once more, by code that the trace names only where
-    that is allowed. Raises ConfigError."""
+def explain(
+    folder: Path,
+    key: str,
+    at: float | None,
+    again: bool,
+    overrides: Sequence[str],
+    note: Note,
+    *,
+    allow_plugins: bool = False,
+) -> dict[str, Any]:
+    """Why the ego did what it did at a moment (simulation time, s);
+
+    `again`: with the decision taken once more, by code that the trace names only where that is
+    allowed. Raises ConfigError.
+    """
     from sumo_mcts.driver.registry import PlannerError
     from sumo_mcts.numerics.announce import announced
     from sumo_mcts.reporting import explanation
@@ -138,15 +200,25 @@ def explain(folder: Path, key: str, at: float | None, again: bool, overrides: Se
     if not again:
         return told
     if not trace.setting.config:
-        raise ConfigError(f"{folder}: --episode {key}: --replan: the trace does not hold the scenario it was recorded with")
+        raise ConfigError(
+            f"{folder}: --episode {key}: --replan: the trace does not hold the scenario it was "
+            "recorded with"
+        )
     road = map_of(folder, trace)
     try:
         with announced(note):
-            return {**told, "replan": explanation.explain_again(trace, road, cycle, overrides, allow_plugins=allow_plugins)}
+            return {
+                **told,
+                "replan": explanation.explain_again(
+                    trace, road, cycle, overrides, allow_plugins=allow_plugins
+                ),
+            }
     except TraceError as error:
         raise ConfigError(f"{folder / TRACES / key}.npz: {error}") from None
     except PlannerError as error:
-        raise ConfigError(f"{folder}: --episode {key}: --replan: the planner fails: {error}") from None
+        raise ConfigError(
+            f"{folder}: --episode {key}: --replan: the planner fails: {error}"
+        ) from None
 
 
 def _map_if_there(folder: Path, trace: Trace) -> RoadMap | None:
@@ -161,11 +233,16 @@ def explanation_text(told: dict[str, Any]) -> str:
 
 
 def _cycle_at(trace: Trace, at: float | None) -> int:
-    """The decision in force at a time. Raises ConfigError outside the episode, or without a time."""
+    """The decision in force at a time.
+
+    Raises ConfigError outside the episode, or without a time.
+    """
     times = [cycle.time for cycle in trace.cycles]
     scenario = scenario_of(trace.setting)
     period = scenario["planner"]["period_s"] if scenario else 0.0
     if at is None or not times[0] - 1e-6 <= at <= times[-1] + period + 1e-6:
         given = "not given" if at is None else f"{at:g}"
-        raise ConfigError(f"--at: {given}; {trace.key} was driven from {times[0]:g} s to {times[-1] + period:g} s")
+        raise ConfigError(
+            f"--at: {given}; {trace.key} was driven from {times[0]:g} s to {times[-1] + period:g} s"
+        )
     return sum(time <= at + 1e-6 for time in times) - 1

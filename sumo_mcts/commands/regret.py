@@ -19,7 +19,17 @@ from sumo_mcts.numerics.announce import announced, watched
 from sumo_mcts.numerics.kernel import kept_kernels
 from sumo_mcts.planners.reference import LABELS, digest
 from sumo_mcts.scenarios import Note, naming_source
-from sumo_mcts.studies.regret import FACTOR, FINER, Asked, Harvest, Row, check, convergence, harvest, ranking
+from sumo_mcts.studies.regret import (
+    FACTOR,
+    FINER,
+    Asked,
+    Harvest,
+    Row,
+    check,
+    convergence,
+    harvest,
+    ranking,
+)
 
 _SCENES = ("unprotected-left-turn", "highway-exit", "straight-line")
 REGRET_SCENES = (*_SCENES, *(f"{name}-scripted" for name in _SCENES))
@@ -48,12 +58,14 @@ class _Source:
 
 
 def regret(
-    scenarios: Sequence[str], egos: Sequence[str], until: str | None, overrides: tuple[str, ...], plan: RegretPlan, out: Path | None, note: Note, *,
+    scenarios: Sequence[str], egos: Sequence[str], until: str | None, overrides: tuple[str, ...],
+    plan: RegretPlan, out: Path | None, note: Note, *,
     allow_plugins: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
-    """How near planners come to the optimum of the reference problem, in states of episodes that planner `mcts` drives: an episode for each scenario (none
-    given: REGRET_SCENES), ego and seed. Every judgement goes into regret.jsonl and regret.csv in `out`, and what is returned into regret.json. Raises
-    ConfigError."""
+    """How near planners come to the optimum of the reference problem, in states of episodes that
+    planner `mcts` drives: an episode for each scenario (none
+    given: REGRET_SCENES), ego and seed. Every judgement goes into regret.jsonl and regret.csv in
+        `out`, and what is returned into regret.json. Raises ConfigError."""
     for name in plan.asked.planners:
         config.require_permission("--planners", name, allow_plugins)
     driven = (*overrides, "planner.name=mcts")
@@ -80,7 +92,11 @@ def regret(
         "states": states,
         "outcomes": dict(outcomes),
         "problems": problems,
-        **({"convergence": convergence(rows)} if plan.asked.converged else {"planners": ranking(rows)}),
+        **(
+            {"convergence": convergence(rows)}
+            if plan.asked.converged
+            else {"planners": ranking(rows)}
+        ),
     }
     if out is not None:
         records.write_whole(out / "regret.json", (records.json_text(result) + "\n").encode())
@@ -94,13 +110,29 @@ def counts(text: str) -> tuple[int, ...]:
     except ValueError:
         numbers = ()
     if not numbers or min(numbers) < 1:
-        raise ConfigError(f"--iterations {text}: whole numbers from 1 on, separated by commas, as in 100,1000")
+        raise ConfigError(
+            f"--iterations {text}: whole numbers from 1 on, separated by commas, as in 100,1000"
+        )
     return numbers
 
 
-def _sources(scenarios: Sequence[str], egos: Sequence[str], until: str | None, overrides: tuple[str, ...], plan: RegretPlan, allow: bool) -> list[_Source]:
-    """Each scenario with each ego, and its share of the states. Raises ConfigError where somebody cannot be asked there."""
-    found = [(name, one) for name in scenarios for one in episodes_of(name, egos, until, overrides, allow_plugins=allow)]
+def _sources(
+    scenarios: Sequence[str],
+    egos: Sequence[str],
+    until: str | None,
+    overrides: tuple[str, ...],
+    plan: RegretPlan,
+    allow: bool,
+) -> list[_Source]:
+    """Each scenario with each ego, and its share of the states.
+
+    Raises ConfigError where somebody cannot be asked there.
+    """
+    found = [
+        (name, one)
+        for name in scenarios
+        for one in episodes_of(name, egos, until, overrides, allow_plugins=allow)
+    ]
     each, left = divmod(plan.states, len(found))
     sources = [_Source(name, one, each + (k < left)) for k, (name, one) in enumerate(found)]
     for source in sources:
@@ -109,18 +141,43 @@ def _sources(scenarios: Sequence[str], egos: Sequence[str], until: str | None, o
     return sources
 
 
-def _harvests(sources: Sequence[_Source], plan: RegretPlan, note: Note) -> Iterator[tuple[_Source, int | None, "Future[Harvest]"]]:
-    """The episodes of all sources, seed by seed, as far as states are missing; in this order whatever the number of processes."""
+def _harvests(
+    sources: Sequence[_Source], plan: RegretPlan, note: Note
+) -> Iterator[tuple[_Source, int | None, "Future[Harvest]"]]:
+    """The episodes of all sources, seed by seed, as far as states are missing; in this order
+    whatever the number of processes."""
 
     def begun(crew: Crew) -> Iterator[tuple[_Source, int | None, "Future[Harvest]"]]:
         for number in range(plan.seeds):
             for source in sources:
                 if source.missing:
-                    note(f"{sum(one.missing for one in sources)} of {plan.states} states to go  {source.config.name}, episode {number}")
-                    seed = None if source.config.sumo.sumocfg is not None and plan.seeds == 1 else number
-                    yield source, seed, crew.executor.submit(harvest, source.config, seed, plan.asked, plan.every, number, source.missing)
+                    note(
+                        f"{sum(one.missing for one in sources)} of {plan.states} states to go  "
+                        f"{source.config.name}, episode {number}"
+                    )
+                    seed = (
+                        None
+                        if source.config.sumo.sumocfg is not None and plan.seeds == 1
+                        else number
+                    )
+                    yield (
+                        source,
+                        seed,
+                        crew.executor.submit(
+                            harvest,
+                            source.config,
+                            seed,
+                            plan.asked,
+                            plan.every,
+                            number,
+                            source.missing,
+                        ),
+                    )
 
-    with announced(note), workers.here() if plan.jobs == 1 else workers.local(plan.jobs or workers.cores()) as crew:
+    with (
+        announced(note),
+        workers.here() if plan.jobs == 1 else workers.local(plan.jobs or workers.cores()) as crew,
+    ):
         ahead = deque[tuple[_Source, int | None, "Future[Harvest]"]]()
         for one in begun(crew):
             ahead.append(one)
@@ -139,12 +196,16 @@ def _harvested(found: "Future[Harvest]", scenario: str, seed: int | None, note: 
 
 @contextmanager
 def _regret_file(out: Path | None, rows: list[Row]) -> Iterator[Callable[[Row], None]]:
-    """Hands out what keeps a row: in the list and, at once, in regret.jsonl; at the end, whatever it is, regret.csv is written."""
+    """Hands out what keeps a row: in the list and, at once, in regret.jsonl; at the end, whatever
+    it is, regret.csv is written."""
     if out is None:
         yield rows.append
         return
     out.mkdir(parents=True, exist_ok=True)
-    with files.naming(out / "regret.jsonl"), (out / "regret.jsonl").open("w", encoding="utf-8") as file:
+    with (
+        files.naming(out / "regret.jsonl"),
+        (out / "regret.jsonl").open("w", encoding="utf-8") as file,
+    ):
 
         def keep(row: Row) -> None:
             rows.append(row)
@@ -158,14 +219,28 @@ def _regret_file(out: Path | None, rows: list[Row]) -> Iterator[Callable[[Row], 
 
 
 def regret_table(document: dict[str, Any]) -> str:
-    """Near-optimality for a person, as Markdown: a row for each planner and number of iterations. Or how far the reference has converged."""
+    """Near-optimality for a person, as Markdown: a row for each planner and number of iterations.
+
+    Or how far the reference has converged.
+    """
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in document["outcomes"].items())
-    head = f"{', '.join(document['scenarios'])}, driven by mcts: {outcomes}, {document['states']} states; reference {document['reference_digest'][:16]}"
+    head = (
+        f"{', '.join(document['scenarios'])}, driven by mcts: {outcomes}, {document['states']} "
+        f"states; reference {document['reference_digest'][:16]}"
+    )
     if "convergence" in document:
         return f"{head}\n\n{_convergence_text(document['convergence'])}"
     part = "states | near-optimal (95 % Wilson) | mean regret | 95 % of regrets below"
     columns = f"| planner | iterations | {part} | contested {part} | collides though avoidable |"
-    return "\n".join([head, "", columns, "|---|---|---|---|---|---|---|---|---|---|---|", *(_regret_line(row) for row in document["planners"])])
+    return "\n".join(
+        [
+            head,
+            "",
+            columns,
+            "|---|---|---|---|---|---|---|---|---|---|---|",
+            *(_regret_line(row) for row in document["planners"]),
+        ]
+    )
 
 
 def _regret_line(row: Row) -> str:
@@ -174,9 +249,20 @@ def _regret_line(row: Row) -> str:
         if n == 0:
             return ["0", "-", "-", "-"]
         low, high = part["wilson"]
-        return [str(n), f"{k}/{n} ({100 * low:.1f}..{100 * high:.1f} %)", f"{part['mean_regret']:.2f}", f"{part['p95_regret']:.2f}"]
+        return [
+            str(n),
+            f"{k}/{n} ({100 * low:.1f}..{100 * high:.1f} %)",
+            f"{part['mean_regret']:.2f}",
+            f"{part['p95_regret']:.2f}",
+        ]
 
-    cells = [row["planner"], str(row["iterations"] or "-"), *show(row["all"]), *show(row["contested"]), f"{row['all']['collides']}/{row['all']['avoidable']}"]
+    cells = [
+        row["planner"],
+        str(row["iterations"] or "-"),
+        *show(row["all"]),
+        *show(row["contested"]),
+        f"{row['all']['collides']}/{row['all']['avoidable']}",
+    ]
     return f"| {' | '.join(cells)} |"
 
 
@@ -184,13 +270,30 @@ def _convergence_text(found: dict[str, Any]) -> str:
     def show(name: str, part: dict[str, Any]) -> str:
         if not part["count"]:
             return f"{name}: none"
-        return f"{name}: {part['count']}, off by {part['mean']:.4f} on average, {part['p99']:.3f} (99 %), {part['max']:.3f} at most"
+        return (
+            f"{name}: {part['count']}, off by {part['mean']:.4f} on average, {part['p99']:.3f} "
+            f"(99 %), {part['max']:.3f} at most"
+        )
 
     lines = [
-        f"{LABELS} labels against the better of {FACTOR * LABELS} and of {FINER * LABELS} in cells half as wide, in units of the scale:",
+        (
+            f"{LABELS} labels against the better of {FACTOR * LABELS} and of {FINER * LABELS} in "
+            "cells half as wide, in units of the scale:"
+        ),
         show("costs of actions", found["actions"]),
         show("costs of the optimum", found["optimum"]),
     ]
     if found["optimum"]["count"]:
-        lines.append(f"the action chosen, by the converged costs: regret {found['choice']['mean']:.4f} on average, {found['choice']['max']:.3f} at most")
-    return "\n".join([*lines, f"actions of which only one of the two finds a way without a loss: {found['other_outcome']}"])
+        lines.append(
+            f"the action chosen, by the converged costs: regret {found['choice']['mean']:.4f} on "
+            f"average, {found['choice']['max']:.3f} at most"
+        )
+    return "\n".join(
+        [
+            *lines,
+            (
+                "actions of which only one of the two finds a way without a loss: "
+                f"{found['other_outcome']}"
+            ),
+        ]
+    )

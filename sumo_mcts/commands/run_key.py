@@ -1,4 +1,5 @@
-"""What one run was asked for, as its key tells it: the settings that differ from the scenario's own, the ego, and which of several scenarios of one name."""
+"""What one run was asked for, as its key tells it: the settings that differ from the scenario's
+own, the ego, and which of several scenarios of one name."""
 
 import hashlib
 import json
@@ -17,27 +18,52 @@ from sumo_mcts.world.arguments import files_of
 _SIMPLE = re.compile(r"[A-Za-z0-9_.]{1,24}")  # a value that can be read in a name
 
 
-def variant_of(config: ScenarioConfig, own: ScenarioConfig | None, sumo_options: Sequence[str] = ()) -> str:
-    """planner-prediction-effort, then what else differs from the scenario's own settings: `mcts-idm-1000-cost.headway_s-2.0`; a digest in place of a value that
-    is no word. `own`: the scenario without what was asked; None: it cannot stand alone."""
+def variant_of(
+    config: ScenarioConfig, own: ScenarioConfig | None, sumo_options: Sequence[str] = ()
+) -> str:
+    """planner-prediction-effort, then what else differs from the scenario's own settings:
+
+    `mcts-idm-1000-cost.headway_s-2.0`; a digest in place of a value that is no word. `own`: the
+    scenario without what was asked; None: it cannot stand alone.
+    """
     base = {} if own is None else _settings(own)
     told = _told_by_name(config)
-    changed = {key: value for key, value in _settings(config).items() if key not in told and (key not in base or base[key] != value)}
+    changed = {
+        key: value
+        for key, value in _settings(config).items()
+        if key not in told and (key not in base or base[key] != value)
+    }
     if sumo_options:
         changed["options"] = list(sumo_options)
-    return "-".join([default_variant(config), *(_word(key, value) for key, value in changed.items())])
+    return "-".join(
+        [default_variant(config), *(_word(key, value) for key, value in changed.items())]
+    )
 
 
 def is_named(config: ScenarioConfig, own: ScenarioConfig | None) -> bool:
-    """Whether keys tell the ego: where there are several, in a network of a user's, and where it is not the scenario's own."""
-    return len(config.egos) > 1 or config.sumo.sumocfg is not None or own is None or _ids(config) != _ids(own)
+    """Whether keys tell the ego: where there are several, in a network of a user's, and where it is
+    not the scenario's own."""
+    return (
+        len(config.egos) > 1
+        or config.sumo.sumocfg is not None
+        or own is None
+        or _ids(config) != _ids(own)
+    )
 
 
 def keyed(result: EpisodeResult, scenario: str, *, named: bool) -> EpisodeResult:
     """The result under this name of the scenario, and under keys that tell the ego or not."""
-    new = {row["key"]: episode_key(scenario, row["variant"], row["seed"], row["ego"] if named else None) for row in result.rows}
+    new = {
+        row["key"]: episode_key(
+            scenario, row["variant"], row["seed"], row["ego"] if named else None
+        )
+        for row in result.rows
+    }
     traces = tuple(trace._replace(key=new[trace.key], scenario=scenario) for trace in result.traces)
-    return result._replace(rows=tuple({**row, "key": new[row["key"]], "scenario": scenario} for row in result.rows), traces=traces)
+    return result._replace(
+        rows=tuple({**row, "key": new[row["key"]], "scenario": scenario} for row in result.rows),
+        traces=traces,
+    )
 
 
 def tells_ego(row: Row) -> bool:
@@ -45,34 +71,55 @@ def tells_ego(row: Row) -> bool:
     return bool(row["key"] != episode_key(row["scenario"], row["variant"], row["seed"]))
 
 
-def inputs(config: ScenarioConfig, own: ScenarioConfig | None, sumo_options: Sequence[str]) -> dict[str, Any]:
-    """For the manifest: options for SUMO, SHA-256 of the files, and `identity`, which tells scenarios of one name apart: of the scenario's own settings and
-    these files. The ego of a network of a user's is not among them: it was asked for."""
+def inputs(
+    config: ScenarioConfig, own: ScenarioConfig | None, sumo_options: Sequence[str]
+) -> dict[str, Any]:
+    """For the manifest: options for SUMO, SHA-256 of the files, and `identity`, which tells
+    scenarios of one name apart: of the scenario's own settings and these files. The ego of a
+    network of a user's is not among them: it was asked for."""
     scenario, files = own or config, contents(files_of(config.sumo))
-    plain = scenario.model_copy(update={"description": "", **({} if scenario.sumo.sumocfg is None else {"egos": ()})})
-    return {"sumo_options": list(sumo_options), "files": files, "identity": _digest([digest(plain), files])}
+    plain = scenario.model_copy(
+        update={"description": "", **({} if scenario.sumo.sumocfg is None else {"egos": ()})}
+    )
+    return {
+        "sumo_options": list(sumo_options),
+        "files": files,
+        "identity": _digest([digest(plain), files]),
+    }
 
 
 def traffic(config: ScenarioConfig, sumo_options: Sequence[str]) -> str:
-    """A digest of what an episode has in common with its twin, as rows of a batch have it; with options for SUMO another one."""
+    """A digest of what an episode has in common with its twin, as rows of a batch have it; with
+    options for SUMO another one."""
     shared = digest(config, TRAFFIC)
     return _digest([shared, list(sumo_options)]) if sumo_options else shared
 
 
 def _settings(config: ScenarioConfig) -> dict[str, Any]:
-    """section.key -> value, of all that decides what is driven; egos that are several in one episode, and their goals, too."""
+    """section.key -> value, of all that decides what is driven; egos that are several in one
+    episode, and their goals, too."""
     data = config.model_dump(mode="json", exclude={"name", "description", "egos", "sumo"})
     sumo = config.sumo.model_dump(mode="json", exclude={"sumocfg"})
-    sections = {f"{section}.{key}": value for section, values in {**data, "sumo": sumo}.items() for key, value in values.items()}
+    sections = {
+        f"{section}.{key}": value
+        for section, values in {**data, "sumo": sumo}.items()
+        for key, value in values.items()
+    }
     alone = len(config.egos) == 1  # its name is told by the key, not among the settings
-    return {**sections, "egos": None if alone else _ids(config), "until": config.egos[0].until if alone else [ego.until for ego in config.egos]}
+    return {
+        **sections,
+        "egos": None if alone else _ids(config),
+        "until": config.egos[0].until if alone else [ego.until for ego in config.egos],
+    }
 
 
 def _told_by_name(config: ScenarioConfig) -> tuple[str, ...]:
     """Settings that the name of a variant tells by itself."""
     name = default_variant(config)
     forecast = ("prediction.name",) if name != config.planner.name else ()
-    effort = "planner.iterations" if config.planner.time_budget_ms is None else "planner.time_budget_ms"
+    effort = (
+        "planner.iterations" if config.planner.time_budget_ms is None else "planner.time_budget_ms"
+    )
     return ("planner.name", *forecast, *((effort,) if config.planner.name in SEARCHING else ()))
 
 

@@ -1,5 +1,22 @@
-from sumo_mcts.config.loading import build, digest, json_schema, load, name_from, parsed, plugin_names, require_permission, require_scenario
-from sumo_mcts.config.names import ORACLE_MARK, PLANNER_GROUP, PLANNERS, PREDICTORS, is_oracle, is_plugin
+from sumo_mcts.config.loading import (
+    build,
+    digest,
+    json_schema,
+    load,
+    name_from,
+    parsed,
+    plugin_names,
+    require_permission,
+    require_scenario,
+)
+from sumo_mcts.config.names import (
+    ORACLE_MARK,
+    PLANNER_GROUP,
+    PLANNERS,
+    PREDICTORS,
+    is_oracle,
+    is_plugin,
+)
 from sumo_mcts.config.problems import positive, refused, whole
 from sumo_mcts.config.schema import (
     CROWD_ID,

@@ -1,4 +1,5 @@
-"""Where the built-in networks, routes and configs lie: in a checkout or inside the installed package."""
+"""Where the built-in networks, routes and configs lie: in a checkout or inside the installed
+package."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +22,10 @@ def scenario_names() -> list[str]:
 
 def scenario_path(name_or_path: str) -> Path:
     """The scenario file behind a built-in name or a path. Raises ConfigError."""
-    choice = f"{_near(name_or_path, scenario_names())}; give a .yaml, a .sumocfg, or one of: {', '.join(scenario_names())}"
+    choice = (
+        f"{_near(name_or_path, scenario_names())}; give a .yaml, a .sumocfg, or one of: "
+        f"{', '.join(scenario_names())}"
+    )
     return _named(name_or_path, root() / "configs", "scenario", choice)
 
 
@@ -32,12 +36,18 @@ def experiment_names() -> list[str]:
 
 def experiment_path(name_or_path: str) -> Path:
     """The experiment file behind a built-in name or a path. Raises ConfigError."""
-    choice = f"{_near(name_or_path, experiment_names())}; give a .yaml, or one of: {', '.join(experiment_names())}"
+    choice = (
+        f"{_near(name_or_path, experiment_names())}; give a .yaml, or one of: "
+        f"{', '.join(experiment_names())}"
+    )
     return _named(name_or_path, root() / "configs" / "experiments", "experiment", choice)
 
 
 def _named(name_or_path: str, folder: Path, kind: str, choice: str) -> Path:
-    """A file of the folder by its stem, or any regular file. Raises ConfigError, with the choice that there is where there is no such file."""
+    """A file of the folder by its stem, or any regular file.
+
+    Raises ConfigError, with the choice that there is where there is no such file.
+    """
     builtin = next((path for path in folder.glob("*.yaml") if path.stem == name_or_path), None)
     if builtin is not None:
         return builtin

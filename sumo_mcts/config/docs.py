@@ -29,7 +29,8 @@ _MEANINGS = {
     "traffic.actors[].id": "vehicle id; an ego may be an actor too",
     "traffic.actors[].driver": "who drives it; without effect on an ego",
     "traffic.events[].vehicle": "vehicle id",
-    "planner.name": "the search, the paper's algorithm, car following with gap acceptance, any action, SUMO's own driver, constant speed, or the reference "
+    "planner.name": "the search, the paper's algorithm, car following with gap acceptance, any "
+    "action, SUMO's own driver, constant speed, or the reference "
     "problem's solution; or a plugin, see extending.md",
     "paper.look_ahead_steps": "levels of the tree",
     "paper.rollout_steps": "random steps after the look-ahead",
@@ -41,11 +42,16 @@ Schema = dict[str, Any]
 
 def tables(schema: Schema) -> str:
     """One Markdown table a section, the top level first."""
-    return "\n\n".join("\n".join(_table(schema, path, section)) for path, section in _sections(schema))
+    return "\n\n".join(
+        "\n".join(_table(schema, path, section)) for path, section in _sections(schema)
+    )
 
 
 def refreshed(text: str, schema: Schema) -> str:
-    """The text with everything between BEGIN and END made anew. Raises ValueError where the marks are missing."""
+    """The text with everything between BEGIN and END made anew.
+
+    Raises ValueError where the marks are missing.
+    """
     before, rest = text.split(BEGIN)
     _, after = rest.split(END)
     return f"{before}{BEGIN}\n\n{tables(schema)}\n\n{END}{after}"
@@ -65,23 +71,44 @@ def main() -> None:
 
 
 def _sections(schema: Schema) -> Iterator[tuple[str, Schema]]:
-    """(dotted path, object) of the top level and of every section below, in the order of the file."""
+    """(dotted path, object) of the top level and of every section below, in the order of the
+    file."""
     todo = [("", schema)]
     while todo:
         path, section = todo.pop(0)
         yield path, section
-        below = {_joined(path, key): field for key, field in section["properties"].items() if _reference(field)}
-        todo[:0] = [(place + "[]" * _is_list(field), _target(schema, field)) for place, field in below.items()]
+        below = {
+            _joined(path, key): field
+            for key, field in section["properties"].items()
+            if _reference(field)
+        }
+        todo[:0] = [
+            (place + "[]" * _is_list(field), _target(schema, field))
+            for place, field in below.items()
+        ]
 
 
 def _table(schema: Schema, path: str, section: Schema) -> list[str]:
-    return [f"### {path or 'Top level'}", "", section["description"], "", *_HEAD, *_rows(schema, path, section)]
+    return [
+        f"### {path or 'Top level'}",
+        "",
+        section["description"],
+        "",
+        *_HEAD,
+        *_rows(schema, path, section),
+    ]
 
 
 def _rows(schema: Schema, path: str, section: Schema) -> Iterator[str]:
     for key, field in section["properties"].items():
         place = _joined(path, key)
-        cells = (f"`{key}`", _type(field, key), _default(field, key in section.get("required", ())), _allowed(field), _meaning(schema, place, field))
+        cells = (
+            f"`{key}`",
+            _type(field, key),
+            _default(field, key in section.get("required", ())),
+            _allowed(field),
+            _meaning(schema, place, field),
+        )
         yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
@@ -112,7 +139,9 @@ def _type(field: Schema, key: str) -> str:
     if _reference(field):
         return "list of sections" if _is_list(field) else "section"
     unit = next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
-    return " or ".join(dict.fromkeys(_type_name(kind) for kind in _kinds(field))) + (f", {unit}" if unit else "")
+    return " or ".join(dict.fromkeys(_type_name(kind) for kind in _kinds(field))) + (
+        f", {unit}" if unit else ""
+    )
 
 
 def _type_name(kind: Schema) -> str:
@@ -149,7 +178,9 @@ def _bounds(kind: Schema) -> str:
 
 def _meaning(schema: Schema, place: str, field: Schema) -> str:
     """What the field says of itself, else what its section says, else the words above."""
-    own = field.get("description") or (_target(schema, field).get("description") if _reference(field) else "")
+    own = field.get("description") or (
+        _target(schema, field).get("description") if _reference(field) else ""
+    )
     return str(own or _MEANINGS.get(place, ""))
 
 

@@ -20,16 +20,36 @@ from sumo_mcts.errors import ConfigError, shown
 MOST_BASES = 20  # scenario files laid over each other
 
 
-def load(path: Path, overrides: tuple[str, ...] = (), *, changes: Mapping[str, Any] | None = None, allow_plugins: bool = False) -> ScenarioConfig:
-    """Read a scenario file; `overrides` are `a.b=c` assignments, `changes` are values by key. Files that it names are made absolute. Raises ConfigError, also
-    where the file names code of the user's own (module:name) and that is not allowed."""
-    return build(_read(path, ()), str(path), overrides, changes=changes, allow_plugins=allow_plugins)
+def load(
+    path: Path,
+    overrides: tuple[str, ...] = (),
+    *,
+    changes: Mapping[str, Any] | None = None,
+    allow_plugins: bool = False,
+) -> ScenarioConfig:
+    """Read a scenario file;
+
+    `overrides` are `a.b=c` assignments, `changes` are values by key. Files that it names are made
+    absolute. Raises ConfigError, also where the file names code of the user's own (module:name) and
+    that is not allowed.
+    """
+    return build(
+        _read(path, ()), str(path), overrides, changes=changes, allow_plugins=allow_plugins
+    )
 
 
 def build(
-    data: dict[str, Any], origin: str, overrides: tuple[str, ...] = (), *, changes: Mapping[str, Any] | None = None, allow_plugins: bool = False
+    data: dict[str, Any],
+    origin: str,
+    overrides: tuple[str, ...] = (),
+    *,
+    changes: Mapping[str, Any] | None = None,
+    allow_plugins: bool = False,
 ) -> ScenarioConfig:
-    """Check a scenario given as a mapping, as `load` does a file; `origin` stands in error messages. Raises ConfigError."""
+    """Check a scenario given as a mapping, as `load` does a file;
+
+    `origin` stands in error messages. Raises ConfigError.
+    """
     for override in overrides:
         _assign(data, *_assignment(override), f"--set {override}")
     for key, value in (changes or {}).items():
@@ -68,7 +88,9 @@ def name_from(path: Path) -> str:
 def require_scenario(function: str, config: object) -> None:
     """Raise ConfigError where an argument is no scenario but, for example, its name."""
     if not isinstance(config, ScenarioConfig):
-        raise ConfigError(f"{function}: config: a scenario, as load_scenario returns it, got {config!r:.60}")
+        raise ConfigError(
+            f"{function}: config: a scenario, as load_scenario returns it, got {config!r:.60}"
+        )
 
 
 def plugin_names(scenario: ScenarioConfig) -> Iterator[tuple[str, str]]:
@@ -82,13 +104,17 @@ def plugin_names(scenario: ScenarioConfig) -> Iterator[tuple[str, str]]:
 
 
 def require_permission(key: str, name: str, allow_plugins: bool) -> None:
-    """Raise ConfigError where a name is code and code is not allowed: a file from somebody else must not run any. What is installed was let in."""
+    """Raise ConfigError where a name is code and code is not allowed: a file from somebody else
+    must not run any. What is installed was let in."""
     if ":" in name and not allow_plugins:
-        raise ConfigError(f"{key}: {name}: code that a scenario names runs only with --allow-plugins")
+        raise ConfigError(
+            f"{key}: {name}: code that a scenario names runs only with --allow-plugins"
+        )
 
 
 def digest(config: BaseModel, sections: Iterable[str] | None = None) -> str:
-    """SHA-256 of the resolved configuration, or of some sections of it, file names without their folders."""
+    """SHA-256 of the resolved configuration, or of some sections of it, file names without their
+    folders."""
     data = config.model_dump(mode="json", include=None if sections is None else set(sections))
     sumo = data.get("sumo", {})
     for key in ("sumocfg", "net"):
@@ -101,14 +127,21 @@ def digest(config: BaseModel, sections: Iterable[str] | None = None) -> str:
 def json_schema() -> dict[str, Any]:
     """The JSON schema of a scenario file."""
     schema = ScenarioConfig.model_json_schema()
-    schema["properties"]["base"] = {"type": "string", "description": "another scenario file, relative to this one, over which this one is laid"}
+    schema["properties"]["base"] = {
+        "type": "string",
+        "description": "another scenario file, relative to this one, over which this one is laid",
+    }
     return schema
 
 
 def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
-    """The mapping in a file, laid over the one that its `base` names; relative file names belong to the file that states them."""
+    """The mapping in a file, laid over the one that its `base` names; relative file names belong to
+    the file that states them."""
     if _is_xml(path):
-        raise ConfigError(f"{path}: a file of SUMO's; give the .sumocfg that names it, or a scenario file with it under `sumo` (docs/scenario-file.md)")
+        raise ConfigError(
+            f"{path}: a file of SUMO's; give the .sumocfg that names it, or a scenario file with "
+            "it under `sumo` (docs/scenario-file.md)"
+        )
     data = parsed(path)
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: a scenario is a mapping of keys, see `sumo-mcts schema`")
@@ -118,7 +151,11 @@ def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     base = data.pop("base")
     base_path = _base(base, path)
     if base_path in seen or len(seen) == MOST_BASES:
-        raise ConfigError(f"{path}: base: {base} leads back to itself" if base_path in seen else f"{path}: base: more than {MOST_BASES} files")
+        raise ConfigError(
+            f"{path}: base: {base} leads back to itself"
+            if base_path in seen
+            else f"{path}: base: more than {MOST_BASES} files"
+        )
     return _overlay(_read(base_path, (*seen, files.absolute(path))), data)
 
 
@@ -131,9 +168,15 @@ def _is_xml(path: Path) -> bool:
 
 
 def _base(base: object, path: Path) -> Path:
-    """The file that `base` in a file means: one beside it, or a built-in scenario of this name. Raises ConfigError."""
+    """The file that `base` in a file means: one beside it, or a built-in scenario of this name.
+
+    Raises ConfigError.
+    """
     if not isinstance(base, str) or not base:
-        raise ConfigError(f"{path}: base: has to be a scenario file, or the name of a built-in one, got {shown(base)}")
+        raise ConfigError(
+            f"{path}: base: has to be a scenario file, or the name of a built-in one, got "
+            f"{shown(base)}"
+        )
     beside = path.parent / base
     builtin = files.builtin_scenario(base) if files.problem(beside) else None
     if builtin is None and files.problem(beside):
@@ -149,11 +192,14 @@ def _absolute_paths(sumo: object, folder: Path) -> None:
             sumo[key] = str(files.absolute(folder / sumo[key]))
     for key in ("routes", "additional"):
         if isinstance(sumo.get(key), list):
-            sumo[key] = [str(files.absolute(folder / p)) if isinstance(p, str) else p for p in sumo[key]]
+            sumo[key] = [
+                str(files.absolute(folder / p)) if isinstance(p, str) else p for p in sumo[key]
+            ]
 
 
 def _overlay(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """Mappings are merged key by key; lists of mappings with an `id` entry by that id; anything else is replaced."""
+    """Mappings are merged key by key; lists of mappings with an `id` entry by that id; anything
+    else is replaced."""
     result = dict(under)
     for key, value in over.items():
         below = under.get(key)
@@ -170,7 +216,11 @@ def _overlay(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
 
 
 def _has_ids(value: object) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(item, dict) and isinstance(item.get("id"), str) for item in value)
+    return (
+        isinstance(value, list)
+        and bool(value)
+        and all(isinstance(item, dict) and isinstance(item.get("id"), str) for item in value)
+    )
 
 
 def _assignment(override: str) -> tuple[str, Any]:

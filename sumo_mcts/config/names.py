@@ -1,4 +1,5 @@
-"""The names of planners, predictors and cost terms that a scenario may hold: built-in ones, installed ones, and code by name."""
+"""The names of planners, predictors and cost terms that a scenario may hold: built-in ones,
+installed ones, and code by name."""
 
 import re
 from importlib import metadata
@@ -12,14 +13,20 @@ ORACLES = ("routes", "script", "clone")  # of these, those that know what no sen
 ORACLE_MARK = " (oracle)"  # one of the user's own has this behind its name wherever results name it
 
 # Where installed packages name planners, predictors and cost terms of their own (entry points).
-PLANNER_GROUP, PREDICTOR_GROUP, TERM_GROUP = "sumo_mcts.planners", "sumo_mcts.predictors", "sumo_mcts.cost_terms"
+PLANNER_GROUP, PREDICTOR_GROUP, TERM_GROUP = (
+    "sumo_mcts.planners",
+    "sumo_mcts.predictors",
+    "sumo_mcts.cost_terms",
+)
 _CODE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 
 
 def _or_plugin(builtin: tuple[str, ...], group: str) -> tuple[AfterValidator, WithJsonSchema]:
     """The type of a name of ours, or of a plugin's."""
     any_name = {"type": "string"}
-    schema = {"anyOf": [{"type": "string", "enum": list(builtin)}, any_name]} if builtin else any_name
+    schema = (
+        {"anyOf": [{"type": "string", "enum": list(builtin)}, any_name]} if builtin else any_name
+    )
     return AfterValidator(lambda name: _known(name, builtin, group)), WithJsonSchema(schema)
 
 
@@ -28,7 +35,10 @@ def _known(name: str, builtin: tuple[str, ...], group: str) -> str:
     if name in builtin or is_plugin(name, group):
         return name
     ours = f"{', '.join(map(repr, builtin))}, " if builtin else ""
-    raise ValueError(f"has to be {ours}an installed plugin ({', '.join(_installed(group)) or 'there is none'}) or module:name")
+    raise ValueError(
+        f"has to be {ours}an installed plugin ({', '.join(_installed(group)) or 'there is none'}) "
+        "or module:name"
+    )
 
 
 def is_plugin(name: str, group: str) -> bool:

@@ -12,11 +12,15 @@ MOST_ID = 500  # characters
 def _id(text: str) -> str:
     """The text, if SUMO could take it for an id. Raises ValueError."""
     if not 0 < len(text) <= MOST_ID or any(c.isspace() or not c.isprintable() for c in text):
-        raise ValueError(f"has to be a text of 1 to {MOST_ID} characters without spaces, line breaks and control characters")
+        raise ValueError(
+            f"has to be a text of 1 to {MOST_ID} characters without spaces, line breaks and "
+            "control characters"
+        )
     return text
 
 
-# Every number has bounds: beyond them memory, time or arithmetic gives out. True and "1" are no numbers.
+# Every number has bounds: beyond them memory, time or arithmetic gives out. True and "1" are no
+# numbers.
 Float = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Int = Annotated[int, Field(strict=True)]
 Positive = Annotated[Float, Field(ge=0.01, le=1_000_000)]

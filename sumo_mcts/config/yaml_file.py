@@ -1,4 +1,5 @@
-"""Reads YAML of which nothing is known: bounded in size, depth and number of values, and only what JSON could say too.
+"""Reads YAML of which nothing is known: bounded in size, depth and number of values, and only what
+JSON could say too.
 
 Keys are texts (`on` is one and no truth value), and none is given twice in a mapping.
 """
@@ -29,7 +30,10 @@ class YamlError(ValueError):
 
 
 def read(path: Path) -> Any:
-    """What a file in YAML says. Raises OSError whose `strerror` says why it cannot be read, and YamlError."""
+    """What a file in YAML says.
+
+    Raises OSError whose `strerror` says why it cannot be read, and YamlError.
+    """
     data = files.content(path, MOST_BYTES)
     try:
         text = data.decode("utf-8-sig")
@@ -39,7 +43,10 @@ def read(path: Path) -> Any:
 
 
 def parsed(text: str) -> Any:
-    """The value that a text in YAML stands for: None, bool, int, float, str, and lists and dicts of these, each a new one. Raises YamlError."""
+    """The value that a text in YAML stands for:
+
+    None, bool, int, float, str, and lists and dicts of these, each a new one. Raises YamlError.
+    """
     if len(text) > MOST_BYTES:
         raise YamlError(f"more than {MOST_BYTES} characters")
     loader = None
@@ -53,11 +60,16 @@ def parsed(text: str) -> Any:
     except YamlError:
         raise
     except yaml.reader.ReaderError as error:
-        raise YamlError(f"{_place(text, error.position)}: a character that is not allowed") from None
+        raise YamlError(
+            f"{_place(text, error.position)}: a character that is not allowed"
+        ) from None
     except yaml.MarkedYAMLError as error:
         raise _wrong(error.problem_mark or error.context_mark, str(error.problem)) from None
-    except Exception as error:  # the library lets through what Python raises, of a character that there is not for example
-        raise _wrong(loader.get_mark() if loader is not None else None, " ".join(str(error).split())) from None
+    # the library lets through what Python raises, of a character that there is not for example
+    except Exception as error:
+        raise _wrong(
+            loader.get_mark() if loader is not None else None, " ".join(str(error).split())
+        ) from None
 
 
 class _Loader(yaml.SafeLoader):
@@ -76,12 +88,16 @@ class _Loader(yaml.SafeLoader):
         return node
 
 
-# A number to JSON, to YAML 1.2 and to readers; YAML 1.1, which the library reads, wants a point in it.
+# A number to JSON, to YAML 1.2 and to readers; YAML 1.1, which the library reads, wants a point in
+# it.
 _Loader.add_implicit_resolver(f"{_TAG}float", _EXPONENT, list("-+0123456789"))
 
 
 def _measure(node: yaml.Node, known: dict[int, _Measure | None]) -> _Measure:
-    """How many values a node stands for and how deep they lie, aliases followed. Raises YamlError where that is too much, or has no end."""
+    """How many values a node stands for and how deep they lie, aliases followed.
+
+    Raises YamlError where that is too much, or has no end.
+    """
     if id(node) in known:
         found = known[id(node)]
         if found is None:
@@ -119,11 +135,15 @@ def _value(loader: _Loader, node: yaml.Node) -> Any:
     if isinstance(node, yaml.ScalarNode) and node.tag in _SCALARS | _TEXTS:
         return _scalar(loader, node)
     kind = "a date" if node.tag == f"{_TAG}timestamp" else node.tag.replace(_TAG, "!!")
-    raise _wrong(node.start_mark, f"{kind}: allowed are texts (in quotes), numbers, true, false, null, lists and mappings")
+    raise _wrong(
+        node.start_mark,
+        f"{kind}: allowed are texts (in quotes), numbers, true, false, null, lists and mappings",
+    )
 
 
 def _require_unicode(node: yaml.ScalarNode) -> None:
-    """Raise YamlError where a text holds half of a character, as an escape may: no file could be written with it."""
+    """Raise YamlError where a text holds half of a character, as an escape may: no file could be
+    written with it."""
     if any("\ud800" <= c <= "\udfff" for c in node.value):
         raise _wrong(node.start_mark, "a text that is not Unicode")
 
@@ -137,7 +157,9 @@ def _scalar(loader: _Loader, node: yaml.ScalarNode) -> Any:
     try:
         return loader.construct_object(node)
     except (ValueError, LookupError, OverflowError):  # a tag that says otherwise: !!int x
-        raise _wrong(node.start_mark, f"{node.value!r:.40}: not a {node.tag.removeprefix(_TAG)}") from None
+        raise _wrong(
+            node.start_mark, f"{node.value!r:.40}: not a {node.tag.removeprefix(_TAG)}"
+        ) from None
 
 
 def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[str, Any]:
@@ -146,7 +168,12 @@ def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[str, Any]:
     merged: dict[str, Any] = {}
     for key, value in node.value:
         if not _is_text(key):
-            raise _wrong(key.start_mark, f"{key.value!s:.40}: a key has to be a text; write it in quotes" if key.id == "scalar" else "a key has to be a text")
+            raise _wrong(
+                key.start_mark,
+                f"{key.value!s:.40}: a key has to be a text; write it in quotes"
+                if key.id == "scalar"
+                else "a key has to be a text",
+            )
         _require_unicode(key)
         if key.value in own or (key.tag == _MERGE and merged):
             raise _wrong(key.start_mark, f"{key.value}: given twice")
@@ -158,10 +185,13 @@ def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[str, Any]:
 
 
 def _is_text(key: yaml.Node) -> bool:
-    """Whether a key is a text; what YAML 1.1 alone takes for a truth value (on, off, yes, no) is one too."""
+    """Whether a key is a text; what YAML 1.1 alone takes for a truth value (on, off, yes, no) is
+    one too."""
     if not isinstance(key, yaml.ScalarNode):
         return False
-    return key.tag in {f"{_TAG}str", *_TEXTS} or (key.tag == f"{_TAG}bool" and key.value.lower() not in ("true", "false"))
+    return key.tag in {f"{_TAG}str", *_TEXTS} or (
+        key.tag == f"{_TAG}bool" and key.value.lower() not in ("true", "false")
+    )
 
 
 def _merged(loader: _Loader, node: yaml.Node) -> dict[str, Any]:
@@ -175,7 +205,9 @@ def _merged(loader: _Loader, node: yaml.Node) -> dict[str, Any]:
 
 
 def _wrong(mark: Any, what: str) -> YamlError:
-    return YamlError(what if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: {what}")
+    return YamlError(
+        what if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: {what}"
+    )
 
 
 def _place(text: str, position: int) -> str:

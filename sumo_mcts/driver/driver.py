@@ -1,4 +1,7 @@
-"""One ego's mind: which predictor and which planner, and what they need from cycle to cycle. The only place where they are put together."""
+"""One ego's mind: which predictor and which planner, and what they need from cycle to cycle.
+
+The only place where they are put together.
+"""
 
 import math
 from typing import NamedTuple
@@ -7,7 +10,15 @@ import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.forecaster import CENTRED, NOMINAL_S, as_seen, ego_lanes, no_forecast
-from sumo_mcts.driver.params import Physics, assumed, cost_params, deadline_s, ego_params, time_budget_s, traffic_params
+from sumo_mcts.driver.params import (
+    Physics,
+    assumed,
+    cost_params,
+    deadline_s,
+    ego_params,
+    time_budget_s,
+    traffic_params,
+)
 from sumo_mcts.driver.registry import PlannerError, make_planner, make_predictor
 from sumo_mcts.driver.sensor import room_m
 from sumo_mcts.errors import ConfigError, in_one_line
@@ -23,7 +34,21 @@ from sumo_mcts.prediction.forecast import Told, predict, times_of
 from sumo_mcts.prediction.hypotheses import foresee
 from sumo_mcts.prediction.interface import Heard, Oracles, Question, checked
 from sumo_mcts.prediction.margins import with_room
-from sumo_mcts.scene import STANDING, Answers, Decision, EgoState, Floats, Follow, Forecast, Memory, Plan, PlannerMemory, Release, RoadMap, Scene
+from sumo_mcts.scene import (
+    STANDING,
+    Answers,
+    Decision,
+    EgoState,
+    Floats,
+    Follow,
+    Forecast,
+    Memory,
+    Plan,
+    PlannerMemory,
+    Release,
+    RoadMap,
+    Scene,
+)
 
 NEAR_STOP = 3.0  # m before a stop sign within which standing counts
 
@@ -34,7 +59,9 @@ class Thought(NamedTuple):
     decision: Decision
     forecast: Forecast | None
     plan_ms: float  # without the time in which kernels were compiled or loaded
-    intervened: bool = False  # the fail-safe manoeuvre in place of what the planner decided; why: decision.reason
+    intervened: bool = (
+        False  # the fail-safe manoeuvre in place of what the planner decided; why: decision.reason
+    )
     memory: Memory = Memory()  # of earlier decisions, on which this one rests
     answers: Answers = Answers()  # of oracles
 
@@ -43,9 +70,18 @@ class Driver:
     """Plans for one ego."""
 
     def __init__(
-        self, config: ScenarioConfig, road: RoadMap, physics: Physics, seed: int, oracles: Oracles | None = None, planner: Planner | None = None
+        self,
+        config: ScenarioConfig,
+        road: RoadMap,
+        physics: Physics,
+        seed: int,
+        oracles: Oracles | None = None,
+        planner: Planner | None = None,
     ) -> None:
-        """`planner`: in place of the one that the scenario names. Raises ConfigError where a plugin cannot be made."""
+        """`planner`: in place of the one that the scenario names.
+
+        Raises ConfigError where a plugin cannot be made.
+        """
         self._config, self._road, self._physics, self._seed = config, road, physics, seed
         self._heard = Heard(oracles)
         self._oracles = self._heard.oracles()
@@ -56,7 +92,10 @@ class Driver:
             try:
                 self._predictor.start(road, self._oracles if self._predictor.oracle else None)
             except Exception as error:  # whatever a predictor may do
-                raise ConfigError(f"prediction.name: {config.prediction.name}: does not start: {in_one_line(error)}") from None
+                raise ConfigError(
+                    f"prediction.name: {config.prediction.name}: does not start: "
+                    f"{in_one_line(error)}"
+                ) from None
         self._period = max(1, round(config.planner.period_s / physics.step)) * physics.step
         self._fail_safe = FailSafe(assumed(config), self._period)
         self._timekeeper = Timekeeper(time_budget_s(config))
@@ -68,10 +107,15 @@ class Driver:
         self._plan: Plan | None = None
         self._command: Follow | Release = Release()
         self._plan_time = 0.0
-        self.question: tuple[Task, Situation] | None = None  # what the planner was asked last; None where the ego is not on its route
+        self.question: tuple[Task, Situation] | None = (
+            None  # what the planner was asked last; None where the ego is not on its route
+        )
 
     def decide(self, scene: Scene) -> Thought:
-        """Observe, predict, plan, check. Raises PlannerError where the planner failed too often in a row."""
+        """Observe, predict, plan, check.
+
+        Raises PlannerError where the planner failed too often in a row.
+        """
         watch = Stopwatch()
         until = self._timekeeper.until(watch.began)
         memory = self._memory()
@@ -80,12 +124,23 @@ class Driver:
         if placed is None:
             self._plan, self._command, self.question = None, Release(), None
             self._fail_safe.forget()
-            return Thought(Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0), None, watch.seconds * 1000.0, memory=memory)
+            return Thought(
+                Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0),
+                None,
+                watch.seconds * 1000.0,
+                memory=memory,
+            )
         task, state = placed
         self._note_stop(task.route, state, scene.time)
-        forecast, failure = self._foreseen(scene, state) if self._planner.needs_forecast or self._config.failsafe.on else (None, "")
+        forecast, failure = (
+            self._foreseen(scene, state)
+            if self._planner.needs_forecast or self._config.failsafe.on
+            else (None, "")
+        )
         expected = forecast if forecast is not None else no_forecast(self._traffic.step)
-        situation = Situation(scene, state, expected, frozenset(self._stood), until + watch.loading_s)
+        situation = Situation(
+            scene, state, expected, frozenset(self._stood), until + watch.loading_s
+        )
         self.question = (task, situation)
         decision, why = self._planned(situation, failure)
         why = why or self._objection(situation, decision, watch.seconds * 1000.0)
@@ -96,17 +151,34 @@ class Driver:
         assert decision is not None, "whatever fails has a reason"
         self._plan, self._command, self._plan_time = decision.plan, decision.command, scene.time
         self._timekeeper.note(until, watch.began + watch.seconds)
-        return Thought(decision, forecast, watch.seconds * 1000.0, why != "", memory, self._heard.answers(scene.agents.ids))
+        return Thought(
+            decision,
+            forecast,
+            watch.seconds * 1000.0,
+            why != "",
+            memory,
+            self._heard.answers(scene.agents.ids),
+        )
 
     def _memory(self) -> Memory:
         """What the next decision depends on, beside what it is given and the last one."""
         if self._route is None:
             return Memory(failures=self._failures)
-        planner = self._planner.memory() if isinstance(self._planner, Remembering) else PlannerMemory()
-        return Memory(self._edges, tuple(self._stood), tuple(self._stood.values()), self._failures, self._fail_safe.ready, planner)
+        planner = (
+            self._planner.memory() if isinstance(self._planner, Remembering) else PlannerMemory()
+        )
+        return Memory(
+            self._edges,
+            tuple(self._stood),
+            tuple(self._stood.values()),
+            self._failures,
+            self._fail_safe.ready,
+            planner,
+        )
 
     def recall(self, ego: EgoState, memory: Memory, last: Decision | None, when: float) -> None:
-        """Go on after the decision `last`, taken at the time `when` (s), as if all before it had been decided here; `ego` as it is now."""
+        """Go on after the decision `last`, taken at the time `when` (s), as if all before it had
+        been decided here; `ego` as it is now."""
         self._failures = memory.failures
         if last is not None:
             self._plan, self._command, self._plan_time = last.plan, last.command, when
@@ -119,13 +191,17 @@ class Driver:
             self._planner.recall(memory.planner)
 
     def placed(self, scene: Scene) -> tuple[Task, State] | None:
-        """What there is to drive, laid out anew where SUMO changed the route, and where the ego is on it; None where it is not on its route."""
+        """What there is to drive, laid out anew where SUMO changed the route, and where the ego is
+        on it; None where it is not on its route."""
         self._keep_route(scene.ego)
         state = self._state(scene)
         return None if state is None else (self._task, state)
 
     def _planned(self, situation: Situation, failure: str) -> tuple[Decision | None, str]:
-        """The planner's decision, or why there is none; `failure`: of the predictor, on whose forecast nothing is planned."""
+        """The planner's decision, or why there is none;
+
+        `failure`: of the predictor, on whose forecast nothing is planned.
+        """
         decision, why, whose = None, failure, "predictor"
         if not failure:
             whose = "planner"
@@ -144,14 +220,19 @@ class Driver:
         deadline = deadline_s(self._config, self._period) * 1000.0
         if self._config.planner.enforce_deadline and ms > deadline:
             return f"late: {ms:.0f} ms of {deadline:.0f} ms"
-        if self._config.failsafe.on and decision is not None and isinstance(decision.command, Follow):
+        if (
+            self._config.failsafe.on
+            and decision is not None
+            and isinstance(decision.command, Follow)
+        ):
             return self._fail_safe.objection(situation, decision.command)
         self._fail_safe.forget()
         return ""
 
     def forecast(self, scene: Scene, name: str, seconds: float) -> Forecast | None:
-        """What the predictor `name` (ours, or the scenario's) says right after a decision, given the plan just made; None where the ego is not on its
-        route. Raises what a predictor of the user's own raises, and ValueError where its answer is no forecast."""
+        """What the predictor `name` (ours, or the scenario's) says right after a decision, given
+        the plan just made; None where the ego is not on its route. Raises what a predictor of the
+        user's own raises, and ValueError where its answer is no forecast."""
         route, state = self._route, self._state(scene)
         if state is None or route is None:
             return None
@@ -163,11 +244,16 @@ class Driver:
 
     def _state(self, scene: Scene) -> State | None:
         """Where the ego is on its route, if it is."""
-        return None if self._route is None or scene.ego.lane < 0 else ego_state(self._route, as_seen(self._road, scene.ego))
+        return (
+            None
+            if self._route is None or scene.ego.lane < 0
+            else ego_state(self._route, as_seen(self._road, scene.ego))
+        )
 
     def _foreseen(self, scene: Scene, state: State) -> tuple[Forecast, str]:
-        """What the scenario's predictor says, as far as its planner looks; where one of the user's own fails, what ours says, and why. Raises ConfigError
-        where a record does not answer what it asks."""
+        """What the scenario's predictor says, as far as its planner looks; where one of the user's
+        own fails, what ours says, and why. Raises ConfigError where a record does not answer what
+        it asks."""
         name, route = self._config.prediction.name, self._task.route
         most = self._config.prediction.hypotheses if isinstance(self._planner, MctsPlanner) else 1
         if self._predictor is None:
@@ -192,17 +278,31 @@ class Driver:
         """Prepare everybody for a route, given by its edges."""
         params = ego_params(self._config, ego, self._physics)
         self._edges, self._stood = edges, {}
-        self._route = route_map(self._road, edges, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, params.approach_decel)
+        self._route = route_map(
+            self._road,
+            edges,
+            ego.vclass,
+            ego.length,
+            ego.speed_factor,
+            ego.max_speed,
+            params.approach_decel,
+        )
         self._task = Task(self._road, self._route, params, self._cost)
         self._fail_safe.start(self._task)
         try:
             self._planner.start(self._task, self._seed)
         except Exception as error:  # whatever a planner may do
-            raise PlannerError(f"planner {self._config.planner.name} does not start: {in_one_line(error)}") from error
+            raise PlannerError(
+                f"planner {self._config.planner.name} does not start: {in_one_line(error)}"
+            ) from error
 
     def _note_stop(self, route: RouteMap, state: State, now: float) -> None:
         """Remember when the ego stood at a stop sign."""
-        if route.sign[state.node] and state.v < STANDING and route.length[state.node] - state.s < NEAR_STOP:
+        if (
+            route.sign[state.node]
+            and state.v < STANDING
+            and route.length[state.node] - state.s < NEAR_STOP
+        ):
             self._stood.setdefault(state.node, now)
 
     def _horizon(self) -> float:
@@ -211,13 +311,18 @@ class Driver:
         if config.planner.name == "exhaustive":
             return horizon_s(self._traffic.step)
         if config.planner.name == "paper":
-            return (config.paper.look_ahead_steps + config.paper.rollout_steps) * max(config.paper.step_s, self._physics.step) + self._traffic.step
+            return (config.paper.look_ahead_steps + config.paper.rollout_steps) * max(
+                config.paper.step_s, self._physics.step
+            ) + self._traffic.step
         steps = config.planner.look_ahead_steps + config.planner.rollout_steps
         ply = max(1, round(config.planner.step_s / self._physics.step)) * self._physics.step
         return steps * ply + config.cost.claim_s + self._traffic.step
 
-    def _forecast(self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float, most: int = 1) -> Forecast:
-        """What the predictor `name` says, with room for the sensor's errors and for who is on foot."""
+    def _forecast(
+        self, scene: Scene, route: RouteMap, state: State, name: str, seconds: float, most: int = 1
+    ) -> Forecast:
+        """What the predictor `name` says, with room for the sensor's errors and for who is on
+        foot."""
         params = self._traffic._replace(interacting=name != "constant_velocity")
         stood_s = scene.time - self._stood.get(state.node, math.inf)
         nominal, lanes = self._nominal(scene.time), ego_lanes(route, state)
@@ -227,8 +332,19 @@ class Driver:
         elif name == "idm":
             found = foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, most)
         else:
-            found = predict(self._road, scene, lanes, nominal, params, seconds, self._told(scene, name, seconds), stood_s)
-        on_foot = 0.0 if name == "clone" else self._config.prediction.room_on_foot_m  # a copy knows where people walk
+            found = predict(
+                self._road,
+                scene,
+                lanes,
+                nominal,
+                params,
+                seconds,
+                self._told(scene, name, seconds),
+                stood_s,
+            )
+        on_foot = (
+            0.0 if name == "clone" else self._config.prediction.room_on_foot_m
+        )  # a copy knows where people walk
         return with_room(found, scene, room_m(self._config.sensor), on_foot)
 
     def _told(self, scene: Scene, name: str, seconds: float) -> Told:
@@ -237,14 +353,24 @@ class Driver:
         count = times_of(seconds, self._traffic.step)
         match name:
             case "script" | "clone" if ask is not None:
-                known = {i: ask.script(vehicle, scene.time, self._traffic.step, count) for i, vehicle in enumerate(agents.ids)}
+                known = {
+                    i: ask.script(vehicle, scene.time, self._traffic.step, count)
+                    for i, vehicle in enumerate(agents.ids)
+                }
                 scripts = {i: script for i, script in known.items() if script is not None}
                 if name == "script":
                     return Told(scripts=scripts)
-                copies = ask.clone(scene, self._nominal_command(scene.time), self._traffic.step, count)
+                copies = ask.clone(
+                    scene, self._nominal_command(scene.time), self._traffic.step, count
+                )
                 return Told(scripts={i: copies[i] for i in scripts}, copies=copies)
             case "routes" if ask is not None:
-                return Told(ways={int(i): ask.way(agents.ids[i], int(agents.lane[i])) for i in np.flatnonzero(agents.lane >= 0)})
+                return Told(
+                    ways={
+                        int(i): ask.way(agents.ids[i], int(agents.lane[i]))
+                        for i in np.flatnonzero(agents.lane >= 0)
+                    }
+                )
         return Told()
 
     def _nominal(self, now: float) -> Floats:
@@ -257,9 +383,12 @@ class Driver:
         return np.asarray(np.interp(times, self._plan.time, self._plan.v))
 
     def _nominal_command(self, now: float) -> Follow | Release:
-        """What is left of the last command, as long as the forecast takes it for granted; then SUMO's own driver."""
+        """What is left of the last command, as long as the forecast takes it for granted; then
+        SUMO's own driver."""
         if isinstance(self._command, Release):
             return self._command
         begin = round((now - self._plan_time) / self._physics.step)
         left = self._command.speeds[begin : begin + round(NOMINAL_S / self._physics.step)]
-        return Follow(left, self._command.lane_change if begin == 0 else 0) if len(left) else Release()
+        return (
+            Follow(left, self._command.lane_change if begin == 0 else 0) if len(left) else Release()
+        )

@@ -8,12 +8,15 @@ from sumo_mcts.model.route import RouteMap
 from sumo_mcts.prediction.paths import LANES
 from sumo_mcts.scene import EgoState, Forecast, Ints, RoadMap
 
-NOMINAL_S = 2.0  # s of the last plan that the forecast takes for granted; afterwards the nominal ego follows its leader
+# s of the last plan that the forecast takes for granted; afterwards the nominal ego follows its
+# leader
+NOMINAL_S = 2.0
 CENTRED = 0.02  # m from the middle of its lane within which no lane change is under way
 
 
 def as_seen(road: RoadMap, ego: EgoState) -> EgoState:
-    """The ego with its lane change as far as SUMO has it by now, which may refuse one, be slower than its own clock, or end it in a junction."""
+    """The ego with its lane change as far as SUMO has it by now, which may refuse one, be slower
+    than its own clock, or end it in a junction."""
     if ego.changing <= 0.0 or ego.lane < 0:
         return ego
     side = 1 if road.left[ego.change_from] == ego.change_to else -1
@@ -23,7 +26,9 @@ def as_seen(road: RoadMap, ego: EgoState) -> EgoState:
         return ego._replace(changing=0.0)
     share = abs(ego.d) / float(road.width[ego.lane] + road.width[other]) * 2.0
     if moved:  # at half time rounding decides: progress has to agree with the lane
-        return ego._replace(changing=max(1.0 - share, HALF + 1e-9), change_from=other, change_to=ego.lane)
+        return ego._replace(
+            changing=max(1.0 - share, HALF + 1e-9), change_from=other, change_to=ego.lane
+        )
     return ego._replace(changing=min(share, 0.5 - 1e-9), change_from=ego.lane, change_to=other)
 
 
@@ -41,6 +46,7 @@ def no_forecast(dt: float) -> Forecast:
     """A forecast without agents, `dt` s between its states."""
     none = np.zeros((1, 1, 0))
     return Forecast(
-        dt, np.ones(1), np.zeros((1, 1, 0, 4)), none, none.astype(np.int32), none, none.astype(np.bool_), np.zeros(0), np.zeros(0),
+        dt, np.ones(1), np.zeros((1, 1, 0, 4)), none, none.astype(np.int32), none,
+        none.astype(np.bool_), np.zeros(0), np.zeros(0),
         np.zeros(0, np.bool_), np.zeros((1, 0), np.bool_),
     )  # fmt: skip

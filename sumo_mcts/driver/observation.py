@@ -1,4 +1,5 @@
-"""What a learned driver sees, as arrays of fixed size, and what it may do: the same in gym.py, where it is trained, and in a planner that drives by it."""
+"""What a learned driver sees, as arrays of fixed size, and what it may do: the same in gym.py,
+where it is trained, and in a planner that drives by it."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -27,19 +28,32 @@ Observation = dict[str, Array]
 # Every column with its unit and bounds: name -> (column, low, high).
 _THERE = ("there", 0.0, 1.0)  # 1; 0: the row is empty
 EGO = (
-    ("speed, m/s", 0.0, 100.0), ("acceleration, m/s2", -20.0, 20.0), ("limit of its lane, m/s", 0.0, 100.0),
-    ("offset from the middle of its lane, m, left > 0", -10.0, 10.0), ("progress of a lane change", 0.0, 1.0), ("a lane to the left", 0.0, 1.0),
-    ("a lane to the right", 0.0, 1.0), ("lane changes that the route needs, left > 0", -20.0, 20.0), ("way until its lane leaves the route, m", 0.0, FAR_M),
+    ("speed, m/s", 0.0, 100.0), ("acceleration, m/s2", -20.0, 20.0),
+    ("limit of its lane, m/s", 0.0, 100.0),
+    ("offset from the middle of its lane, m, left > 0", -10.0, 10.0),
+    ("progress of a lane change", 0.0, 1.0), ("a lane to the left", 0.0, 1.0),
+    ("a lane to the right", 0.0, 1.0),
+    ("lane changes that the route needs, left > 0", -20.0, 20.0),
+    ("way until its lane leaves the route, m", 0.0, FAR_M),
     ("way to the end of its route, m", 0.0, LONG_M),
 )  # fmt: skip
 AGENT = (
-    _THERE, ("x ahead, m", -FAR_M, FAR_M), ("y to the left, m", -FAR_M, FAR_M), ("cos of the heading", -1.0, 1.0), ("sin of the heading", -1.0, 1.0),
-    ("speed, m/s", 0.0, 100.0), ("acceleration, m/s2", -20.0, 20.0), ("length, m", 0.0, 50.0), ("width, m", 0.0, 10.0),
+    _THERE, ("x ahead, m", -FAR_M, FAR_M), ("y to the left, m", -FAR_M, FAR_M),
+    ("cos of the heading", -1.0, 1.0), ("sin of the heading", -1.0, 1.0),
+    ("speed, m/s", 0.0, 100.0), ("acceleration, m/s2", -20.0, 20.0), ("length, m", 0.0, 50.0),
+    ("width, m", 0.0, 10.0),
     ("turn signal, left 1, right -1", -1.0, 1.0), ("a pedestrian", 0.0, 1.0),
 )  # fmt: skip
-POINT = (_THERE, ("x ahead, m", -FAR_M, FAR_M), ("y to the left, m", -FAR_M, FAR_M), ("limit, m/s", 0.0, 100.0), ("inside a junction", 0.0, 1.0))
+POINT = (
+    _THERE,
+    ("x ahead, m", -FAR_M, FAR_M),
+    ("y to the left, m", -FAR_M, FAR_M),
+    ("limit, m/s", 0.0, 100.0),
+    ("inside a junction", 0.0, 1.0),
+)
 STOP_LINE = (
-    _THERE, ("way to it, m", 0.0, FAR_M), ("green", 0.0, 1.0), ("yellow", 0.0, 1.0), ("red", 0.0, 1.0), ("a stop sign", 0.0, 1.0),
+    _THERE, ("way to it, m", 0.0, FAR_M), ("green", 0.0, 1.0), ("yellow", 0.0, 1.0),
+    ("red", 0.0, 1.0), ("a stop sign", 0.0, 1.0),
     ("time to its next change, s", 0.0, LATER_S),
 )  # fmt: skip
 
@@ -53,8 +67,14 @@ class Shown(NamedTuple):
 
 @cache
 def bounds(shown: Shown) -> dict[str, tuple[Array, Array]]:
-    """Lowest and highest values of an observation: ego [10], agents [N, 11], route [P, 5], stop_line [7]; columns as above."""
-    rows = {"ego": EGO, "agents": (AGENT,) * shown.agents, "route": (POINT,) * shown.points, "stop_line": STOP_LINE}
+    """Lowest and highest values of an observation: ego [10], agents [N, 11], route [P, 5],
+    stop_line [7]; columns as above."""
+    rows = {
+        "ego": EGO,
+        "agents": (AGENT,) * shown.agents,
+        "route": (POINT,) * shown.points,
+        "stop_line": STOP_LINE,
+    }
     return {name: (_side(each, 1), _side(each, 2)) for name, each in rows.items()}
 
 
@@ -64,26 +84,36 @@ def _side(rows: Any, k: int) -> Array:
 
 
 def observe(task: Task, state: State, scene: Scene, shown: Shown) -> Observation:
-    """What is known in a scene, in the frame of the ego's centre and heading; values beyond the bounds count as the bounds."""
+    """What is known in a scene, in the frame of the ego's centre and heading; values beyond the
+    bounds count as the bounds."""
     seen = {
         "ego": _ego(task.route, state, scene),
         "agents": _agents(scene, shown.agents),
         "route": _points(task, state, scene, shown.points),
         "stop_line": _stop_line(task.route, state, scene.signals),
     }
-    return {name: np.clip(seen[name], low, high, dtype=np.float32) for name, (low, high) in bounds(shown).items()}
+    return {
+        name: np.clip(seen[name], low, high, dtype=np.float32)
+        for name, (low, high) in bounds(shown).items()
+    }
 
 
 class Actions:
-    """What may be done for one decision period: the actions with which the search of a scenario begins, and what each comes to."""
+    """What may be done for one decision period: the actions with which the search of a scenario
+    begins, and what each comes to."""
 
     def __init__(self, config: ScenarioConfig) -> None:
         """Accelerations, lane changes and period are those of the section `planner`."""
         self._params = mcts_params(config)
-        self.table = actions_of(self._params)[:, :2]  # [A, 2] acceleration, m/s2 (FOLLOW: car following), and lane change, -1 right, 0, 1 left
+        self.table = actions_of(self._params)[
+            :, :2
+        ]  # [A, 2] acceleration, m/s2 (FOLLOW: car following), and lane change, -1 right, 0, 1 left
 
     def decision(self, task: Task, situation: Situation, action: int) -> Decision:
-        """Begin the action and go on with it; a lane change that cannot begin is left out. The speeds are those that the search would expect."""
+        """Begin the action and go on with it; a lane change that cannot begin is left out.
+
+        The speeds are those that the search would expect.
+        """
         accel, side = float(self.table[action, 0]), int(self.table[action, 1])
         local = local_of(task, situation)
         plan = plan_of(task, self._params, local, situation.state, accel, side)
@@ -96,7 +126,8 @@ def _ego(route: RouteMap, state: State, scene: Scene) -> Floats:
     ego, node = scene.ego, state.node
     goal = float(route.station[-1] + route.length[-1] - route.station[node]) - state.s
     return np.array([
-        ego.v, ego.a, route.limit[node], ego.d, state.progress, route.left[node] >= 0, route.right[node] >= 0,
+        ego.v, ego.a, route.limit[node], ego.d, state.progress, route.left[node] >= 0,
+        route.right[node] >= 0,
         route.needed[node], route.reach[node] - state.s, goal,
     ])  # fmt: skip
 
@@ -106,7 +137,19 @@ def _agents(scene: Scene, count: int) -> Floats:
     a: Agents = scene.agents
     x, y = _seen_from(scene, a.x, a.y)
     turned = a.heading - scene.ego.heading
-    columns = [np.ones(len(x)), x, y, np.cos(turned), np.sin(turned), a.v, a.a, a.length, a.width, a.blinker, a.person]
+    columns = [
+        np.ones(len(x)),
+        x,
+        y,
+        np.cos(turned),
+        np.sin(turned),
+        a.v,
+        a.a,
+        a.length,
+        a.width,
+        a.blinker,
+        a.person,
+    ]
     nearest = np.argsort(x * x + y * y, kind="stable")[:count]
     rows = np.zeros((count, len(AGENT)))
     rows[: len(nearest)] = np.column_stack(columns)[nearest]
@@ -116,13 +159,17 @@ def _agents(scene: Scene, count: int) -> Floats:
 def _points(task: Task, state: State, scene: Scene, count: int) -> Floats:
     """[count, 5] where the ego's centre is going to be."""
     route, rows = task.route, np.zeros((count, len(POINT)))
-    for row, (node, s) in zip(rows, _ahead(route, state, [POINT_M * k for k in range(1, count + 1)]), strict=False):
+    for row, (node, s) in zip(
+        rows, _ahead(route, state, [POINT_M * k for k in range(1, count + 1)]), strict=False
+    ):
         x, y, _, _ = lane_pose(route.table, route.rows, node, s)
         row[:] = 1.0, *_seen_from(scene, x, y), route.limit[node], route.internal[node]
     return rows
 
 
-def _ahead(route: RouteMap, state: State, distances: Sequence[float]) -> Iterator[tuple[int, float]]:
+def _ahead(
+    route: RouteMap, state: State, distances: Sequence[float]
+) -> Iterator[tuple[int, float]]:
     """Node and lane position so many metres ahead (ascending), as far as the ego's lane goes on."""
     node, begin = state.node, -state.s
     for distance in distances:
@@ -143,8 +190,20 @@ def _stop_line(route: RouteMap, state: State, signals: Signals) -> Floats:
     if signal < 0:
         return np.array([1.0, way, 0.0, 0.0, 0.0, 1.0, LATER_S])
     shows = signals.state[signals.offset[signal] + int(route.link[node])]
-    until = signals.until[signal][: int(np.argmax(shows != shows[0])) or len(shows)]  # the last phase before it shows something else
-    return np.array([1.0, way, shows[0] == GREEN, shows[0] == YELLOW, shows[0] == RED, 0.0, min(float(until[-1]), LATER_S)])
+    until = signals.until[signal][
+        : int(np.argmax(shows != shows[0])) or len(shows)
+    ]  # the last phase before it shows something else
+    return np.array(
+        [
+            1.0,
+            way,
+            shows[0] == GREEN,
+            shows[0] == YELLOW,
+            shows[0] == RED,
+            0.0,
+            min(float(until[-1]), LATER_S),
+        ]
+    )
 
 
 def _seen_from(scene: Scene, x: Floats | float, y: Floats | float) -> tuple[Floats, Floats]:

@@ -1,7 +1,8 @@
-"""What a sensor makes of the truth, Scene to Scene: errors that last, agents that are missed or hidden, a memory of those seen before; and the room that
-forecasts leave for such errors.
+"""What a sensor makes of the truth, Scene to Scene: errors that last, agents that are missed or
+hidden, a memory of those seen before; and the room that forecasts leave for such errors.
 
-Planners get what comes out of it; the referee's Frames stay true. The ego, the map and the signals are known without error.
+Planners get what comes out of it; the referee's Frames stay true. The ego, the map and the signals
+are known without error.
 """
 
 import math
@@ -20,14 +21,20 @@ from sumo_mcts.scene import STANDING, Agents, Bools, EgoState, Floats, RoadMap, 
 SMOOTHING_S = 1.0  # of the error of an acceleration, which is told from speeds
 PLAIN_VIEW = 0.5  # share of an agent in view from which it is expected to be seen
 CHANCE = 1e-4  # of being missed so many times in a row, below which an agent is taken to be gone
-SURE = 2.0  # standard deviations: errors beyond that are left out of account (one in fifty, to one side)
+# standard deviations: errors beyond that are left out of account (one in fifty, to one side)
+SURE = 2.0
 EDGE = 1e-6  # m by which a box that is nearer on a ray has to be so
 
 
 class Senses:
-    """One ego's sensor. The same agent at the same time has the same error, whoever plans and whoever else is in range."""
+    """One ego's sensor.
 
-    def __init__(self, sensor: SensorConfig, road: RoadMap, period: float, seed: np.random.SeedSequence) -> None:
+    The same agent at the same time has the same error, whoever plans and whoever else is in range.
+    """
+
+    def __init__(
+        self, sensor: SensorConfig, road: RoadMap, period: float, seed: np.random.SeedSequence
+    ) -> None:
         """`period`: s between two looks; errors change with each."""
         self._sensor, self._road, self._period, self._seed = sensor, road, period, seed
         self._errors: dict[str, _Errors] = {}
@@ -44,43 +51,69 @@ class Senses:
         elif scene.time == self._last.time:
             return self._last
         seen = self._seen(scene)
-        self._last = scene._replace(agents=seen if self._last is None else self._with_remembered(self._last, scene, seen))
+        self._last = scene._replace(
+            agents=seen if self._last is None else self._with_remembered(self._last, scene, seen)
+        )
         return self._last
 
     def _seen(self, scene: Scene) -> Agents:
         q, agents = self._sensor, scene.agents
         error, missed = self._drawn(scene)
         if q.occlusion:
-            missed |= share_in_view(scene.ego.x, scene.ego.y, agents, ~agents.person) < q.visible_share
+            missed |= (
+                share_in_view(scene.ego.x, scene.ego.y, agents, ~agents.person) < q.visible_share
+            )
         return chosen(with_errors(self._road, agents, error), ~missed)
 
     def _drawn(self, scene: Scene) -> tuple[Floats, Bools]:
         """[N, 4] the errors that with_errors adds, and [N] who is dropped."""
         q, agents = self._sensor, scene.agents
-        cycle, decay = round((scene.time - self._begin) / self._period), math.exp(-self._period / q.error_time_s)
+        cycle, decay = (
+            round((scene.time - self._begin) / self._period),
+            math.exp(-self._period / q.error_time_s),
+        )
         error, missed = np.zeros((len(agents.ids), 4)), np.zeros(len(agents.ids), np.bool_)
         for i, name in enumerate(agents.ids):
             if name not in self._errors:
                 self._errors[name] = _Errors(self._seed, name)
             error[i], chance = self._errors[name].at(cycle, decay, self._period)
             missed[i] = chance < q.drop_probability
-        return error * (q.position_error_m, q.position_error_m, q.speed_error_mps, q.speed_error_mps), missed
+        return error * (
+            q.position_error_m,
+            q.position_error_m,
+            q.speed_error_mps,
+            q.speed_error_mps,
+        ), missed
 
     def _with_remembered(self, last: Scene, scene: Scene, seen: Agents) -> Agents:
         """Those seen now, and those seen before who may still be there."""
         q, now = self._sensor, set(seen.ids)
-        before = chosen(last.agents, np.array([name not in now for name in last.agents.ids], np.bool_))
-        moved = moved_on(self._road, last._replace(agents=before), scene.time - last.time, aside_m(q))
-        expected = share_past(scene.ego, seen, moved) >= max(PLAIN_VIEW, q.visible_share) if q.occlusion else np.ones(len(moved.ids), np.bool_)
+        before = chosen(
+            last.agents, np.array([name not in now for name in last.agents.ids], np.bool_)
+        )
+        moved = moved_on(
+            self._road, last._replace(agents=before), scene.time - last.time, aside_m(q)
+        )
+        expected = (
+            share_past(scene.ego, seen, moved) >= max(PLAIN_VIEW, q.visible_share)
+            if q.occlusion
+            else np.ones(len(moved.ids), np.bool_)
+        )
         lost = {}
         for i, name in enumerate(moved.ids):
             known = self._lost.get(name, Lost(last.time, 0))
             known = known._replace(missed=known.missed + int(expected[i]))
             near = math.dist((moved.x[i], moved.y[i]), (scene.ego.x, scene.ego.y)) <= q.range_m
-            if near and scene.time - known.since <= q.memory_s and q.drop_probability**known.missed >= CHANCE:
+            if (
+                near
+                and scene.time - known.since <= q.memory_s
+                and q.drop_probability**known.missed >= CHANCE
+            ):
                 lost[name] = known
         self._lost = lost
-        return together(seen, chosen(moved, np.array([name in lost for name in moved.ids], np.bool_)))
+        return together(
+            seen, chosen(moved, np.array([name in lost for name in moved.ids], np.bool_))
+        )
 
 
 class Lost(NamedTuple):
@@ -91,29 +124,39 @@ class Lost(NamedTuple):
 
 
 class _Errors:
-    """The errors about one agent: a first-order autoregressive process, whose value depends on seed, name and cycle alone."""
+    """The errors about one agent: a first-order autoregressive process, whose value depends on
+    seed, name and cycle alone."""
 
     def __init__(self, seed: np.random.SeedSequence, name: str) -> None:
-        own = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, zlib.crc32(name.encode())))
+        own = np.random.SeedSequence(
+            seed.entropy, spawn_key=(*seed.spawn_key, zlib.crc32(name.encode()))
+        )
         self._rng = np.random.Generator(np.random.PCG64(own))
         self._error = self._rng.standard_normal(3)
         self._slope, self._chance, self._cycle = 0.0, self._rng.random(), 0
 
     def at(self, cycle: int, decay: float, period: float) -> tuple[Floats, float]:
-        """[4] errors of x, y, v in standard deviations, and that of the acceleration which goes with v's, per s; a number in 0..1.
+        """[4] errors of x, y, v in standard deviations, and that of the acceleration which goes
+        with v's, per s; a number in 0..1.
 
-        The share `decay` of an error is left a cycle (of `period` s) later. Cycles can only be asked for in order.
+        The share `decay` of an error is left a cycle (of `period` s) later. Cycles can only be
+        asked for in order.
         """
         while self._cycle < cycle:
             before = self._error
-            self._error = decay * before + math.sqrt(1.0 - decay * decay) * self._rng.standard_normal(3)
-            self._slope += ((self._error[2] - before[2]) / period - self._slope) * (1.0 - math.exp(-period / SMOOTHING_S))
+            self._error = decay * before + math.sqrt(
+                1.0 - decay * decay
+            ) * self._rng.standard_normal(3)
+            self._slope += ((self._error[2] - before[2]) / period - self._slope) * (
+                1.0 - math.exp(-period / SMOOTHING_S)
+            )
             self._chance, self._cycle = self._rng.random(), self._cycle + 1
         return np.append(self._error, self._slope), self._chance
 
 
 def aside_m(sensor: SensorConfig) -> float:
-    """m off the centre line of its lane from which a blinking vehicle has surely begun to leave it."""
+    """m off the centre line of its lane from which a blinking vehicle has surely begun to leave
+    it."""
     return max(LEAVES_FROM, SURE * sensor.position_error_m)
 
 
@@ -124,29 +167,39 @@ def room_m(sensor: SensorConfig) -> float:
 
 def is_faulty(sensor: SensorConfig) -> bool:
     """Whether the sensor shows anything but the truth."""
-    return bool(sensor.position_error_m or sensor.speed_error_mps or sensor.drop_probability or sensor.occlusion)
+    return bool(
+        sensor.position_error_m
+        or sensor.speed_error_mps
+        or sensor.drop_probability
+        or sensor.occlusion
+    )
 
 
 # --- errors ---
 
 
 def with_errors(road: RoadMap, agents: Agents, error: Floats) -> Agents:
-    """The agents with errors [N, 4] of x, y (m), speed (m/s) and acceleration (m/s2); lane, s and d are those of the wrong place.
+    """The agents with errors [N, 4] of x, y (m), speed (m/s) and acceleration (m/s2); lane, s and d
+    are those of the wrong place.
 
     Whoever stands is seen to stand: that is told from moving by its place over time.
     """
     moves = agents.v > STANDING
     agents = agents._replace(
-        x=agents.x + error[:, 0], y=agents.y + error[:, 1], v=np.where(moves, np.maximum(agents.v + error[:, 2], 0.0), agents.v),
-        a=np.where(moves, agents.a + error[:, 3], agents.a), trend=np.where(moves, agents.trend + error[:, 3], agents.trend),
+        x=agents.x + error[:, 0], y=agents.y + error[:, 1],
+        v=np.where(moves, np.maximum(agents.v + error[:, 2], 0.0), agents.v),
+        a=np.where(moves, agents.a + error[:, 3], agents.a),
+        trend=np.where(moves, agents.trend + error[:, 3], agents.trend),
     )  # fmt: skip
     return matched(road, agents) if error[:, :2].any() else agents
 
 
 def matched(road: RoadMap, agents: Agents) -> Agents:
-    """Lane, s and d anew from the poses: the lane where the agent was, or the one beside it whose middle is nearer to the agent's front.
+    """Lane, s and d anew from the poses: the lane where the agent was, or the one beside it whose
+    middle is nearer to the agent's front.
 
-    A tracker knows along which lanes an agent came, so nobody jumps into the lanes of another way; and nobody leaves the ends of its lane.
+    A tracker knows along which lanes an agent came, so nobody jumps into the lanes of another way;
+    and nobody leaves the ends of its lane.
     """
     lane, s, d = agents.lane.copy(), agents.s.copy(), agents.d.copy()
     for i in np.flatnonzero(lane >= 0):
@@ -162,7 +215,8 @@ def matched(road: RoadMap, agents: Agents) -> Agents:
 
 
 def on_lane(road: RoadMap, lane: int, x: float, y: float) -> tuple[float, float]:
-    """Lane position s and offset d (m, left positive) of the place on a lane's centre line that is nearest to a point."""
+    """Lane position s and offset d (m, left positive) of the place on a lane's centre line that is
+    nearest to a point."""
     first, last = int(road.point_offset[lane]), int(road.point_offset[lane + 1])
     points, arc = road.points[first:last], road.point_s[first:last]
     way = np.diff(points, axis=0)
@@ -175,16 +229,20 @@ def on_lane(road: RoadMap, lane: int, x: float, y: float) -> tuple[float, float]
 
 def _front(agents: Agents, i: int) -> tuple[float, float]:
     half = 0.5 * float(agents.length[i])
-    return float(agents.x[i]) + half * math.cos(agents.heading[i]), float(agents.y[i]) + half * math.sin(agents.heading[i])
+    return float(agents.x[i]) + half * math.cos(agents.heading[i]), float(
+        agents.y[i]
+    ) + half * math.sin(agents.heading[i])
 
 
 # --- who hides whom ---
 
 
 def share_in_view(x: float, y: float, agents: Agents, blocks: Bools) -> Floats:
-    """[N] the share of the angle under which each agent appears from (x, y) that no box of those who block lies before.
+    """[N] the share of the angle under which each agent appears from (x, y) that no box of those
+    who block lies before.
 
-    Between the directions of two neighbouring corners boxes that do not overlap keep their order, so one ray for each such sector is exact.
+    Between the directions of two neighbouring corners boxes that do not overlap keep their order,
+    so one ray for each such sector is exact.
     """
     if not len(agents.ids):
         return np.zeros(0)
@@ -200,14 +258,23 @@ def share_in_view(x: float, y: float, agents: Agents, blocks: Bools) -> Floats:
 def _corner_angles(x: float, y: float, agents: Agents) -> Floats:
     """[4 N] directions of the boxes' corners."""
     c, s = np.cos(agents.heading), np.sin(agents.heading)
-    u, v = (0.5 * np.multiply.outer(sides, size) for sides, size in (((1, 1, -1, -1), agents.length), ((1, -1, 1, -1), agents.width)))
+    u, v = (
+        0.5 * np.multiply.outer(sides, size)
+        for sides, size in (((1, 1, -1, -1), agents.length), ((1, -1, 1, -1), agents.width))
+    )
     return np.arctan2(agents.y - y + u * s + v * c, agents.x - x + u * c - v * s).ravel()
 
 
 def _ray_enters(x: float, y: float, angle: Floats, agents: Agents) -> Floats:
-    """[R, N] the distance (m) at which a ray in each direction enters each box; inf where it misses it."""
+    """[R, N] the distance (m) at which a ray in each direction enters each box; inf where it misses
+    it."""
     c, s = np.cos(agents.heading), np.sin(agents.heading)
-    dx, dy, cosine, sine = x - agents.x, y - agents.y, np.cos(angle)[:, None], np.sin(angle)[:, None]
+    dx, dy, cosine, sine = (
+        x - agents.x,
+        y - agents.y,
+        np.cos(angle)[:, None],
+        np.sin(angle)[:, None],
+    )
     enters, leaves = np.zeros((len(angle), len(c))), np.full((len(angle), len(c)), np.inf)
     for start, along, half in (
         (dx * c + dy * s, cosine * c + sine * s, 0.5 * agents.length),
@@ -215,7 +282,10 @@ def _ray_enters(x: float, y: float, angle: Floats, agents: Agents) -> Floats:
     ):
         speed = np.where(np.abs(along) < 1e-12, 1e-12, along)
         one, other = (-half - start) / speed, (half - start) / speed
-        enters, leaves = np.maximum(enters, np.minimum(one, other)), np.minimum(leaves, np.maximum(one, other))
+        enters, leaves = (
+            np.maximum(enters, np.minimum(one, other)),
+            np.minimum(leaves, np.maximum(one, other)),
+        )
     return np.where(enters <= leaves, enters, np.inf)
 
 
@@ -223,25 +293,36 @@ def _ray_enters(x: float, y: float, angle: Floats, agents: Agents) -> Floats:
 
 
 def moved_on(road: RoadMap, scene: Scene, seconds: float, aside: float) -> Agents:
-    """The agents of a scene so much later: along their likely lanes at the speed they had, without those who left the map; `aside`: see aside_m."""
+    """The agents of a scene so much later: along their likely lanes at the speed they had, without
+    those who left the map; `aside`: see aside_m."""
     agents = scene.agents
     if not len(agents.ids):
         return agents
-    keeps_speed = TrafficParams(seconds, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, False, aside)
-    forecast = predict(road, scene, np.zeros(0, np.int32), np.zeros(0), keeps_speed, seconds, Told())
+    keeps_speed = TrafficParams(
+        seconds, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, False, aside
+    )
+    forecast = predict(
+        road, scene, np.zeros(0, np.int32), np.zeros(0), keeps_speed, seconds, Told()
+    )
     pose, zero = forecast.pose[0, 1], np.zeros(len(agents.ids))
     moved = agents._replace(
-        x=pose[:, 0], y=pose[:, 1], heading=np.arctan2(pose[:, 3], pose[:, 2]), a=zero, trend=zero, lane=forecast.lane[0, 1], s=forecast.s[0, 1],
+        x=pose[:, 0], y=pose[:, 1], heading=np.arctan2(pose[:, 3], pose[:, 2]), a=zero, trend=zero,
+        lane=forecast.lane[0, 1], s=forecast.s[0, 1],
         standing_s=np.where(agents.v <= STANDING, agents.standing_s + seconds, 0.0),
     )  # fmt: skip
     return chosen(_still_aside(agents, matched(road, moved)), forecast.valid[0, 1])
 
 
 def _still_aside(before: Agents, moved: Agents) -> Agents:
-    """Who blinks, had begun to leave its lane and is taken to be on it still has not gone back to the middle of it."""
+    """Who blinks, had begun to leave its lane and is taken to be on it still has not gone back to
+    the middle of it."""
     side = np.where(moved.lane == before.lane, before.blinker, 0)
     back = side * np.maximum(side * (before.d - moved.d), 0.0)
-    return moved._replace(x=moved.x - back * np.sin(moved.heading), y=moved.y + back * np.cos(moved.heading), d=moved.d + back)
+    return moved._replace(
+        x=moved.x - back * np.sin(moved.heading),
+        y=moved.y + back * np.cos(moved.heading),
+        d=moved.d + back,
+    )
 
 
 def share_past(ego: EgoState, seen: Agents, remembered: Agents) -> Floats:

@@ -1,4 +1,5 @@
-"""One driven ego's eyes and hands: when it has to decide, what it knows then, and what SUMO is told until the next time."""
+"""One driven ego's eyes and hands: when it has to decide, what it knows then, and what SUMO is told
+until the next time."""
 
 import math
 from typing import NamedTuple
@@ -28,22 +29,38 @@ class World(NamedTuple):
 
 
 def running_world(period_s: float) -> World:
-    """What to know about the running simulation to decide every `period_s`. Raises ConfigError where its network cannot be read."""
+    """What to know about the running simulation to decide every `period_s`.
+
+    Raises ConfigError where its network cannot be read.
+    """
     physics = Physics(step_length(), is_ballistic(), _change_duration())
     road = known_roadmap(option("net-file"))
-    return World(road, physics, Observer(road), max(1, round(period_s / physics.step)) * physics.step)
+    return World(
+        road, physics, Observer(road), max(1, round(period_s / physics.step)) * physics.step
+    )
 
 
 class Pilot:
-    """Holds one ego that is on the road. Between two steps of SUMO: look() or glance(), then decide if due(), then before_step()."""
+    """Holds one ego that is on the road.
 
-    def __init__(self, vehicle: str, config: ScenarioConfig, world: World, noise: np.random.SeedSequence) -> None:
+    Between two steps of SUMO: look() or glance(), then decide if due(), then before_step().
+    """
+
+    def __init__(
+        self, vehicle: str, config: ScenarioConfig, world: World, noise: np.random.SeedSequence
+    ) -> None:
         """Take over a vehicle that is on the road; `noise` seeds its sensor's errors."""
         self._vehicle, self._world, self._sensor = vehicle, world, config.sensor
         self._senses = Senses(config.sensor, world.road, world.period, noise)
         state = world.observer.ego(vehicle, Change())
         params = ego_params(config, state, world.physics)
-        bounds = Bounds(world.physics.step, world.physics.change_duration, params.max_accel, params.max_decel, params.emergency_jerk)
+        bounds = Bounds(
+            world.physics.step,
+            world.physics.change_duration,
+            params.max_accel,
+            params.max_decel,
+            params.emergency_jerk,
+        )
         self._commander = Commander(vehicle, world.road, world.observer.lanes, bounds)
         self._frame: Frame | None = None
         self._time, self._next = 0.0, -math.inf  # now, and when to decide
@@ -56,10 +73,13 @@ class Pilot:
         return self._frame
 
     def glance(self) -> None:
-        """Likewise where there is no referee, and where steps may have been made without a command."""
+        """Likewise where there is no referee, and where steps may have been made without a
+        command."""
         self._time = self._world.observer.remember(self._vehicle)
         if self._commanded is not None:
-            self._commander.skip(round((self._time - self._commanded) / self._world.physics.step) - 1)
+            self._commander.skip(
+                round((self._time - self._commanded) / self._world.physics.step) - 1
+            )
 
     def due(self) -> bool:
         """Whether a decision is needed before the next step."""
@@ -67,7 +87,12 @@ class Pilot:
 
     def scene(self) -> Scene:
         """What may be known for the decision."""
-        truth = self._world.observer.scene(self._vehicle, self._commander.change, self._sensor.range_m, self._sensor.signals == "timing")
+        truth = self._world.observer.scene(
+            self._vehicle,
+            self._commander.change,
+            self._sensor.range_m,
+            self._sensor.signals == "timing",
+        )
         return self._senses.perceive(truth)
 
     def accept(self, decision: Decision) -> None:
@@ -81,7 +106,8 @@ class Pilot:
         self._commanded = self._time
 
     def rehearse_step(self) -> None:
-        """Likewise in a copy of the simulation, where nobody decides: after the profile SUMO's own driver goes on, until the ego has left."""
+        """Likewise in a copy of the simulation, where nobody decides: after the profile SUMO's own
+        driver goes on, until the ego has left."""
         if self._commander.played:
             self._commander.release()
         elif self._world.observer.present(self._vehicle):
@@ -92,10 +118,14 @@ class Pilot:
         self._commander.release()
 
 
-def never_departed(waited_s: float, limit_s: float, finished: bool, ended_s: float | None = None) -> str:
-    """Why an ego that has not departed so far is not waited for any longer; "" where it may still come.
+def never_departed(
+    waited_s: float, limit_s: float, finished: bool, ended_s: float | None = None
+) -> str:
+    """Why an ego that has not departed so far is not waited for any longer; "" where it may still
+    come.
 
-    `finished`: whether SUMO expects no further vehicle; `ended_s`: SUMO's option end, where that time has come.
+    `finished`: whether SUMO expects no further vehicle; `ended_s`: SUMO's option end, where that
+    time has come.
     """
     if waited_s >= limit_s:
         return f"never departed within {limit_s:g} s (episode.depart_limit_s)"
@@ -106,4 +136,8 @@ def never_departed(waited_s: float, limit_s: float, finished: bool, ended_s: flo
 
 def _change_duration() -> float:
     """How long a lane change takes in the running simulation, s."""
-    return SUBLANE_CHANGE_S if float(option("lateral-resolution")) > 0 else float(option("lanechange.duration"))
+    return (
+        SUBLANE_CHANGE_S
+        if float(option("lateral-resolution")) > 0
+        else float(option("lanechange.duration"))
+    )

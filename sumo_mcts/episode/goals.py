@@ -29,15 +29,24 @@ def goal_of(config: ScenarioConfig, road: RoadMap, ego: EgoState, until: str | N
     """Where the ego has to go. Raises ConfigError where it cannot get there."""
     if -1 in ego.route or not ego.route:
         raise ConfigError(f"egos: {ego.id}: its route leaves the network")
-    end = len(ego.route) - 1 if until is None else _place(road, ego, until, f"egos: {ego.id}: until")
+    end = (
+        len(ego.route) - 1 if until is None else _place(road, ego, until, f"egos: {ego.id}: until")
+    )
     success = config.episode.success_edge
     if success is not None:  # the success point may lie beyond the goal
         end = max(end, _place(road, ego, success, "episode.success_edge"))
     edges = ego.route[: end + 1]
     free = free_flow_time(road, edges, ego.s, ego.speed_factor, ego.max_speed)
     if not math.isfinite(free):
-        raise ConfigError(f"egos: {ego.id}: its route does not connect: {' '.join(road.edge_ids[edge] for edge in edges)}")
-    limit = config.episode.stop_time_s or config.episode.time_limit_s or FREE_FLOWS * free + LIMIT_SLACK_S
+        raise ConfigError(
+            f"egos: {ego.id}: its route does not connect: "
+            f"{' '.join(road.edge_ids[edge] for edge in edges)}"
+        )
+    limit = (
+        config.episode.stop_time_s
+        or config.episode.time_limit_s
+        or FREE_FLOWS * free + LIMIT_SLACK_S
+    )
     return Goal(edges, road.edge_ids.index(success) if success is not None else -1, limit, free)
 
 
@@ -45,5 +54,7 @@ def _place(road: RoadMap, ego: EgoState, edge: str, key: str) -> int:
     """Where an edge comes on the ego's route."""
     route = [road.edge_ids[index] for index in ego.route]
     if edge not in route:
-        raise ConfigError(f"{key}: the route of {ego.id} does not pass edge {edge}, only {' '.join(route)}")
+        raise ConfigError(
+            f"{key}: the route of {ego.id} does not pass edge {edge}, only {' '.join(route)}"
+        )
     return route.index(edge)

@@ -1,4 +1,5 @@
-"""A scenario that runs: steps SUMO until an ego needs a decision, takes the decisions, gives the rows."""
+"""A scenario that runs: steps SUMO until an ego needs a decision, takes the decisions, gives the
+rows."""
 
 import contextlib
 import hashlib
@@ -43,7 +44,9 @@ class _Ego:
         self.id, self.until, self.noise = config.id, config.until, noise
         self.pilot: Pilot | None = None  # None: not departed, or over
         self.referee: Referee | None = None
-        self.hindsight: Hindsight | None = None  # None: somebody reacts, so nobody knows what would have come
+        self.hindsight: Hindsight | None = (
+            None  # None: somebody reacts, so nobody knows what would have come
+        )
         self.inevitable: bool | None = None
         self.error: str | None = None
         self.done = False
@@ -51,12 +54,24 @@ class _Ego:
 
     def row(self) -> Row:
         """What states alone tell."""
-        judged = self.referee.row() if self.referee is not None else {"outcome": "error", "error": self.error or "not started"}
-        return {**judged, "ego": self.id, "inevitable": self.inevitable, "trace_digest": self.digest.text()}
+        judged = (
+            self.referee.row()
+            if self.referee is not None
+            else {"outcome": "error", "error": self.error or "not started"}
+        )
+        return {
+            **judged,
+            "ego": self.id,
+            "inevitable": self.inevitable,
+            "trace_digest": self.digest.text(),
+        }
 
 
 class Loop:
-    """A scenario that runs: `scenes()` advances SUMO until an ego needs a decision, `apply()` takes the decisions."""
+    """A scenario that runs:
+
+    `scenes()` advances SUMO until an ego needs a decision, `apply()` takes the decisions.
+    """
 
     def __init__(
         self,
@@ -68,36 +83,58 @@ class Loop:
         progress: Progress | None = None,
         measured: Sequence[str] = (),
     ) -> None:
-        """`seed` None: SUMO keeps its own. `sumo_options` as on SUMO's command line; `progress` is told what the loop waits for; `measured` as in
-        `run_episode`."""
+        """`seed` None:
+
+        SUMO keeps its own. `sumo_options` as on SUMO's command line; `progress` is told what the
+        loop waits for; `measured` as in `run_episode`.
+        """
         self.config, self.seed = config, seed
         self._gui, self._options, self._progress = gui, tuple(sumo_options), progress
         self._measured = {*measured, *(ego.id for ego in config.egos)}
-        self._egos = [_Ego(*each) for each in zip(config.egos, streams(seed).noise.spawn(len(config.egos)), strict=True)]
+        self._egos = [
+            _Ego(*each)
+            for each in zip(config.egos, streams(seed).noise.spawn(len(config.egos)), strict=True)
+        ]
         self._folder = tempfile.TemporaryDirectory(prefix="sumo_mcts-")
         self._simulation: Simulation | None = None
         self._traffic = np.random.default_rng(streams(seed).traffic)
         self.redrawn = 0  # draws thrown away, since the ego had no way out at its start
 
     def start(self) -> None:
-        """Start SUMO with the next draw of the actors. Raises ConfigError where the input is wrong."""
+        """Start SUMO with the next draw of the actors.
+
+        Raises ConfigError where the input is wrong.
+        """
         config = self.config
         if config.prediction.name == "clone":
             clone.require_possible(self._gui)
-        road = known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net))  # SUMO itself does not survive every network
+        road = known_roadmap(
+            network_of(config.sumo.sumocfg, config.sumo.net)
+        )  # SUMO itself does not survive every network
         check_edges(config, road)
         drawn = cast(config.traffic, [ego.id for ego in config.egos], road, self._traffic)
         actors = drawn.actors
-        self.arguments = sumo_arguments(config, self.seed, drawn, Path(self._folder.name), self._options, self._measured)
+        self.arguments = sumo_arguments(
+            config, self.seed, drawn, Path(self._folder.name), self._options, self._measured
+        )
         for actor in actors:
             check(actor, road)
-        self._simulation = Simulation(self.arguments, gui=self._gui, delay_ms=window_delay_ms(config.sumo))
+        self._simulation = Simulation(
+            self.arguments, gui=self._gui, delay_ms=window_delay_ms(config.sumo)
+        )
         if config.prediction.name == "clone":
             clone.require_copyable()
         require_named([ego.id for ego in self._egos], [actor.id for actor in actors])
         self.world: World = running_world(config.planner.period_s)
         physics, egos = self.world.physics, [ego.id for ego in self._egos]
-        self._actors = Actors(actors, self.world.road, physics.step, events=config.traffic.events, egos=egos, change_s=physics.change_duration)
+        self._actors = Actors(
+            actors,
+            self.world.road,
+            physics.step,
+            events=config.traffic.events,
+            egos=egos,
+            change_s=physics.change_duration,
+        )
         self._varied = actors != config.traffic.actors  # else the next draw is the same
         self._departed: list[str] = []  # the first few vehicles that did
         self._script_poses: dict[str, Floats] = {}
@@ -126,7 +163,10 @@ class Loop:
                 ego.pilot.accept(decision)
                 ego.digest.add_decision(decision)
                 if self._gui:
-                    window.draw_plan(ego.id, decision.plan.pose if decision.plan is not None else np.zeros((0, 4)))
+                    window.draw_plan(
+                        ego.id,
+                        decision.plan.pose if decision.plan is not None else np.zeros((0, 4)),
+                    )
 
     def judged(self, vehicle: str) -> Row:
         """What the row of an ego would be if the episode ended now, as far as states tell."""
@@ -166,24 +206,39 @@ class Loop:
         step = self.world.physics.step
         if vehicle not in self._script_poses:
             length, _ = self._actors.size(vehicle)
-            self._script_poses[vehicle] = script_poses(self.world.road, script.lane, script.s, script.d, script.v, step, length)
+            self._script_poses[vehicle] = script_poses(
+                self.world.road, script.lane, script.s, script.d, script.v, step, length
+            )
         rows = np.round((now - departed + np.arange(count) * dt) / step).astype(int)
         valid = (rows >= 0) & (rows < len(script.v))
         rows = np.clip(rows, 0, len(script.v) - 1)
-        return Scripted(self._script_poses[vehicle][rows], script.v[rows], script.lane[rows], script.s[rows], valid)
+        return Scripted(
+            self._script_poses[vehicle][rows],
+            script.v[rows],
+            script.lane[rows],
+            script.s[rows],
+            valid,
+        )
 
-    def copied(self, scene: Scene, nominal: Follow | Release, dt: float, count: int) -> dict[int, Scripted]:
-        """The coming `count` states of the scene's agents, `dt` s apart, if its ego does what is nominal: an oracle. Raises SimulationError.
+    def copied(
+        self, scene: Scene, nominal: Follow | Release, dt: float, count: int
+    ) -> dict[int, Scripted]:
+        """The coming `count` states of the scene's agents, `dt` s apart, if its ego does what is
+        nominal: an oracle. Raises SimulationError.
 
-        Everybody else does what it will do; egos carry on with what they were told, then SUMO's own driver does. Who is not there yet is left out.
+        Everybody else does what it will do; egos carry on with what they were told, then SUMO's own
+        driver does. Who is not there yet is left out.
         """
         every = max(1, round(dt / self.world.physics.step))
         rows = math.ceil((count - 1) * dt / (every * self.world.physics.step) - 1e-9) + 1
-        states = clone.in_copy(lambda: self._rehearse(scene, nominal, every, rows), (rows, len(scene.agents.ids), 8))
+        states = clone.in_copy(
+            lambda: self._rehearse(scene, nominal, every, rows), (rows, len(scene.agents.ids), 8)
+        )
         return clone.at_times(states, every * self.world.physics.step, dt, count)
 
     def _rehearse(self, scene: Scene, nominal: Follow | Release, every: int, rows: int) -> Floats:
-        """[rows, N, 8] the states of the agents now and after each `every` steps: for a copy of the simulation, which it moves on."""
+        """[rows, N, 8] the states of the agents now and after each `every` steps: for a copy of the
+        simulation, which it moves on."""
         assert self._simulation is not None, "start() first"
         pilots = {ego.id: ego.pilot for ego in self._egos if ego.pilot is not None}
         pilots[scene.ego.id].accept(Decision(nominal, None, (), -1, "nominal", 0, 0))
@@ -201,8 +256,15 @@ class Loop:
 
     def _futures(self, now: float, count: int) -> list[Future]:
         """The coming `count` states of every scripted actor, a step apart."""
-        scripts = {vehicle: self.scripted(vehicle, now, self.world.physics.step, count) for vehicle in self._actors.scripted}
-        return [Future(script, *self._actors.size(vehicle)) for vehicle, script in scripts.items() if script is not None]
+        scripts = {
+            vehicle: self.scripted(vehicle, now, self.world.physics.step, count)
+            for vehicle in self._actors.scripted
+        }
+        return [
+            Future(script, *self._actors.size(vehicle))
+            for vehicle, script in scripts.items()
+            if script is not None
+        ]
 
     def _step(self) -> None:
         """One step of the simulation: command, move, judge."""
@@ -242,10 +304,17 @@ class Loop:
         if self.world.observer.present(ego.id):
             self._take_over(ego)
             return
-        waited, ended = simulation.time - self._begin, simulation.end if simulation.time >= simulation.end else None
+        waited, ended = (
+            simulation.time - self._begin,
+            simulation.end if simulation.time >= simulation.end else None,
+        )
         why = never_departed(waited, self.config.episode.depart_limit_s, simulation.finished, ended)
         if why:
-            self._fail(ego, why + (f"; the first that did: {', '.join(self._departed)}" if self._departed else ""))
+            self._fail(
+                ego,
+                why
+                + (f"; the first that did: {', '.join(self._departed)}" if self._departed else ""),
+            )
         elif self._progress is not None and simulation.time >= self._news_due:
             self._news_due = simulation.time + WAITING_NEWS_S
             self._progress(f"{simulation.time:.1f} s  waiting for {ego.id}")
@@ -269,19 +338,31 @@ class Loop:
         ego, world = take_over.ego, self.world
         if not self._actors.only_scripts_beside(ego.id):
             return None
-        hindsight = Hindsight(world.road, goal, ego, ego_params(self.config, ego, world.physics), self._futures)
+        hindsight = Hindsight(
+            world.road, goal, ego, ego_params(self.config, ego, world.physics), self._futures
+        )
         hindsight.note(self._whole(take_over))
         return hindsight
 
     def _whole(self, frame: Frame) -> Scene:
         """The scene of a frame, whatever sensors would see of it."""
         ego, world = frame.ego, self.world
-        return Scene(frame.time, world.physics.step, as_seen(world.road, ego), frame.agents, world.observer.timing(ego.x, ego.y))
+        return Scene(
+            frame.time,
+            world.physics.step,
+            as_seen(world.road, ego),
+            frame.agents,
+            world.observer.timing(ego.x, ego.y),
+        )
 
     def _redraw(self, ego: _Ego) -> None:
         """Start anew with the next draw."""
         if self.redrawn == MOST_REDRAWN:
-            self._fail(ego, f"inevitable at its start in each of {self.redrawn + 1} draws: no motion of the ego is free of contacts")
+            self._fail(
+                ego,
+                f"inevitable at its start in each of {self.redrawn + 1} draws: no motion of the "
+                "ego is free of contacts",
+            )
             return
         assert self._simulation is not None
         self.redrawn += 1
@@ -300,7 +381,11 @@ class Loop:
             return
         ego.done, ego.pilot = True, None
         pilot.release()
-        if outcome == COLLISION and ego.hindsight is not None and self._actors.only_scripts_beside(ego.id):
+        if (
+            outcome == COLLISION
+            and ego.hindsight is not None
+            and self._actors.only_scripts_beside(ego.id)
+        ):
             ego.inevitable = ego.hindsight.inevitable()
 
     def _fail(self, ego: _Ego, message: str) -> None:

@@ -40,26 +40,42 @@ class Recorder:
         return {
             "decision_flips": _flips([decision.plan for decision in decisions]),
             "failsafe_interventions": sum(thought.intervened for thought in self._thoughts),
-            "iterations_per_decision": config.planner.iterations if searched and config.planner.time_budget_ms is None else None,
+            "iterations_per_decision": config.planner.iterations
+            if searched and config.planner.time_budget_ms is None
+            else None,
             "iterations": sum(decision.iterations for decision in decisions),
             "cycles": len(decisions),
             "deadline_s": deadline,
             "deadline_misses": int((times > deadline * 1000.0).sum()),
-            **{f"plan_ms_{name}": _percentile(times, q) for name, q in (("p50", 50), ("p95", 95), ("p99", 99), ("max", 100))},
+            **{
+                f"plan_ms_{name}": _percentile(times, q)
+                for name, q in (("p50", 50), ("p95", 95), ("p99", 99), ("max", 100))
+            },
         }
 
     def simulated(self, period: float) -> float:
         """Seconds of simulation that the decisions cover."""
         return self._scenes[-1].time - self._scenes[0].time + period if self._scenes else 0.0
 
-    def trace(self, key: str, scenario: str, outcome: str, road: RoadMap, setting: Setting) -> Trace | None:
+    def trace(
+        self, key: str, scenario: str, outcome: str, road: RoadMap, setting: Setting
+    ) -> Trace | None:
         """All cycles with the roads around them; None without any."""
         if not self._scenes:
             return None
         where = np.array([[scene.ego.x, scene.ego.y] for scene in self._scenes])
         following = [*self._scenes[1:], None]
-        cycles = tuple(_cycle(*cycle) for cycle in zip(self._scenes, self._thoughts, following, strict=True))
-        return Trace(key, scenario, outcome, lanes_around(road, self._scenes[0].ego.route, where, DRAWN), cycles, setting)
+        cycles = tuple(
+            _cycle(*cycle) for cycle in zip(self._scenes, self._thoughts, following, strict=True)
+        )
+        return Trace(
+            key,
+            scenario,
+            outcome,
+            lanes_around(road, self._scenes[0].ego.route, where, DRAWN),
+            cycles,
+            setting,
+        )
 
 
 def _cycle(scene: Scene, thought: Thought, after: Scene | None) -> CycleRecord:
@@ -70,13 +86,15 @@ def _cycle(scene: Scene, thought: Thought, after: Scene | None) -> CycleRecord:
     executed = (math.nan, -1) if after is None else (after.ego.v, after.ego.lane)
     deviation = "" if after is None or math.isnan(speed) else _deviation(speed, lane, *executed)
     return CycleRecord(
-        scene.time, scene.step, scene.ego, scene.agents, scene.signals, forecast, decision, thought.plan_ms, speed, executed[0], lane, executed[1], deviation,
+        scene.time, scene.step, scene.ego, scene.agents, scene.signals, forecast, decision,
+        thought.plan_ms, speed, executed[0], lane, executed[1], deviation,
         thought.intervened, thought.memory, thought.answers,
     )  # fmt: skip
 
 
 def _commanded(plan: Plan | None, scene: Scene, after: Scene | None) -> tuple[float, int]:
-    """Speed, m/s, and lane that the plan has for the time of the next cycle; nan and -1 without a plan or a next cycle."""
+    """Speed, m/s, and lane that the plan has for the time of the next cycle; nan and -1 without a
+    plan or a next cycle."""
     if plan is None or after is None or not len(plan.v):
         return math.nan, -1
     k = min(round((after.time - scene.time) / scene.step) - 1, len(plan.v) - 1)
@@ -91,7 +109,9 @@ def _deviation(speed: float, lane: int, executed_speed: float, executed_lane: in
 
 def _flips(plans: list[Plan | None]) -> int:
     """How often the plan of the coming second turned from accelerating to braking or back."""
-    signs = [sign for plan in plans if plan is not None and len(plan.v) > 1 and (sign := _tendency(plan))]
+    signs = [
+        sign for plan in plans if plan is not None and len(plan.v) > 1 and (sign := _tendency(plan))
+    ]
     return sum(before != now for before, now in pairwise(signs))
 
 

@@ -12,9 +12,15 @@ from sumo_mcts.scene import YIELD, Bools, Floats, RoadMap
 
 
 def lanes_around(road: RoadMap, route: Sequence[int], where: Floats, distance: float) -> Lanes:
-    """The lanes with a part within `distance` m of the points `where` [K, 2]; `route`: edges of the ego."""
+    """The lanes with a part within `distance` m of the points `where` [K, 2];
+
+    `route`: edges of the ego.
+    """
     near = _near(road, where, distance)
-    keep = np.array([near[begin:end].any() for begin, end in pairwise(road.point_offset.tolist())], dtype=np.bool_)
+    keep = np.array(
+        [near[begin:end].any() for begin, end in pairwise(road.point_offset.tolist())],
+        dtype=np.bool_,
+    )
     chosen: list[int] = np.flatnonzero(keep).tolist()
     shapes = [road.points[road.point_offset[i] : road.point_offset[i + 1]] for i in chosen]
     on_route = np.isin(road.edge, np.asarray(route, dtype=np.int32)) & ~road.internal
@@ -25,12 +31,15 @@ def lanes_around(road: RoadMap, route: Sequence[int], where: Floats, distance: f
         width=road.width[chosen],
         internal=road.internal[chosen],
         route=(on_route | _between(road, route))[chosen],
-        stop_lines=np.array([_stop_line(road, i) for i in chosen if _stops(road, i)], dtype=np.float64).reshape(-1, 4),
+        stop_lines=np.array(
+            [_stop_line(road, i) for i in chosen if _stops(road, i)], dtype=np.float64
+        ).reshape(-1, 4),
     )
 
 
 def _near(road: RoadMap, where: Floats, distance: float) -> Bools:
-    """[P] whether the piece of lane that begins at a shape point comes within reach of one of `where`."""
+    """[P] whether the piece of lane that begins at a shape point comes within reach of one of
+    `where`."""
     last = road.point_offset[1:] - 1
     along = np.diff(road.points, axis=0, append=road.points[-1:])
     along[last] = 0.0  # a lane's last point is joined to nothing
@@ -47,16 +56,23 @@ def _between(road: RoadMap, route: Sequence[int]) -> Bools:
         for lane in np.flatnonzero((road.edge == edge) & ~road.internal).tolist():
             for entered in successors(road, lane):
                 inside = entered
-                while road.internal[inside] and road.edge[road.exit[inside]] == following and not result[inside]:
+                while (
+                    road.internal[inside]
+                    and road.edge[road.exit[inside]] == following
+                    and not result[inside]
+                ):
                     result[inside] = True
                     inside = successors(road, inside)[0]
     return result
 
 
 def _stops(road: RoadMap, lane: int) -> bool:
-    """Whether traffic may have to wait at the end of the lane: a signal, or a connection that has to yield."""
+    """Whether traffic may have to wait at the end of the lane: a signal, or a connection that has
+    to yield."""
     following = successors(road, lane)
-    return not road.internal[lane] and bool(((road.signal[following] >= 0) | (road.rule[following] >= YIELD)).any())
+    return not road.internal[lane] and bool(
+        ((road.signal[following] >= 0) | (road.rule[following] >= YIELD)).any()
+    )
 
 
 def _stop_line(road: RoadMap, lane: int) -> Floats:

@@ -1,4 +1,5 @@
-"""Whether two boxes meet while both move: tests in the plane, of poses at the beginning and at the end of a step."""
+"""Whether two boxes meet while both move: tests in the plane, of poses at the beginning and at the
+end of a step."""
 
 from math import ceil, cos, hypot, sin
 from typing import NamedTuple
@@ -16,13 +17,21 @@ class Contact(NamedTuple):
 
     ego: tuple[float, float, float]
     other: tuple[float, float, float]
-    exact: bool  # found on the way; else the boxes overlap where the step began or ended, and nobody knows where they first touched
+    # found on the way; else the boxes overlap where the step began or ended, and nobody knows where
+    # they first touched
+    exact: bool
 
 
 def boxes_overlap(first: Floats, second: Floats) -> Bools:
-    """Whether oriented boxes overlap: first and second [..., 5] broadcast, each x, y, heading, half length, half width (m, rad); separating axes."""
+    """Whether oriented boxes overlap: first and second [..., 5] broadcast, each x, y, heading, half
+    length, half width (m, rad); separating axes."""
     dx, dy = second[..., 0] - first[..., 0], second[..., 1] - first[..., 1]
-    c1, s1, c2, s2 = np.cos(first[..., 2]), np.sin(first[..., 2]), np.cos(second[..., 2]), np.sin(second[..., 2])
+    c1, s1, c2, s2 = (
+        np.cos(first[..., 2]),
+        np.sin(first[..., 2]),
+        np.cos(second[..., 2]),
+        np.sin(second[..., 2]),
+    )
     along, across = np.abs(c1 * c2 + s1 * s2), np.abs(c1 * s2 - s1 * c2)
     l1, w1, l2, w2 = first[..., 3], first[..., 4], second[..., 3], second[..., 4]
     apart = np.abs(dx * c1 + dy * s1) >= l1 + l2 * along + w2 * across
@@ -33,9 +42,11 @@ def boxes_overlap(first: Floats, second: Floats) -> Bools:
 
 
 def between(before: Floats, after: Floats, t: Floats) -> Floats:
-    """Poses [..., 3] (x, y, heading) at t (0..1, broadcast) of a move from pose before to pose after.
+    """Poses [..., 3] (x, y, heading) at t (0..1, broadcast) of a move from pose before to pose
+    after.
 
-    Cubic with the headings as tangents: a chord would cut the corner by a metre where a step of 1 s is driven in a bend.
+    Cubic with the headings as tangents: a chord would cut the corner by a metre where a step of 1 s
+    is driven in a bend.
     """
     chord = after[..., :2] - before[..., :2]
     length = np.sqrt(np.sum(chord * chord, axis=-1))
@@ -43,8 +54,13 @@ def between(before: Floats, after: Floats, t: Floats) -> Floats:
     rest = t * (1.0 - t)
     out = np.empty((*np.broadcast_shapes(before.shape[:-1], t.shape), 3))
     for axis, way in ((0, np.cos), (1, np.sin)):
-        start, end = way(before[..., 2]) * length - chord[..., axis], way(after[..., 2]) * length - chord[..., axis]
-        out[..., axis] = before[..., axis] + t * chord[..., axis] + rest * ((1.0 - t) * start - t * end)
+        start, end = (
+            way(before[..., 2]) * length - chord[..., axis],
+            way(after[..., 2]) * length - chord[..., axis],
+        )
+        out[..., axis] = (
+            before[..., axis] + t * chord[..., axis] + rest * ((1.0 - t) * start - t * end)
+        )
     out[..., 2] = before[..., 2] + t * turn
     return out
 
@@ -53,56 +69,108 @@ def _stray(before: Floats, after: Floats) -> Floats:
     """[...] bound, m, on how far the way of between() leaves the chord; poses [..., 3]."""
     dx, dy = after[..., 0] - before[..., 0], after[..., 1] - before[..., 1]
     length = np.sqrt(dx * dx + dy * dy)
-    skew = [length * length - length * (dx * np.cos(pose[..., 2]) + dy * np.sin(pose[..., 2])) for pose in (before, after)]
-    return np.asarray(4.0 / 27.0 * sum(np.sqrt(np.maximum(2.0 * each, 0.0)) for each in skew), dtype=np.float64)
+    skew = [
+        length * length - length * (dx * np.cos(pose[..., 2]) + dy * np.sin(pose[..., 2]))
+        for pose in (before, after)
+    ]
+    return np.asarray(
+        4.0 / 27.0 * sum(np.sqrt(np.maximum(2.0 * each, 0.0)) for each in skew), dtype=np.float64
+    )
 
 
 def jumped(before: Floats, after: Floats, reach: Floats) -> Bools:
-    """[N] whether a move between poses [N, 3] cannot have been driven: sideways by more than JUMP, or further than reach [N], m."""
+    """[N] whether a move between poses [N, 3] cannot have been driven: sideways by more than JUMP,
+    or further than reach [N], m."""
     dx, dy = after[..., 0] - before[..., 0], after[..., 1] - before[..., 1]
     # along the mean heading, so that an arc does not look like a step aside
     mean = before[..., 2] + 0.5 * _wrap(after[..., 2] - before[..., 2])
-    return np.asarray((np.abs(dy * np.cos(mean) - dx * np.sin(mean)) > JUMP) | (dx * dx + dy * dy > reach * reach), dtype=np.bool_)
+    return np.asarray(
+        (np.abs(dy * np.cos(mean) - dx * np.sin(mean)) > JUMP)
+        | (dx * dx + dy * dy > reach * reach),
+        dtype=np.bool_,
+    )
 
 
-def kept_apart(before: Floats, after: Floats, half: Floats, other_before: Floats, other_after: Floats, other_half: Floats) -> Bools:
-    """[K] True where an axis of the ego parts its box from another all through a step: a cheap test that never denies a contact.
+def kept_apart(
+    before: Floats,
+    after: Floats,
+    half: Floats,
+    other_before: Floats,
+    other_after: Floats,
+    other_half: Floats,
+) -> Bools:
+    """[K] True where an axis of the ego parts its box from another all through a step: a cheap test
+    that never denies a contact.
 
     before, after [3], half [2]: the ego's poses and half sizes; the others' [K, 3] and [K, 2].
     """
     start, end = other_before[:, :2] - before[:2], other_after[:, :2] - after[:2]
-    own_turn, turn = abs(float(_wrap(after[2] - before[2]))), np.abs(_wrap(other_after[:, 2] - other_before[:, 2]))
+    own_turn, turn = (
+        abs(float(_wrap(after[2] - before[2]))),
+        np.abs(_wrap(other_after[:, 2] - other_before[:, 2])),
+    )
     # what a turn adds to a box's half width at most, and by how much the ways bend
-    slack = 0.5 * (hypot(*half) * own_turn + np.hypot(other_half[:, 0], other_half[:, 1]) * turn) + _stray(before, after) + _stray(other_before, other_after)
+    slack = (
+        0.5 * (hypot(*half) * own_turn + np.hypot(other_half[:, 0], other_half[:, 1]) * turn)
+        + _stray(before, after)
+        + _stray(other_before, other_after)
+    )
     apart = np.zeros(len(start), np.bool_)
     for axis in (float(after[2]), float(after[2]) + np.pi / 2):
         c, s = cos(axis), sin(axis)
-        own = max(half[0] * abs(cos(h - axis)) + half[1] * abs(sin(h - axis)) for h in (before[2], after[2]))
+        own = max(
+            half[0] * abs(cos(h - axis)) + half[1] * abs(sin(h - axis))
+            for h in (before[2], after[2])
+        )
         angles = np.stack([other_before[:, 2], other_after[:, 2]]) - axis
-        theirs = (other_half[:, 0] * np.abs(np.cos(angles)) + other_half[:, 1] * np.abs(np.sin(angles))).max(axis=0)
+        theirs = (
+            other_half[:, 0] * np.abs(np.cos(angles)) + other_half[:, 1] * np.abs(np.sin(angles))
+        ).max(axis=0)
         first, last = start[:, 0] * c + start[:, 1] * s, end[:, 0] * c + end[:, 1] * s
-        apart |= (first * last > 0) & (np.minimum(np.abs(first), np.abs(last)) > own + theirs + slack)
+        apart |= (first * last > 0) & (
+            np.minimum(np.abs(first), np.abs(last)) > own + theirs + slack
+        )
     return apart
 
 
-def first_contact(before: Floats, after: Floats, other_before: Floats, other_after: Floats, half: Floats, other_half: Floats) -> Contact | None:
-    """The first overlap of two boxes while both move from pose before to pose after, [3] each; half [2]: half length and half width, m."""
+def first_contact(
+    before: Floats,
+    after: Floats,
+    other_before: Floats,
+    other_after: Floats,
+    half: Floats,
+    other_half: Floats,
+) -> Contact | None:
+    """The first overlap of two boxes while both move from pose before to pose after, [3] each; half
+    [2]: half length and half width, m."""
     chord = (after - before - other_after + other_before)[:2]
-    turned = abs(float(_wrap(after[2] - before[2]))) * hypot(*half) + abs(float(_wrap(other_after[2] - other_before[2]))) * hypot(*other_half)
+    turned = abs(float(_wrap(after[2] - before[2]))) * hypot(*half) + abs(
+        float(_wrap(other_after[2] - other_before[2]))
+    ) * hypot(*other_half)
     t = np.linspace(0.0, 1.0, ceil((hypot(*chord) + turned) / SUBSTEP) + 1 + 1)
-    hit = boxes_overlap(boxes_of(between(before, after, t), half), boxes_of(between(other_before, other_after, t), other_half))
+    hit = boxes_overlap(
+        boxes_of(between(before, after, t), half),
+        boxes_of(between(other_before, other_after, t), other_half),
+    )
     if not hit.any():
         return None
     k = int(np.argmax(hit))
     low, high = float(t[max(k - 1, 0)]), float(t[k])
     for _ in range(10 if k else 0):
         middle = np.array(0.5 * (low + high))
-        if boxes_overlap(boxes_of(between(before, after, middle), half), boxes_of(between(other_before, other_after, middle), other_half)):
+        if boxes_overlap(
+            boxes_of(between(before, after, middle), half),
+            boxes_of(between(other_before, other_after, middle), other_half),
+        ):
             high = float(middle)
         else:
             low = float(middle)
     end = np.array(high)
-    return Contact(as_pose(between(before, after, end)), as_pose(between(other_before, other_after, end)), k > 0)
+    return Contact(
+        as_pose(between(before, after, end)),
+        as_pose(between(other_before, other_after, end)),
+        k > 0,
+    )
 
 
 def boxes_of(poses: Floats, half: Floats) -> Floats:
@@ -118,14 +186,18 @@ def touch_point(contact: Contact, half: Floats, other_half: Floats) -> tuple[flo
     """Middle of the overlap (x, y), m; the middle of the centres where there is no overlap."""
     ring = _corners(contact.ego, half)
     x, y, heading = contact.other
-    for k, reach in enumerate((other_half[0], other_half[1], other_half[0], other_half[1])):  # clip by each side of the other box
+    for k, reach in enumerate(
+        (other_half[0], other_half[1], other_half[0], other_half[1])
+    ):  # clip by each side of the other box
         nx, ny = cos(heading + k * np.pi / 2), sin(heading + k * np.pi / 2)
         inside = [reach - (px - x) * nx - (py - y) * ny for px, py in ring]
         clipped = []
         for i, (p, d) in enumerate(zip(ring, inside, strict=True)):
             q, e = ring[i - 1], inside[i - 1]
             if (d >= 0) != (e >= 0):
-                clipped.append((q[0] + (p[0] - q[0]) * e / (e - d), q[1] + (p[1] - q[1]) * e / (e - d)))
+                clipped.append(
+                    (q[0] + (p[0] - q[0]) * e / (e - d), q[1] + (p[1] - q[1]) * e / (e - d))
+                )
             if d >= 0:
                 clipped.append(p)
         ring = clipped
@@ -137,7 +209,10 @@ def touch_point(contact: Contact, half: Floats, other_half: Floats) -> tuple[flo
 def _corners(pose: tuple[float, float, float], half: Floats) -> list[tuple[float, float]]:
     x, y, heading = pose
     c, s = cos(heading), sin(heading)
-    return [(x + a * half[0] * c - b * half[1] * s, y + a * half[0] * s + b * half[1] * c) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    return [
+        (x + a * half[0] * c - b * half[1] * s, y + a * half[0] * s + b * half[1] * c)
+        for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ]
 
 
 def ahead_of(pose: tuple[float, float, float], point: tuple[float, float]) -> float:

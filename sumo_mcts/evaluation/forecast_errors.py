@@ -1,4 +1,7 @@
-"""How far forecasts lie from what then happened. A pair is an agent in one cycle that is still there when the forecast is judged."""
+"""How far forecasts lie from what then happened.
+
+A pair is an agent in one cycle that is still there when the forecast is judged.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -17,17 +20,26 @@ class Errors(NamedTuple):
 
 
 def errors(forecast: Forecast, after: float, centre: Floats, lane: Ints, there: Bools) -> Errors:
-    """A forecast (its likeliest hypothesis) against where the agents really are `after` s: centre [N, 2], lane [N] of the front, and who is still there [N].
+    """A forecast (its likeliest hypothesis) against where the agents really are `after` s: centre
+    [N, 2], lane [N] of the front, and who is still there [N].
 
-    Between two forecast times positions lie on a straight line, and the lane is that of the nearer one.
+    Between two forecast times positions lie on a straight line, and the lane is that of the nearer
+    one.
     """
     place = min(after / forecast.dt, forecast.v.shape[1] - 1.0)
-    low = min(int(np.floor(place + 1e-9)), forecast.v.shape[1] - 2) if forecast.v.shape[1] > 1 else 0
+    low = (
+        min(int(np.floor(place + 1e-9)), forecast.v.shape[1] - 2) if forecast.v.shape[1] > 1 else 0
+    )
     high, near = min(low + 1, forecast.v.shape[1] - 1), round(place)
     share = max(place - low, 0.0)
     valid = forecast.valid[0, [low, high]]
-    share_of_high = np.where(valid.all(axis=0), share, valid[1])[:, None]  # where one of the two times has the agent gone, the other tells
-    expected = forecast.pose[0, low, :, :2] * (1.0 - share_of_high) + forecast.pose[0, high, :, :2] * share_of_high
+    share_of_high = np.where(valid.all(axis=0), share, valid[1])[
+        :, None
+    ]  # where one of the two times has the agent gone, the other tells
+    expected = (
+        forecast.pose[0, low, :, :2] * (1.0 - share_of_high)
+        + forecast.pose[0, high, :, :2] * share_of_high
+    )
     distance = np.where(forecast.valid[0, near], np.hypot(*(expected - centre).T), np.nan)
     right = (forecast.lane[0, near] == lane) & forecast.valid[0, near]
     return Errors(distance[there], (lane >= 0)[there], right[there])
@@ -41,13 +53,16 @@ def together(parts: Sequence[Errors]) -> Errors:
 
 
 def statistics(found: Errors) -> dict[str, float | int | None]:
-    """Pairs; of their position errors, m, mean, 95th percentile and the largest; the share on the right lane; and how many the forecast had gone."""
+    """Pairs; of their position errors, m, mean, 95th percentile and the largest; the share on the
+    right lane; and how many the forecast had gone."""
     known = found.distance[~np.isnan(found.distance)]
     return {
         "pairs": len(found.distance),
         "mean_m": float(known.mean()) if len(known) else None,
         "p95_m": float(np.percentile(known, 95)) if len(known) else None,
         "max_m": float(known.max()) if len(known) else None,
-        "right_lane": float(found.right_lane[found.on_lane].mean()) if found.on_lane.any() else None,
+        "right_lane": float(found.right_lane[found.on_lane].mean())
+        if found.on_lane.any()
+        else None,
         "gone": len(found.distance) - len(known),
     }

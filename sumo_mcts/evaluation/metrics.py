@@ -1,4 +1,5 @@
-"""Numbers that follow from the ego's executed states alone: comfort, jerk, separate events, free-flow time. Plain arrays in, plain numbers out."""
+"""Numbers that follow from the ego's executed states alone: comfort, jerk, separate events,
+free-flow time. Plain arrays in, plain numbers out."""
 
 from collections.abc import Sequence
 from math import inf
@@ -28,8 +29,9 @@ def accelerations(v: Floats, step: float) -> Floats:
 def jerks(v: Floats, step: float) -> Floats:
     """Longitudinal jerk [max(0, T-2n)], m/s3, from speeds v [T], m/s; n = window(step).
 
-    The mean accelerations over two adjoining windows of n steps, differenced over the time between their middles. SUMO changes an acceleration
-    from one step to the next, so an unsmoothed jerk would measure the step length and not the driving.
+    The mean accelerations over two adjoining windows of n steps, differenced over the time between
+    their middles. SUMO changes an acceleration from one step to the next, so an unsmoothed jerk
+    would measure the step length and not the driving.
     """
     n = window(step)
     if len(v) <= 2 * n:
@@ -39,17 +41,22 @@ def jerks(v: Floats, step: float) -> Floats:
 
 
 def lateral_accelerations(v: Floats, heading: Floats, step: float) -> Floats:
-    """Speed times yaw rate [max(0, T-n)], m/s2, averaged over the n steps of a window: lanes are polylines, whose kinks are no real yaw."""
+    """Speed times yaw rate [max(0, T-n)], m/s2, averaged over the n steps of a window: lanes are
+    polylines, whose kinks are no real yaw."""
     n = window(step)
     if len(v) <= n:
         return np.zeros(0)
     turned = np.unwrap(heading)
     total = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))])
-    return np.asarray((total[n:] - total[:-n]) / n * (turned[n:] - turned[:-n]) / (n * step), dtype=np.float64)
+    return np.asarray(
+        (total[n:] - total[:-n]) / n * (turned[n:] - turned[:-n]) / (n * step), dtype=np.float64
+    )
 
 
 def comfortable_share(v: Floats, heading: Floats, step: float) -> float | None:
-    """Share [0..1] of the steps with acceleration, lateral acceleration and jerk within bounds; None without a step. v [T] m/s, heading [T] rad.
+    """Share [0..1] of the steps with acceleration, lateral acceleration and jerk within bounds;
+
+    None without a step. v [T] m/s, heading [T] rad.
 
     Lateral acceleration and jerk are judged from the step on in which their windows are full.
     """
@@ -57,7 +64,10 @@ def comfortable_share(v: Floats, heading: Floats, step: float) -> float | None:
     if len(a) == 0:
         return None
     fine = (a >= ACCEL_RANGE[0] - _EPS) & (a <= ACCEL_RANGE[1] + _EPS)
-    for values, limit in ((lateral_accelerations(v, heading, step), LATERAL_MAX), (jerks(v, step), JERK_MAX)):
+    for values, limit in (
+        (lateral_accelerations(v, heading, step), LATERAL_MAX),
+        (jerks(v, step), JERK_MAX),
+    ):
         if len(values):
             fine[-len(values) :] &= np.abs(values) <= limit + _EPS
     return float(np.mean(fine))
@@ -68,10 +78,14 @@ def rms(values: Floats) -> float | None:
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else None
 
 
-def events(times: Sequence[float], strengths: Sequence[float], step: float, apart: float = EVENTS_APART_S) -> list[float]:
-    """Greatest strength of each separate event. times [K], s, ascending: ends of the steps in which something of that strength [K] was seen.
+def events(
+    times: Sequence[float], strengths: Sequence[float], step: float, apart: float = EVENTS_APART_S
+) -> list[float]:
+    """Greatest strength of each separate event. times [K], s, ascending: ends of the steps in which
+    something of that strength [K] was seen.
 
-    One event lasts until nothing was seen for ``apart`` seconds, so that the count does not depend on the step length.
+    One event lasts until nothing was seen for ``apart`` seconds, so that the count does not depend
+    on the step length.
     """
     found: list[float] = []
     last = -inf
@@ -84,10 +98,14 @@ def events(times: Sequence[float], strengths: Sequence[float], step: float, apar
     return found
 
 
-def free_flow_time(road: RoadMap, edges: Sequence[int], start_s: float, speed_factor: float, max_speed: float) -> float:
-    """Seconds from lane position start_s, m, on the first of ``edges`` to the end of the last, at the limits times speed_factor and below max_speed, m/s.
+def free_flow_time(
+    road: RoadMap, edges: Sequence[int], start_s: float, speed_factor: float, max_speed: float
+) -> float:
+    """Seconds from lane position start_s, m, on the first of ``edges`` to the end of the last, at
+    the limits times speed_factor and below max_speed, m/s.
 
-    Each edge counts with its fastest lane, each junction with the quickest of the connections that lead on.
+    Each edge counts with its fastest lane, each junction with the quickest of the connections that
+    lead on.
     """
     total = 0.0
     for k, edge in enumerate(edges):
@@ -97,17 +115,28 @@ def free_flow_time(road: RoadMap, edges: Sequence[int], start_s: float, speed_fa
         share = 1.0 if k else max(0.0, 1.0 - start_s / float(road.length[lanes[best]]))
         total += share * float(times[best])
         if k + 1 < len(edges):
-            total += min((_connection_time(road, int(lane), edges[k + 1], speed_factor, max_speed) for lane in lanes), default=0.0)
+            total += min(
+                (
+                    _connection_time(road, int(lane), edges[k + 1], speed_factor, max_speed)
+                    for lane in lanes
+                ),
+                default=0.0,
+            )
     return total
 
 
-def _connection_time(road: RoadMap, lane: int, onto: int, speed_factor: float, max_speed: float) -> float:
-    """Seconds on the internal lanes between ``lane`` and the edge ``onto``; inf where they are not connected."""
+def _connection_time(
+    road: RoadMap, lane: int, onto: int, speed_factor: float, max_speed: float
+) -> float:
+    """Seconds on the internal lanes between ``lane`` and the edge ``onto``; inf where they are not
+    connected."""
     quickest = inf
     for first in road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]:
         here, time = int(first), 0.0
         while road.internal[here] and road.successor_offset[here] < road.successor_offset[here + 1]:
-            time += float(road.length[here]) / min(float(road.speed[here]) * speed_factor, max_speed)
+            time += float(road.length[here]) / min(
+                float(road.speed[here]) * speed_factor, max_speed
+            )
             here = int(road.successor[road.successor_offset[here]])
         if road.edge[here] == onto:
             quickest = min(quickest, time)

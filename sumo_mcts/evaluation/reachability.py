@@ -1,4 +1,5 @@
-"""How one gets from one place on the lanes to another: what the referee has to know of the roads."""
+"""How one gets from one place on the lanes to another: what the referee has to know of the
+roads."""
 
 from math import inf
 from typing import NamedTuple
@@ -9,7 +10,9 @@ from numpy.typing import NDArray
 from sumo_mcts.numerics.lanes import successors, usable
 from sumo_mcts.scene import Bools, RoadMap
 
-REACH = 5.0  # m along the road by which two boxes may miss each other's stretch and still meet: rounded corners, lanes of unequal length
+# m along the road by which two boxes may miss each other's stretch and still meet: rounded corners,
+# lanes of unequal length
+REACH = 5.0
 
 
 class Drive(NamedTuple):
@@ -21,11 +24,15 @@ class Drive(NamedTuple):
     distance: float  # m
 
 
-def driven(road: RoadMap, lane: int, s: float, onto: int, onto_s: float, reach: float) -> Drive | None:
-    """How the front got from (lane, s) to (onto, onto_s) within reach, m, with the fewest lane changes; None: not along the lanes."""
+def driven(
+    road: RoadMap, lane: int, s: float, onto: int, onto_s: float, reach: float
+) -> Drive | None:
+    """How the front got from (lane, s) to (onto, onto_s) within reach, m, with the fewest lane
+    changes; None: not along the lanes."""
     if lane == onto:
         return Drive((), (), 0, onto_s - s) if abs(onto_s - s) <= reach else None
-    # breadth first in the number of lane changes; state: lane, m driven to its start, lanes entered and where
+    # breadth first in the number of lane changes; state: lane, m driven to its start, lanes entered
+    # and where
     layer: list[tuple[int, float, tuple[int, ...], tuple[float, ...]]] = [(lane, -s, (), ())]
     seen = {lane}
     for changes in range(8):
@@ -50,8 +57,13 @@ def driven(road: RoadMap, lane: int, s: float, onto: int, onto_s: float, reach: 
     return None
 
 
-def can_meet(road: RoadMap, first: tuple[int, float, float], second: tuple[int, float, float]) -> bool:
-    """Whether two boxes that overlap in the plane are on the same level. Each: lane of the front (-1: none), its position, m, and the box's length, m."""
+def can_meet(
+    road: RoadMap, first: tuple[int, float, float], second: tuple[int, float, float]
+) -> bool:
+    """Whether two boxes that overlap in the plane are on the same level.
+
+    Each: lane of the front (-1: none), its position, m, and the box's length, m.
+    """
     if first[0] < 0 or second[0] < 0:
         return True
     if second[0] in _conflicting(road, first[0]) or first[0] in _conflicting(road, second[0]):
@@ -72,11 +84,15 @@ def can_meet(road: RoadMap, first: tuple[int, float, float], second: tuple[int, 
     if junctions[0] & junctions[1]:
         return True
     # positions count too: a ramp may lead over the road that it comes from
-    return any(stretches[0][e][0] <= stretches[1][e][1] and stretches[1][e][0] <= stretches[0][e][1] for e in stretches[0].keys() & stretches[1].keys())
+    return any(
+        stretches[0][e][0] <= stretches[1][e][1] and stretches[1][e][0] <= stretches[0][e][1]
+        for e in stretches[0].keys() & stretches[1].keys()
+    )
 
 
 def goal_reaching_edges(road: RoadMap, goal_edge: int, vclass: int) -> Bools:
-    """[edges] whether the goal edge can be reached from an edge along lanes that the vehicle class may use, lane changes free."""
+    """[edges] whether the goal edge can be reached from an edge along lanes that the vehicle class
+    may use, lane changes free."""
     allowed = usable(road, np.s_[:], vclass)
     origin = np.repeat(np.arange(len(road.edge)), np.diff(road.successor_offset))
     open_to_it = allowed[origin] & allowed[road.successor]
@@ -97,7 +113,8 @@ def goal_reaching_edges(road: RoadMap, goal_edge: int, vclass: int) -> Bools:
 
 
 def spread(road: RoadMap, lane: int, s: float, back: float, ahead: float) -> dict[int, float]:
-    """Lanes within back and ahead, m, of a lane position: lane -> where it starts, m from that position, ahead positive."""
+    """Lanes within back and ahead, m, of a lane position: lane -> where it starts, m from that
+    position, ahead positive."""
     found = {lane: -s}
     todo = [lane]
     while todo:  # forward
@@ -120,7 +137,8 @@ def spread(road: RoadMap, lane: int, s: float, back: float, ahead: float) -> dic
 
 def _predecessors(road: RoadMap, lane: int) -> list[int]:
     """Asked for so seldom that a search through all lanes is cheaper than an index."""
-    return (np.searchsorted(road.successor_offset, np.flatnonzero(road.successor == lane), side="right") - 1).tolist()  # type: ignore[no-any-return]
+    links = np.flatnonzero(road.successor == lane)
+    return list(np.searchsorted(road.successor_offset, links, side="right") - 1)
 
 
 def _conflicting(road: RoadMap, lane: int) -> NDArray[np.int32]:

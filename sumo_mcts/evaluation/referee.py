@@ -1,6 +1,8 @@
-"""What really happened to one ego: its outcome, who was to blame, and which rules and which other drivers it bent.
+"""What really happened to one ego: its outcome, who was to blame, and which rules and which other
+drivers it bent.
 
-Judged from the frames that SUMO's states make up, once a simulation step, for any driver of the ego alike. Nothing here knows what a planner intended.
+Judged from the frames that SUMO's states make up, once a simulation step, for any driver of the ego
+alike. Nothing here knows what a planner intended.
 """
 
 from collections.abc import Iterable
@@ -10,22 +12,52 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.evaluation.contact import Contact, ahead_of, as_pose, boxes_of, boxes_overlap, first_contact, jumped, kept_apart, touch_point
+from sumo_mcts.evaluation.contact import (
+    Contact,
+    ahead_of,
+    as_pose,
+    boxes_of,
+    boxes_overlap,
+    first_contact,
+    jumped,
+    kept_apart,
+    touch_point,
+)
 from sumo_mcts.evaluation.metrics import comfortable_share, events, jerks, rms
-from sumo_mcts.evaluation.reachability import REACH, Drive, can_meet, driven, goal_reaching_edges, spread
+from sumo_mcts.evaluation.reachability import (
+    REACH,
+    Drive,
+    can_meet,
+    driven,
+    goal_reaching_edges,
+    spread,
+)
 from sumo_mcts.numerics.lanes import successors
 from sumo_mcts.numerics.signals import shows
 from sumo_mcts.scene import GREEN, RED, STANDING, Agents, Bools, EgoState, Frame, Ints, RoadMap
 
-ARRIVED, COLLISION, TELEPORTED, OFF_ROUTE, TIMEOUT, ERROR = "arrived", "collision", "teleported", "off_route", "timeout", "error"
+ARRIVED, COLLISION, TELEPORTED, OFF_ROUTE, TIMEOUT, ERROR = (
+    "arrived",
+    "collision",
+    "teleported",
+    "off_route",
+    "timeout",
+    "error",
+)
 HARD_BRAKE = 4.5  # m/s2
 IMPOSED = (2.0, 3.0, 4.0)  # m/s2
-STOPPABLE_RED, STOPPABLE_YELLOW = 4.5, 3.0  # m/s2: whoever needed more to stop could not be asked to
+STOPPABLE_RED, STOPPABLE_YELLOW = (
+    4.5,
+    3.0,
+)  # m/s2: whoever needed more to stop could not be asked to
 SPEEDING = 0.1  # m/s above the limit
 TOUCHING = 0.1  # m: a contact this close to the plane of a bumper is on it
 CHANGE_COUNTS_S = 3.0
 DRIFT = 0.02  # m sideways within one step: on the way into another lane
-BLOCKED_GAP, BLOCKED_SPEED = 5.0, 1.0  # m, m/s: a leader this close and this slow blocks whoever stands behind it
+BLOCKED_GAP, BLOCKED_SPEED = (
+    5.0,
+    1.0,
+)  # m, m/s: a leader this close and this slow blocks whoever stands behind it
 PATH_S, MIN_PATH = 4.0, 10.0  # s, m of an agent's path on which an ego is in its way
 ENTERING_S = 2.0  # s of an ego's route that count as about to be entered
 _EPS = 1e-6
@@ -34,8 +66,12 @@ _EPS = 1e-6
 class Goal(NamedTuple):
     """Where the ego has to go, and until when."""
 
-    edges: tuple[int, ...]  # its route at departure: the first is where it departed, the last the goal
-    success_edge: int  # -1: arrived at the end of the goal edge; else as soon as the front is on this edge or on one after it
+    edges: tuple[
+        int, ...
+    ]  # its route at departure: the first is where it departed, the last the goal
+    # -1: arrived at the end of the goal edge; else as soon as the front is on this edge or on one
+    # after it
+    success_edge: int
     time_limit: float  # s after departure
     free_flow: float  # s; nan unknown
 
@@ -55,10 +91,16 @@ def needed_decel(v: float, distance: float) -> float:
 
 
 class Referee:
-    """Judges one ego. Feed it every frame from the take-over on; it answers with the outcome once there is one."""
+    """Judges one ego.
 
-    def __init__(self, road: RoadMap, goal: Goal, step: float, take_over: Frame | None = None) -> None:
-        """``step`` in s. take_over: the state in which the ego was taken over, right after its departure; else the first frame observed is it."""
+    Feed it every frame from the take-over on; it answers with the outcome once there is one.
+    """
+
+    def __init__(
+        self, road: RoadMap, goal: Goal, step: float, take_over: Frame | None = None
+    ) -> None:
+        """``step`` in s. take_over: the state in which the ego was taken over, right after its
+        departure; else the first frame observed is it."""
         self._road, self._goal, self._step = road, goal, step
         self._outcome: str | None = None
         self._error: str | None = None
@@ -67,9 +109,12 @@ class Referee:
         self._departed = 0.0
         self._finished: float | None = None
         self._reaching: Bools = np.zeros(0, np.bool_)
-        # position on the route, as an index into goal.edges; the success edge may come twice on it, the last time counts
+        # position on the route, as an index into goal.edges; the success edge may come twice on it,
+        # the last time counts
         self._at = 0
-        self._success = max((k for k, edge in enumerate(goal.edges) if edge == goal.success_edge), default=-1)
+        self._success = max(
+            (k for k, edge in enumerate(goal.edges) if edge == goal.success_edge), default=-1
+        )
         self._on_goal = self._done = False
         # one entry a state, from take-over on
         self._v: list[float] = []
@@ -79,7 +124,9 @@ class Referee:
         self._changes = 0
         self._change_began = -inf
         self._trail: list[int] = []  # lanes under the ego, the front's last
-        self._last_green: NDArray[np.int64] = np.zeros(0, np.int64)  # per signalled link: the state in which it last showed green
+        self._last_green: NDArray[np.int64] = np.zeros(
+            0, np.int64
+        )  # per signalled link: the state in which it last showed green
         self._red = self._yellow = 0
         self._red_junction = -1  # entered against red
         self._red_runners: dict[str, int] = {}  # agent -> junction that it entered against red
@@ -90,12 +137,16 @@ class Referee:
             self._begin(take_over)
 
     def fail(self, message: str) -> None:
-        """The run could not go on for a reason that the frames do not show. Changes nothing once there is an outcome."""
+        """The run could not go on for a reason that the frames do not show.
+
+        Changes nothing once there is an outcome.
+        """
         if self._outcome is None:
             self._outcome, self._error = ERROR, message
 
     def observe(self, frame: Frame) -> str | None:
-        """The outcome, from the step on in which the episode ended for this ego; until then None."""
+        """The outcome, from the step on in which the episode ended for this ego; until then
+        None."""
         if self._outcome is not None:
             return self._outcome
         before = self._last
@@ -103,7 +154,9 @@ class Referee:
         if before is None:
             self._begin(frame)
             if frame.present:
-                hits = self._contacts(frame, frame, np.arange(len(frame.agents.ids), dtype=np.int32))
+                hits = self._contacts(
+                    frame, frame, np.arange(len(frame.agents.ids), dtype=np.int32)
+                )
         elif frame.present:
             self._move(before, frame)
             known = _match(before.agents.ids, frame.agents.ids)
@@ -120,7 +173,9 @@ class Referee:
         self._outcome = self._judge(frame, bool(hits))
         if self._outcome == COLLISION:
             self._collided = sorted(hits)
-            self._at_fault = any(self._blame(before or frame, frame, name, contact) for name, contact in hits.items())
+            self._at_fault = any(
+                self._blame(before or frame, frame, name, contact) for name, contact in hits.items()
+            )
         if self._outcome == ARRIVED:
             self._finished = frame.time
         self._last = frame
@@ -133,7 +188,10 @@ class Referee:
         hard = np.flatnonzero(decel > HARD_BRAKE + _EPS)
         imposed = np.array([strength for _, strength in self._imposed])
         found = events([time for time, _ in self._imposed], imposed.tolist(), self._step)
-        counted = {f"imposed_brakes_{limit:.0f}": sum(strength > limit + _EPS for strength in found) for limit in IMPOSED}
+        counted = {
+            f"imposed_brakes_{limit:.0f}": sum(strength > limit + _EPS for strength in found)
+            for limit in IMPOSED
+        }
         row = {
             "outcome": self._outcome,
             "error": self._error,
@@ -145,7 +203,9 @@ class Referee:
             "distance_m": self._odometer[-1] if self._odometer else 0.0,
             "stopped_s": float(np.sum(v[1:] < STANDING)) * self._step,
             "max_decel_mps2": float(max(0.0, decel.max(initial=0.0))),
-            "hard_brakes": len(events((hard * self._step).tolist(), decel[hard].tolist(), self._step)),
+            "hard_brakes": len(
+                events((hard * self._step).tolist(), decel[hard].tolist(), self._step)
+            ),
             "rms_jerk_mps3": rms(jerks(v, self._step)),
             "comfortable_share": comfortable_share(v, heading, self._step),
             "speeding_share": self._speeding / (len(v) - 1) if len(v) > 1 else None,
@@ -160,7 +220,11 @@ class Referee:
         }
         # who could not go on must not look careful
         known = ("outcome", "error", "free_flow_s", "in_time", "distance_m")
-        return row if self._outcome != ERROR else {**dict.fromkeys(row), **{key: row[key] for key in known}}
+        return (
+            row
+            if self._outcome != ERROR
+            else {**dict.fromkeys(row), **{key: row[key] for key in known}}
+        )
 
     # --- the ego's way ---
 
@@ -192,7 +256,9 @@ class Referee:
             self._red_junction = -1  # it has left it; who comes back enters anew
         drive = None
         if was.lane >= 0 and ego.lane >= 0:
-            drive = driven(road, was.lane, was.s, ego.lane, ego.s, 1.5 * max(was.v, ego.v) * self._step + REACH)
+            drive = driven(
+                road, was.lane, was.s, ego.lane, ego.s, 1.5 * max(was.v, ego.v) * self._step + REACH
+            )
         if drive is None:  # off the lanes, or put somewhere else
             drive = Drive((), (), 0, ego.v * self._step)
             self._trail = [ego.lane] if ego.lane >= 0 else []
@@ -223,7 +289,8 @@ class Referee:
         del self._trail[:k]
 
     def _advance(self, lanes: Iterable[int]) -> None:
-        """Follows the route along the lanes that the front has come over, and sees whether the goal lies behind it."""
+        """Follows the route along the lanes that the front has come over, and sees whether the goal
+        lies behind it."""
         edges, success = self._goal.edges, self._goal.success_edge
         for lane in lanes:
             edge = int(self._road.edge[lane])
@@ -239,7 +306,10 @@ class Referee:
     # --- lights ---
 
     def _cross_stop_line(self, before: Frame, frame: Frame, lane: int, line: float) -> None:
-        """The front went over the stop line before internal lane ``lane``; ``line``: its distance from the take-over, m."""
+        """The front went over the stop line before internal lane ``lane``;
+
+        ``line``: its distance from the take-over, m.
+        """
         road = self._road
         earlier, later = shows(before.signals, road, lane), shows(frame.signals, road, lane)
         if GREEN in (earlier, later):
@@ -260,13 +330,19 @@ class Referee:
     def _note_red_runners(self, before: Frame, frame: Frame, known: Ints) -> None:
         """Agents that drive through red: the ego owes them no way."""
         road, lanes = self._road, frame.agents.lane
-        self._red_runners = {name: junction for name, junction in self._red_runners.items() if self._is_on(frame, name, junction)}
+        self._red_runners = {
+            name: junction
+            for name, junction in self._red_runners.items()
+            if self._is_on(frame, name, junction)
+        }
         if not len(self._last_green) or not len(lanes):
             return
         entered = (known >= 0) & (lanes >= 0) & (road.signal[lanes] >= 0)
         for i in np.flatnonzero(entered):
             lane = int(lanes[i])
-            if before.agents.lane[known[i]] != lane and shows(before.signals, road, lane) == RED == shows(frame.signals, road, lane):
+            if before.agents.lane[known[i]] != lane and shows(
+                before.signals, road, lane
+            ) == RED == shows(frame.signals, road, lane):
                 self._red_runners[frame.agents.ids[i]] = int(road.junction[lane])
 
     def _is_on(self, frame: Frame, name: str, junction: int) -> bool:
@@ -274,7 +350,9 @@ class Referee:
         agents, i = frame.agents, _find(frame.agents.ids, name)
         if i < 0 or agents.lane[i] < 0:
             return False
-        under = spread(self._road, int(agents.lane[i]), float(agents.s[i]), float(agents.length[i]), 0.0)
+        under = spread(
+            self._road, int(agents.lane[i]), float(agents.s[i]), float(agents.length[i]), 0.0
+        )
         return any(self._road.junction[lane] == junction for lane in under)
 
     # --- braking of others ---
@@ -285,7 +363,8 @@ class Referee:
             self._imposed.append((frame.time, max(decel for _, decel in braking)))
 
     def braking_for_ego(self, before: Frame, frame: Frame, known: Ints) -> list[tuple[str, float]]:
-        """Who brakes for the ego in this step beyond the smallest threshold, and with how many m/s2."""
+        """Who brakes for the ego in this step beyond the smallest threshold, and with how many
+        m/s2."""
         if not len(known):
             return []
         was = np.append(before.agents.v, 0.0)[known]  # a newcomer (-1) finds the 0
@@ -294,15 +373,28 @@ class Referee:
         if len(braking) == 0:
             return []
         stretches = self._body(frame.ego) + self._coming(frame)
-        for_ego = [i for i in braking if frame.leader[i] == frame.ego.id or self._in_the_way(frame, int(i), float(was[i]), stretches)]
+        for_ego = [
+            i
+            for i in braking
+            if frame.leader[i] == frame.ego.id
+            or self._in_the_way(frame, int(i), float(was[i]), stretches)
+        ]
         return [(frame.agents.ids[i], float(decel[i])) for i in for_ego]
 
     def _body(self, ego: EgoState) -> list[_Stretch]:
-        """The lanes under the ego: that of its front, those that its rear has not left, and during a lane change both."""
+        """The lanes under the ego: that of its front, those that its rear has not left, and during
+        a lane change both."""
         if ego.lane < 0:
             return []
         begin, end = ego.s - ego.length, ego.s
-        here = [_Stretch(lane, begin, end, ego.s) for lane in {ego.change_from, ego.change_to} - {ego.lane, -1}] if ego.changing > 0 else []
+        here = (
+            [
+                _Stretch(lane, begin, end, ego.s)
+                for lane in {ego.change_from, ego.change_to} - {ego.lane, -1}
+            ]
+            if ego.changing > 0
+            else []
+        )
         for k in range(len(self._trail) - 1, -1, -1):
             here.append(_Stretch(self._trail[k], begin, end, begin + ego.length))
             if begin >= 0 or k == 0:
@@ -333,10 +425,13 @@ class Referee:
             return after[0] if after else -1
         edge = int(road.edge[lane])
         onto = route[route.index(edge) + 1] if edge in route[:-1] else -1
-        return next((lane_after for lane_after in after if road.edge[road.exit[lane_after]] == onto), -1)
+        return next(
+            (lane_after for lane_after in after if road.edge[road.exit[lane_after]] == onto), -1
+        )
 
     def _in_the_way(self, frame: Frame, i: int, v: float, stretches: list[_Stretch]) -> bool:
-        """Whether the ego's stretches lie on the next PATH_S of agent i, which drove at v, m/s, or share a conflict area with them."""
+        """Whether the ego's stretches lie on the next PATH_S of agent i, which drove at v, m/s, or
+        share a conflict area with them."""
         road, agents = self._road, frame.agents
         path = frame.paths[i].tolist() or [int(agents.lane[i])]
         if path[0] < 0:
@@ -344,36 +439,57 @@ class Referee:
         reach, start = max(MIN_PATH, PATH_S * v), -float(agents.s[i])
         for k, lane in enumerate(path):
             # whoever brakes before its own red light does not brake for what lies behind it
-            if start > reach or (k and road.signal[lane] >= 0 and shows(frame.signals, road, lane) == RED):
+            if start > reach or (
+                k and road.signal[lane] >= 0 and shows(frame.signals, road, lane) == RED
+            ):
                 return False
             for stretch in stretches:
                 if stretch.lane != lane:
                     if self._shares_conflict(frame.ego.v, stretch, lane, start, reach, v):
                         return True
-                elif start + stretch.front > 0 and start + stretch.begin <= reach:  # in front of it, and near enough
+                elif (
+                    start + stretch.front > 0 and start + stretch.begin <= reach
+                ):  # in front of it, and near enough
                     return True
             start += float(road.length[lane])
         return False
 
-    def _shares_conflict(self, ego_v: float, stretch: _Stretch, path: int, start: float, reach: float, v: float) -> bool:
-        """Whether an ego's stretch and lane ``path`` of an agent's way, which starts ``start`` m ahead of it, have a conflict area in common."""
+    def _shares_conflict(
+        self, ego_v: float, stretch: _Stretch, path: int, start: float, reach: float, v: float
+    ) -> bool:
+        """Whether an ego's stretch and lane ``path`` of an agent's way, which starts ``start`` m
+        ahead of it, have a conflict area in common."""
         road = self._road
-        for c in range(int(road.conflict_offset[stretch.lane]), int(road.conflict_offset[stretch.lane + 1])):
-            if road.conflict_lane[c] != path or stretch.end <= road.conflict_begin[c] or stretch.begin >= road.conflict_end[c]:
+        for c in range(
+            int(road.conflict_offset[stretch.lane]), int(road.conflict_offset[stretch.lane + 1])
+        ):
+            if (
+                road.conflict_lane[c] != path
+                or stretch.end <= road.conflict_begin[c]
+                or stretch.begin >= road.conflict_end[c]
+            ):
                 continue
-            near, far = start + float(road.conflict_other_begin[c]), start + float(road.conflict_other_end[c])
+            near, far = (
+                start + float(road.conflict_other_begin[c]),
+                start + float(road.conflict_other_end[c]),
+            )
             if far <= 0 or near > reach:
                 continue
             # where both go on in one lane, whoever comes behind is no reason for the other to brake
             left = max(0.0, float(road.conflict_end[c]) - stretch.front)
-            if not road.conflict_merge[c] or left <= far or left / max(ego_v, 1.0) <= far / max(v, 1.0):
+            if (
+                not road.conflict_merge[c]
+                or left <= far
+                or left / max(ego_v, 1.0) <= far / max(v, 1.0)
+            ):
                 return True
         return False
 
     # --- collisions ---
 
     def _contacts(self, before: Frame, frame: Frame, known: Ints) -> dict[str, Contact | None]:
-        """Agents whose box the ego's met in this step; known [N]: index of each agent in the frame before, -1 new."""
+        """Agents whose box the ego's met in this step; known [N]: index of each agent in the frame
+        before, -1 new."""
         agents, ego, was = frame.agents, frame.ego, before.ego
         if not len(agents.ids):
             return {}
@@ -391,11 +507,15 @@ class Referee:
         earlier = other.copy()
         seen = past >= 0
         old = before.agents
-        earlier[seen] = np.stack([old.x[past[seen]], old.y[past[seen]], old.heading[past[seen]]], axis=1)
+        earlier[seen] = np.stack(
+            [old.x[past[seen]], old.y[past[seen]], old.heading[past[seen]]], axis=1
+        )
         speed = agents.v[near].copy()
         speed[seen] = np.maximum(speed[seen], old.v[past[seen]])
         leap = ~seen | jumped(earlier, other, 1.5 * speed * self._step + 3.0)
-        if before is frame or jumped(then, now, np.array(1.5 * max(ego.v, was.v) * self._step + 3.0)):
+        if before is frame or jumped(
+            then, now, np.array(1.5 * max(ego.v, was.v) * self._step + 3.0)
+        ):
             leap[:] = True
         sizes = 0.5 * np.stack([agents.length[near], agents.width[near]], axis=1)
         close = np.flatnonzero(leap | ~kept_apart(then, now, half, earlier, other, sizes))
@@ -413,31 +533,54 @@ class Referee:
         return hits
 
     def _level(self, before: Frame, frame: Frame, i: int) -> bool:
-        """Whether the ego and agent i are where two vehicles can meet; what they drove in this step counts as body."""
+        """Whether the ego and agent i are where two vehicles can meet; what they drove in this step
+        counts as body."""
         ego, agents = frame.ego, frame.agents
         if agents.person[i]:
             return True
         first = (ego.lane, ego.s, ego.length + max(ego.v, before.ego.v) * self._step)
-        return can_meet(self._road, first, (int(agents.lane[i]), float(agents.s[i]), float(agents.length[i] + agents.v[i] * self._step)))
+        return can_meet(
+            self._road,
+            first,
+            (
+                int(agents.lane[i]),
+                float(agents.s[i]),
+                float(agents.length[i] + agents.v[i] * self._step),
+            ),
+        )
 
     def _blame(self, before: Frame, frame: Frame, name: str, contact: Contact | None) -> bool:
-        """Whether the ego is at fault in a collision with agent ``name``. Unclear counts as at fault."""
+        """Whether the ego is at fault in a collision with agent ``name``.
+
+        Unclear counts as at fault.
+        """
         ego, agents = frame.ego, frame.agents
         i = _find(agents.ids, name)
         if i < 0 or not frame.present:
             return True
         j = _find(before.agents.ids, name)
-        if not self._moves(before, frame, j, i) or frame.time - self._change_began < CHANGE_COUNTS_S - _EPS:
+        if (
+            not self._moves(before, frame, j, i)
+            or frame.time - self._change_began < CHANGE_COUNTS_S - _EPS
+        ):
             return True
         if self._against_right_of_way(frame, i) or self._stands_on_junction(frame, i):
             return True
-        half, size = np.array([ego.length / 2, ego.width / 2]), np.array([agents.length[i] / 2, agents.width[i] / 2])
+        half, size = (
+            np.array([ego.length / 2, ego.width / 2]),
+            np.array([agents.length[i] / 2, agents.width[i] / 2]),
+        )
         if contact is None:  # SUMO saw what the boxes do not show
-            contact = Contact((ego.x, ego.y, ego.heading), (float(agents.x[i]), float(agents.y[i]), float(agents.heading[i])), False)
+            contact = Contact(
+                (ego.x, ego.y, ego.heading),
+                (float(agents.x[i]), float(agents.y[i]), float(agents.heading[i])),
+                False,
+            )
         point = touch_point(contact, half, size)
         forward, its_forward = ahead_of(contact.ego, point), ahead_of(contact.other, point)
         if not contact.exact:
-            # how deep they are in each other hides where they touched: clear only where the other came from behind
+            # how deep they are in each other hides where they touched: clear only where the other
+            # came from behind
             return not (forward <= -half[0] / 2 and its_forward >= size[0] / 2)
         if forward >= half[0] - TOUCHING:
             return True
@@ -446,14 +589,18 @@ class Referee:
         return not (its_forward >= size[0] - TOUCHING or drifts)
 
     def _moves(self, before: Frame, frame: Frame, j: int, i: int) -> bool:
-        """Whether agent i (j before, -1: not there) drives, or is moved to the side by a lane change, as SUMO does with those that stand, too."""
+        """Whether agent i (j before, -1: not there) drives, or is moved to the side by a lane
+        change, as SUMO does with those that stand, too."""
         if j < 0:
             return bool(frame.agents.v[i] >= STANDING)
-        moved = hypot(frame.agents.x[i] - before.agents.x[j], frame.agents.y[i] - before.agents.y[j])
+        moved = hypot(
+            frame.agents.x[i] - before.agents.x[j], frame.agents.y[i] - before.agents.y[j]
+        )
         return bool(max(frame.agents.v[i], before.agents.v[j], moved / self._step) >= STANDING)
 
     def _against_right_of_way(self, frame: Frame, i: int) -> bool:
-        """Whether the ego is inside a junction that it entered against red, or inside a conflict area in which it has to let agent i pass."""
+        """Whether the ego is inside a junction that it entered against red, or inside a conflict
+        area in which it has to let agent i pass."""
         ego, agents, road = frame.ego, frame.agents, self._road
         if ego.lane < 0:
             return True
@@ -464,21 +611,35 @@ class Referee:
         if agents.lane[i] < 0:
             return False
         margin = float(agents.v[i]) * self._step + 2.0
-        theirs = spread(road, int(agents.lane[i]), float(agents.s[i]), float(agents.length[i]) + margin, margin)
+        theirs = spread(
+            road, int(agents.lane[i]), float(agents.s[i]), float(agents.length[i]) + margin, margin
+        )
         runs_red = self._red_runners.get(agents.ids[i], -2)
         for lane, begin, end in here:
             for c in range(int(road.conflict_offset[lane]), int(road.conflict_offset[lane + 1])):
                 inside_area = begin < road.conflict_end[c] and end > road.conflict_begin[c]
-                if road.conflict_yields[c] and inside_area and int(road.conflict_lane[c]) in theirs and road.junction[lane] != runs_red:
+                if (
+                    road.conflict_yields[c]
+                    and inside_area
+                    and int(road.conflict_lane[c]) in theirs
+                    and road.junction[lane] != runs_red
+                ):
                     return True
         return False
 
     def _stands_on_junction(self, frame: Frame, i: int) -> bool:
-        """Whether the ego stands on a junction and nobody in front of it, other than agent i, is the reason."""
+        """Whether the ego stands on a junction and nobody in front of it, other than agent i, is
+        the reason."""
         ego, agents, road = frame.ego, frame.agents, self._road
-        if ego.v >= STANDING or ego.lane < 0 or not any(road.internal[part.lane] for part in self._body(ego)):
+        if (
+            ego.v >= STANDING
+            or ego.lane < 0
+            or not any(road.internal[part.lane] for part in self._body(ego))
+        ):
             return False
-        ahead = spread(road, ego.lane, ego.s, 0.0, BLOCKED_GAP + float(agents.length.max(initial=0.0)))
+        ahead = spread(
+            road, ego.lane, ego.s, 0.0, BLOCKED_GAP + float(agents.length.max(initial=0.0))
+        )
         for k in np.flatnonzero((agents.v < BLOCKED_SPEED) & ~agents.person):
             front = ahead.get(int(agents.lane[k]), -inf) + float(agents.s[k])
             if k != i and front > 0 and front - agents.length[k] <= BLOCKED_GAP:
@@ -503,22 +664,37 @@ class Referee:
             return COLLISION
         if frame.teleported:
             return TELEPORTED
-        if frame.arrived and not arrived:  # somebody else's goal: it was given another route, or one that leaves out the edge that counts
+        if (
+            frame.arrived and not arrived
+            # somebody else's goal: it was given another route, or one that leaves out the edge that
+            # counts
+        ):
             return OFF_ROUTE
-        if frame.present and lane >= 0 and not arrived and not self._reaching[self._road.edge[lane]]:
+        if (
+            frame.present
+            and lane >= 0
+            and not arrived
+            and not self._reaching[self._road.edge[lane]]
+        ):
             return OFF_ROUTE
         if frame.time - self._departed > self._goal.time_limit + _EPS:
             return TIMEOUT
         return ARRIVED if arrived else None
 
     def _reaches_goal(self) -> bool:
-        """Whether an ego that SUMO has taken out had come to the edge that counts, or came to it within its last step."""
+        """Whether an ego that SUMO has taken out had come to the edge that counts, or came to it
+        within its last step."""
         edges, last, road = self._goal.edges, self._last, self._road
         goal = self._success if self._goal.success_edge >= 0 else len(edges) - 1
         if goal <= self._at or last is None or last.ego.lane < 0:
             return 0 <= goal <= self._at
-        between = sum(float(road.length[road.edge == edge].min()) for edge in edges[self._at + 1 : goal])
-        return float(road.length[last.ego.lane]) - last.ego.s + between <= 1.5 * last.ego.v * self._step + REACH
+        between = sum(
+            float(road.length[road.edge == edge].min()) for edge in edges[self._at + 1 : goal]
+        )
+        return (
+            float(road.length[last.ego.lane]) - last.ego.s + between
+            <= 1.5 * last.ego.v * self._step + REACH
+        )
 
 
 def _match(before: tuple[str, ...], now: tuple[str, ...]) -> Ints:
@@ -538,4 +714,8 @@ def _shifts(road: RoadMap, before: Agents, j: int, now: Agents, i: int) -> bool:
     was, lane = int(before.lane[j]), int(now.lane[i])
     if was < 0 or lane < 0:
         return False
-    return bool(abs(now.d[i] - before.d[j]) > DRIFT) if was == lane else bool(road.edge[was] == road.edge[lane])
+    return (
+        bool(abs(now.d[i] - before.d[j]) > DRIFT)
+        if was == lane
+        else bool(road.edge[was] == road.edge[lane])
+    )

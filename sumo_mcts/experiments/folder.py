@@ -18,14 +18,34 @@ try:
 except ImportError:  # on Windows
     fcntl = None  # type: ignore[assignment]
 
-_LEFT_BEHIND = (ROWS, TABLE, TRACES, MAPS, "tables", "report.html", "report.md", MANIFEST)  # what --fresh removes; last what says that it may
+_LEFT_BEHIND = (
+    ROWS,
+    TABLE,
+    TRACES,
+    MAPS,
+    "tables",
+    "report.html",
+    "report.md",
+    MANIFEST,
+)  # what --fresh removes; last what says that it may
 
-_KINDS = {"experiment": dict, "experiment_digest": str, "shard": str, "versions": dict, "plugins": list, "files": dict, "egos": dict}  # in a manifest
+_KINDS = {
+    "experiment": dict,
+    "experiment_digest": str,
+    "shard": str,
+    "versions": dict,
+    "plugins": list,
+    "files": dict,
+    "egos": dict,
+}  # in a manifest
 
 
 @contextmanager
 def only_here(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
-    """No other run or batch works in the folder meanwhile, on this machine. Raises ConfigError where one does, and goes on for so long."""
+    """No other run or batch works in the folder meanwhile, on this machine.
+
+    Raises ConfigError where one does, and goes on for so long.
+    """
     if fcntl is None:
         yield
         return
@@ -50,12 +70,17 @@ def _lock(number: int, folder: Path, until: float) -> None:
             return
         except BlockingIOError:
             if time.monotonic() >= until:
-                raise ConfigError(f"--out {folder}: another run or batch is at work there") from None
+                raise ConfigError(
+                    f"--out {folder}: another run or batch is at work there"
+                ) from None
         time.sleep(0.05)
 
 
 def clear(folder: Path) -> None:
-    """Remove what a batch and its report leave behind, and nothing else. Raises ConfigError where no batch did."""
+    """Remove what a batch and its report leave behind, and nothing else.
+
+    Raises ConfigError where no batch did.
+    """
     check_ours(folder)
     if not (folder / MANIFEST).exists():
         return
@@ -81,27 +106,45 @@ def holds_batch(folder: Path) -> bool:
 
 
 def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The manifest of a folder in which a batch like the wanted one was begun; None: in it nothing was. Raises ConfigError where it holds anything else."""
+    """The manifest of a folder in which a batch like the wanted one was begun;
+
+    None: in it nothing was. Raises ConfigError where it holds anything else.
+    """
     check_ours(folder)
     if not (folder / MANIFEST).exists():
         return None
     ways = "take another --out, or --fresh to remove what is there"
     manifest = _manifest(folder)
     for key, kind in _KINDS.items():
-        if (key in manifest and not isinstance(manifest[key], kind)) or key not in (*manifest, "files"):
-            raise ConfigError(f"--out {folder}: {MANIFEST}: {key}: is not what a batch writes; {ways}")
+        if (key in manifest and not isinstance(manifest[key], kind)) or key not in (
+            *manifest,
+            "files",
+        ):
+            raise ConfigError(
+                f"--out {folder}: {MANIFEST}: {key}: is not what a batch writes; {ways}"
+            )
     if manifest["experiment_digest"] != wanted["experiment_digest"]:
         name = manifest["experiment"].get("name")
-        what = "another experiment" if name != wanted["experiment"]["name"] else f"another state of {name}"
+        what = (
+            "another experiment"
+            if name != wanted["experiment"]["name"]
+            else f"another state of {name}"
+        )
         raise ConfigError(f"--out {folder}: holds {what}; {ways}")
     if manifest["shard"] != wanted["shard"]:
-        raise ConfigError(f"--out {folder}: holds shard {manifest['shard']}, not {wanted['shard']}; each shard has a folder of its own")
+        raise ConfigError(
+            f"--out {folder}: holds shard {manifest['shard']}, not {wanted['shard']}; each shard "
+            "has a folder of its own"
+        )
     _check_same(manifest, wanted, f"--out {folder}", ways)
     return manifest
 
 
-def _check_same(manifest: Mapping[str, Any], wanted: Mapping[str, Any], where: str, ways: str) -> None:
-    """Raise ConfigError where further rows would come of other programs or files than those that are there."""
+def _check_same(
+    manifest: Mapping[str, Any], wanted: Mapping[str, Any], where: str, ways: str
+) -> None:
+    """Raise ConfigError where further rows would come of other programs or files than those that
+    are there."""
     for name in DECIDING:
         before, now = manifest["versions"].get(name), wanted["versions"][name]
         if before != now:
@@ -112,25 +155,42 @@ def _check_same(manifest: Mapping[str, Any], wanted: Mapping[str, Any], where: s
             raise ConfigError(f"{where}: {name} has changed since the batch was begun; {ways}")
     for plugin in wanted["plugins"]:
         if plugin not in manifest["plugins"]:
-            raise ConfigError(f"{where}: plugin {plugin['name']} has changed since the batch was begun; {ways}")
+            raise ConfigError(
+                f"{where}: plugin {plugin['name']} has changed since the batch was begun; {ways}"
+            )
 
 
 def done(folder: Path, episodes: Sequence[Episode]) -> list[Row]:
-    """The rows of whole episodes, each once. Those of an episode of which a part is missing do not count."""
+    """The rows of whole episodes, each once.
+
+    Those of an episode of which a part is missing do not count.
+    """
     rows = {row["key"]: row for row in records.read_rows(folder) if "key" in row}
-    return [rows[key] for episode in episodes if all(key in rows for key in episode.keys) for key in episode.keys]
+    return [
+        rows[key]
+        for episode in episodes
+        if all(key in rows for key in episode.keys)
+        for key in episode.keys
+    ]
 
 
 def settle(folder: Path, episodes: Sequence[Episode]) -> None:
-    """Leave the rows of whole episodes alone in the folder, in the order of the experiment, as JSON lines and as CSV. Raises OSError."""
+    """Leave the rows of whole episodes alone in the folder, in the order of the experiment, as JSON
+    lines and as CSV. Raises OSError."""
     rows = done(folder, episodes)
-    records.write_whole(folder / ROWS, "".join(records.json_text(row, indent=None) + "\n" for row in rows).encode())
+    records.write_whole(
+        folder / ROWS, "".join(records.json_text(row, indent=None) + "\n" for row in rows).encode()
+    )
     records.write_csv(folder)
 
 
 def sweep(folder: Path) -> None:
     """Remove files that a killed process was about to write."""
-    for path in (*folder.glob(".*.tmp"), *(folder / TRACES).glob(".*.tmp"), *(folder / MAPS).glob(".*.tmp")):
+    for path in (
+        *folder.glob(".*.tmp"),
+        *(folder / TRACES).glob(".*.tmp"),
+        *(folder / MAPS).glob(".*.tmp"),
+    ):
         path.unlink()
 
 

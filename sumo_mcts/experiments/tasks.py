@@ -1,4 +1,5 @@
-"""What a worker of a batch does: look whether a scenario can start, choose egos in a network, drive an episode."""
+"""What a worker of a batch does: look whether a scenario can start, choose egos in a network, drive
+an episode."""
 
 import math
 import signal
@@ -38,33 +39,53 @@ class Driven(NamedTuple):
     """What is left of an episode."""
 
     rows: tuple[Row, ...]
-    traces: dict[str, bytes]  # by key, as they stand in their files: those that may be worth keeping
+    traces: dict[
+        str, bytes
+    ]  # by key, as they stand in their files: those that may be worth keeping
     maps: dict[str, bytes]  # the roads that these refer to, by name, likewise
 
 
 def drive(episode: Episode, bar: Bar) -> Driven:
-    """Drive an episode. Whatever fails is its outcome; but OSError and MemoryError are raised where it is the machine that fails."""
+    """Drive an episode.
+
+    Whatever fails is its outcome; but OSError and MemoryError are raised where it is the machine
+    that fails.
+    """
     try:
         with unannounced():  # the batch says it
             result = run_episode(
-                episode.config, episode.seed, sumo_options=without_outputs(episode.config.sumo), variant=episode.variant, measured=episode.measured
+                episode.config,
+                episode.seed,
+                sumo_options=without_outputs(episode.config.sumo),
+                variant=episode.variant,
+                measured=episode.measured,
             )
-    except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
+    except (
+        Exception
+    ) as error:  # libsumo's exceptions share no base, and do not travel between processes
         if of_machine(error):
             raise
         return Driven(failed(episode, f"{type(error).__name__}: {error}"), {}, {})
     key_of = {row["key"]: key for row, key in zip(result.rows, episode.keys, strict=True)}
-    further = {"redrawn": result.manifest["redrawn"], "traffic_digest": digest(episode.config, TRAFFIC)}
+    further = {
+        "redrawn": result.manifest["redrawn"],
+        "traffic_digest": digest(episode.config, TRAFFIC),
+    }
     rows = tuple({**row, "key": key_of[row["key"]], **further} for row in result.rows)
     kept = {row["key"] for row in rows if is_worth(row, bar)}
     traces = [trace._replace(key=key_of[trace.key]) for trace in result.traces]
     traces = [trace for trace in traces if trace.key in kept]
-    maps = {} if result.road is None else {trace.setting.map: records.map_bytes(result.road) for trace in traces[:1]}
+    maps = (
+        {}
+        if result.road is None
+        else {trace.setting.map: records.map_bytes(result.road) for trace in traces[:1]}
+    )
     return Driven(rows, {trace.key: records.trace_bytes(trace) for trace in traces}, maps)
 
 
 def drive_within(seconds: float, episode: Episode, bar: Bar) -> Driven:
-    """The same in a process that the system ends after `seconds`, whatever it is doing then, where the system can do that."""
+    """The same in a process that the system ends after `seconds`, whatever it is doing then, where
+    the system can do that."""
     if not hasattr(signal, "setitimer"):
         return drive(episode, bar)
     signal.setitimer(signal.ITIMER_REAL, seconds)
@@ -84,11 +105,15 @@ def failed(episode: Episode, message: str, *, shortage: bool = False) -> tuple[R
     config = episode.config
     message = f"{SHORTAGE}: {message}; the same command drives it again" if shortage else message
     known = {
-        "scenario": config.name, "variant": episode.variant, "planner": config.planner.name, "seed": episode.seed, "outcome": "error", "error": message,
+        "scenario": config.name, "variant": episode.variant, "planner": config.planner.name,
+        "seed": episode.seed, "outcome": "error", "error": message,
         "prediction": _prediction(config), "config_digest": digest(config), "redrawn": None,
         "traffic_digest": digest(config, TRAFFIC),
     }  # fmt: skip
-    return tuple({**records.row_defaults(), **known, "key": key, "ego": ego.id} for key, ego in zip(episode.keys, config.egos, strict=True))
+    return tuple(
+        {**records.row_defaults(), **known, "key": key, "ego": ego.id}
+        for key, ego in zip(episode.keys, config.egos, strict=True)
+    )
 
 
 def _prediction(config: ScenarioConfig) -> str | None:
@@ -99,31 +124,51 @@ def _prediction(config: ScenarioConfig) -> str | None:
         return None
 
 
-def rehearse(config: ScenarioConfig, seed: int | None, decide: bool = True, measured: Sequence[str] = (), look: bool = False) -> str:
-    """Start a scenario, up to the first decision where that is soon or `look` asks for it, and `decide` once, so that the search is compiled. Returns what is
-    wrong with the input, "" if nothing. Raises as `drive` does."""
+def rehearse(
+    config: ScenarioConfig,
+    seed: int | None,
+    decide: bool = True,
+    measured: Sequence[str] = (),
+    look: bool = False,
+) -> str:
+    """Start a scenario, up to the first decision where that is soon or `look` asks for it, and
+    `decide` once, so that the search is compiled. Returns what is wrong with the input, "" if
+    nothing. Raises as `drive` does."""
     loop = Loop(config, seed, sumo_options=without_outputs(config.sumo), measured=measured)
     try:
         loop.start()
-        Driver(config, loop.world.road, loop.world.physics, 0, loop.oracles)  # plugins check their options
+        Driver(
+            config, loop.world.road, loop.world.physics, 0, loop.oracles
+        )  # plugins check their options
         if decide:
             with announced(_nothing):  # the batch says it
                 warm_up(config, loop.world.road, loop.world.physics)
         if look or {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}:
             loop.scenes()  # until the egos are taken over, which is soon
-    except Exception as error:  # libsumo's exceptions share no base, and do not travel between processes
+    except (
+        Exception
+    ) as error:  # libsumo's exceptions share no base, and do not travel between processes
         if of_machine(error):
             raise
-        return " ".join((str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}").split())
+        return " ".join(
+            (
+                str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}"
+            ).split()
+        )
     finally:
         loop.close()
     return ""
 
 
 def require_starting(config: ScenarioConfig, seed: int | None) -> None:
-    """Raise ConfigError where a scenario does not start, or egos that depart soon cannot do what is asked of them."""
-    episode = config.episode.model_copy(update={"depart_limit_s": min(SOON_S, config.episode.depart_limit_s)})
-    problem = rehearse(config.model_copy(update={"episode": episode}), seed, decide=False, look=True)
+    """Raise ConfigError where a scenario does not start, or egos that depart soon cannot do what is
+    asked of them."""
+    episode = config.episode.model_copy(
+        update={"depart_limit_s": min(SOON_S, config.episode.depart_limit_s)}
+    )
+    problem = rehearse(
+        config.model_copy(update={"episode": episode}), seed, decide=False, look=True
+    )
     if problem:
         raise ConfigError(problem)
 
@@ -135,12 +180,17 @@ def _nothing(_: str) -> None:
 def choose(config: ScenarioConfig, egos: Egos) -> tuple[str, ...]:
     """The egos of a user's network. Raises ConfigError where there are none such."""
     check_edges(config, known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net)))
-    return _drawn(config, egos.random, egos.seed) if egos.random is not None else _known(config, egos.ids)
+    return (
+        _drawn(config, egos.random, egos.seed)
+        if egos.random is not None
+        else _known(config, egos.ids)
+    )
 
 
 def some_egos(config: ScenarioConfig, egos: Egos, patience_s: float) -> tuple[str, ...]:
-    """Egos to try a user's network with: those that are named, or the first that is suitable, if one departs within so many seconds of this clock. Raises
-    ConfigError where the .sumocfg is none."""
+    """Egos to try a user's network with: those that are named, or the first that is suitable, if
+    one departs within so many seconds of this clock. Raises ConfigError where the .sumocfg is none.
+    """
     if egos.ids:
         return egos.ids
     found = _look(config, lambda candidate: candidate.suitable, patience_s)
@@ -159,7 +209,10 @@ def _drawn(config: ScenarioConfig, count: int, seed: int) -> tuple[str, ...]:
     _look(config, found)
     if len(suitable) < count:
         passing = "" if config.egos[0].until is None else f" and pass edge {config.egos[0].until}"
-        raise ConfigError(f"egos: random: asks for {count}, {len(suitable)} suitable vehicles depart within {config.episode.depart_limit_s:g} s{passing}")
+        raise ConfigError(
+            f"egos: random: asks for {count}, {len(suitable)} suitable vehicles depart within "
+            f"{config.episode.depart_limit_s:g} s{passing}"
+        )
     chosen = np.random.default_rng(seed).choice(len(suitable), count, replace=False)
     return tuple(suitable[k] for k in sorted(chosen.tolist()))
 
@@ -173,18 +226,35 @@ def _known(config: ScenarioConfig, ids: Sequence[str]) -> tuple[str, ...]:
         return not missing
 
     departed, until = _look(config, found), config.egos[0].until
-    astray = [candidate.id for candidate in departed if candidate.id in ids and until is not None and candidate.why_not == not_passing(until)]
+    astray = [
+        candidate.id
+        for candidate in departed
+        if candidate.id in ids and until is not None and candidate.why_not == not_passing(until)
+    ]
     if astray:
         raise ConfigError(f"egos: {min(astray)}: until: {not_passing(str(until))}")
     if missing:
         some = ", ".join(candidate.id for candidate in departed[:5]) or "none at all"
-        raise ConfigError(f"egos: {min(missing)}: no such vehicle departs within {config.episode.depart_limit_s:g} s; the first that do: {some}")
+        raise ConfigError(
+            f"egos: {min(missing)}: no such vehicle departs within "
+            f"{config.episode.depart_limit_s:g} s; the first that do: {some}"
+        )
     return tuple(ids)
 
 
-def _look(config: ScenarioConfig, found: Callable[[Candidate], bool], patience_s: float = math.inf) -> list[Candidate]:
-    """The vehicles that depart, until `found` says that it is enough, or so late that an episode would not have waited for them, or patience ends."""
+def _look(
+    config: ScenarioConfig, found: Callable[[Candidate], bool], patience_s: float = math.inf
+) -> list[Candidate]:
+    """The vehicles that depart, until `found` says that it is enough, or so late that an episode
+    would not have waited for them, or patience ends."""
     limit = config.episode.depart_limit_s
     with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as folder:
         arguments = sumo_arguments(config, None, Cast(), Path(folder), without_outputs(config.sumo))
-        return candidates(arguments, sys.maxsize, found, until=config.egos[0].until, patience_s=patience_s, lasting_s=limit)
+        return candidates(
+            arguments,
+            sys.maxsize,
+            found,
+            until=config.egos[0].until,
+            patience_s=patience_s,
+            lasting_s=limit,
+        )

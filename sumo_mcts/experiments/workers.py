@@ -1,4 +1,5 @@
-"""Who drives the episodes of a batch, behind `concurrent.futures.Executor`: processes of this machine, or a dask cluster."""
+"""Who drives the episodes of a batch, behind `concurrent.futures.Executor`: processes of this
+machine, or a dask cluster."""
 
 import logging
 import multiprocessing
@@ -24,7 +25,9 @@ from sumo_mcts.experiments.experiment import DECIDING
 from sumo_mcts.process.supervisor import die_with_parent, silence_libraries
 
 PATIENCE_S = 3.0  # for a worker that was told to end, before it is killed
-LONGEST = 200  # tasks of one process, then a new one takes over: it grows by 4 MB in a hundred episodes
+LONGEST = (
+    200  # tasks of one process, then a new one takes over: it grows by 4 MB in a hundred episodes
+)
 ANSWER_S = 20.0  # for a scheduler, whatever it is asked
 AHEAD = 2  # episodes handed out for each worker: one that it drives, and the next
 
@@ -34,7 +37,10 @@ _Task = tuple[Future[Any], tuple[Callable[..., Any], tuple[Any, ...], dict[str, 
 
 
 class DeadWorkerError(Exception):
-    """The process that was at work is gone. `shortage`: it was killed from outside, as a system without memory does."""
+    """The process that was at work is gone.
+
+    `shortage`: it was killed from outside, as a system without memory does.
+    """
 
     def __init__(self, message: str, *, shortage: bool = False) -> None:
         super().__init__(message)
@@ -66,7 +72,10 @@ def here() -> Iterator[Crew]:
 
 @contextmanager
 def local(count: int, patience_s: float | None = None) -> Iterator[Crew]:
-    """`count` processes of this machine. They end with the context, whatever they are doing. `patience_s`: how long a task may take, s."""
+    """`count` processes of this machine.
+
+    They end with the context, whatever they are doing. `patience_s`: how long a task may take, s.
+    """
     pool = LocalPool(count, patience_s=patience_s)
     try:
         yield Crew(pool, lambda: AHEAD * count, DeadWorkerError)
@@ -76,7 +85,9 @@ def local(count: int, patience_s: float | None = None) -> Iterator[Crew]:
 
 @contextmanager
 def cluster(address: str) -> Iterator[Crew]:
-    """The workers of a dask.distributed scheduler. Raises ConfigError where there are none such, or other versions than here.
+    """The workers of a dask.distributed scheduler.
+
+    Raises ConfigError where there are none such, or other versions than here.
 
     A scheduler that is there and answers nothing is given up after ANSWER_S, then and later.
     """
@@ -84,23 +95,32 @@ def cluster(address: str) -> Iterator[Crew]:
         from distributed import Client
         from distributed.scheduler import KilledWorker
     except ImportError:
-        raise ConfigError("--scheduler: needs dask.distributed: pip install 'sumo-mcts[cluster]'") from None
+        raise ConfigError(
+            "--scheduler: needs dask.distributed: pip install 'sumo-mcts[cluster]'"
+        ) from None
     with _unheard("distributed"):
         try:
             client: Any = _answer(lambda: Client(address, timeout=ANSWER_S, set_as_default=False))  # type: ignore[no-untyped-call]
         except (OSError, ValueError) as error:
-            raise ConfigError(f"--scheduler {address}: no scheduler answers: {in_one_line(error)}") from None
+            raise ConfigError(
+                f"--scheduler {address}: no scheduler answers: {in_one_line(error)}"
+            ) from None
         try:
             _check_workers(client, address)
             executor = client.get_executor(pure=False)
-            yield Crew(executor, lambda: AHEAD * max(1, len(_answer(client.nthreads))), KilledWorker)
+            yield Crew(
+                executor, lambda: AHEAD * max(1, len(_answer(client.nthreads))), KilledWorker
+            )
         finally:
             with suppress(OSError):
                 _answer(client.close)
 
 
 def _answer(ask: Callable[[], _T]) -> _T:
-    """What a call to a scheduler returns. Raises TimeoutError where nothing comes within ANSWER_S, whatever time limits the library has."""
+    """What a call to a scheduler returns.
+
+    Raises TimeoutError where nothing comes within ANSWER_S, whatever time limits the library has.
+    """
     answer: Future[_T] = Future()
 
     def wait() -> None:
@@ -118,8 +138,13 @@ def _answer(ask: Callable[[], _T]) -> _T:
 
 @contextmanager
 def _unheard(package: str) -> Iterator[None]:
-    """A package logs nothing meanwhile: what it has to say of a lost scheduler, tracebacks too, is told in a line of ours."""
-    known = [logging.getLogger(name) for name in list(logging.root.manager.loggerDict) if name.partition(".")[0] == package]
+    """A package logs nothing meanwhile: what it has to say of a lost scheduler, tracebacks too, is
+    told in a line of ours."""
+    known = [
+        logging.getLogger(name)
+        for name in list(logging.root.manager.loggerDict)
+        if name.partition(".")[0] == package
+    ]
     heard = [logger for logger in known if not logger.disabled]
     for logger in heard:
         logger.disabled = True
@@ -131,15 +156,24 @@ def _unheard(package: str) -> Iterator[None]:
 
 
 def _check_workers(client: Any, address: str) -> None:
-    """Raise ConfigError where a worker could not give our results. One SUMO runs in a process, so a worker has to have one thread."""
+    """Raise ConfigError where a worker could not give our results.
+
+    One SUMO runs in a process, so a worker has to have one thread.
+    """
     threads = _answer(client.nthreads)
     if any(count != 1 for count in threads.values()):
-        raise ConfigError(f"--scheduler {address}: a worker has {max(threads.values())} threads; start them with --nthreads 1 (and --nworkers N)")
+        raise ConfigError(
+            f"--scheduler {address}: a worker has {max(threads.values())} threads; start them with "
+            "--nthreads 1 (and --nworkers N)"
+        )
     here = records.versions()
     for worker, there in _answer(lambda: client.run(records.versions)).items():
         for name in DECIDING:
             if there[name] != here[name]:
-                raise ConfigError(f"--scheduler {address}: {name} is {there[name]} on worker {worker}, {here[name]} here")
+                raise ConfigError(
+                    f"--scheduler {address}: {name} is {there[name]} on worker {worker}, "
+                    f"{here[name]} here"
+                )
 
 
 class _Alone(Executor):
@@ -153,7 +187,8 @@ class _Alone(Executor):
 
 
 class LocalPool(Executor):
-    """Processes that are started anew (spawned, not forked) where one died, which costs the task that it was at and no other.
+    """Processes that are started anew (spawned, not forked) where one died, which costs the task
+    that it was at and no other.
 
     `ProcessPoolExecutor` fails all tasks with one, and does not tell which it was.
     """
@@ -167,8 +202,11 @@ class LocalPool(Executor):
         self._lock = threading.Lock()
         self._ending = self._cancelled = False
         if sys.platform != "win32":
-            resource_tracker.ensure_running()  # its start would unblock the signal that _tend blocks
-        self._threads = [threading.Thread(target=self._tend, args=(k,), daemon=True) for k in range(count)]
+            # its start would unblock the signal that _tend blocks
+            resource_tracker.ensure_running()
+        self._threads = [
+            threading.Thread(target=self._tend, args=(k,), daemon=True) for k in range(count)
+        ]
         for thread in self._threads:
             thread.start()
 
@@ -178,7 +216,8 @@ class LocalPool(Executor):
             return [worker.process.pid or 0 for worker in self._workers.values()]
 
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
-        """Hand out a task; its future raises DeadWorkerError where the process is gone before it is done, SilentWorkerError where it takes too long."""
+        """Hand out a task; its future raises DeadWorkerError where the process is gone before it is
+        done, SilentWorkerError where it takes too long."""
         if self._ending:
             raise RuntimeError("the pool has been shut down")
         future: Future[_T] = Future()
@@ -186,7 +225,8 @@ class LocalPool(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes: after all tasks, or at once with `cancel_futures`, those at work too."""
+        """End the processes: after all tasks, or at once with `cancel_futures`, those at work
+        too."""
         self._ending = True
         if cancel_futures:
             self._end_now()
@@ -198,7 +238,8 @@ class LocalPool(Executor):
             self._scratch.cleanup()
 
     def _end_now(self) -> None:
-        """Take back what is not begun, and end the processes; those that do not heed it are killed."""
+        """Take back what is not begun, and end the processes; those that do not heed it are
+        killed."""
         with self._lock:
             self._cancelled = True
             processes = [worker.process for worker in self._workers.values()]
@@ -207,7 +248,10 @@ class LocalPool(Executor):
                 task[0].cancel()
         for process in processes:
             process.terminate()
-        until, left = time.monotonic() + PATIENCE_S, {process.sentinel: process for process in processes}
+        until, left = (
+            time.monotonic() + PATIENCE_S,
+            {process.sentinel: process for process in processes},
+        )
         while left and time.monotonic() < until:
             for sentinel in ended(list(left), until - time.monotonic()):
                 del left[sentinel]  # type: ignore[arg-type]  # sentinels are what we wait for
@@ -217,7 +261,9 @@ class LocalPool(Executor):
     def _tend(self, number: int) -> None:
         """Give one worker its tasks, one at a time."""
         if sys.platform != "win32":
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})  # inherited: they are for the main process alone
+            signal.pthread_sigmask(
+                signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP}
+            )  # inherited: they are for the main process alone
         while (task := self._tasks.get()) is not None:
             future, call = task
             if future.set_running_or_notify_cancel():
@@ -234,7 +280,9 @@ class LocalPool(Executor):
         self._bury(number)
 
     def _worker(self, number: int) -> "_Worker":
-        with self._lock:  # starting processes from several threads at a time is not promised to work
+        with (
+            self._lock
+        ):  # starting processes from several threads at a time is not promised to work
             if self._cancelled:
                 raise DeadWorkerError("the pool was shut down")
             if number not in self._workers:
@@ -256,12 +304,17 @@ class _Worker:
         self.answered = 0
         self._pipe, theirs = context.Pipe()
         self._scratch = tempfile.TemporaryDirectory(dir=scratch, ignore_cleanup_errors=True)
-        self.process: SpawnProcess = context.Process(target=_work, args=(theirs, self._scratch.name), daemon=True)
+        self.process: SpawnProcess = context.Process(
+            target=_work, args=(theirs, self._scratch.name), daemon=True
+        )
         self.process.start()
         theirs.close()  # so that the pipe ends with the process
 
     def ask(self, call: object, patience_s: float | None) -> tuple[bool, Any]:
-        """Whether the call returned, and its value or exception. Raises DeadWorkerError, and SilentWorkerError after `patience_s`; None: never."""
+        """Whether the call returned, and its value or exception.
+
+        Raises DeadWorkerError, and SilentWorkerError after `patience_s`; None: never.
+        """
         try:
             self._pipe.send(call)
             if not self._pipe.poll(patience_s):
@@ -271,7 +324,9 @@ class _Worker:
         except (EOFError, OSError):
             self.process.join(PATIENCE_S)
             code = self.process.exitcode
-            raise DeadWorkerError(f"the worker died ({_cause(code)})", shortage=code == -signal.SIGKILL) from None
+            raise DeadWorkerError(
+                f"the worker died ({_cause(code)})", shortage=code == -signal.SIGKILL
+            ) from None
         self.answered += 1
         return answer
 
@@ -293,7 +348,10 @@ def _cause(code: int | None) -> str:
 
 
 def _work(pipe: Connection, scratch: str) -> None:
-    """What a worker process does: answer calls until nobody is there any more. Its temporary files lie in `scratch`, so that others can remove them."""
+    """What a worker process does: answer calls until nobody is there any more.
+
+    Its temporary files lie in `scratch`, so that others can remove them.
+    """
     tempfile.tempdir = scratch
     silence_libraries()
     die_with_parent()

@@ -1,4 +1,5 @@
-"""How the ego meets the others: distances, gaps, contact and right of way, the inputs of the cost of safety."""
+"""How the ego meets the others: distances, gaps, contact and right of way, the inputs of the cost
+of safety."""
 
 import math
 from typing import NamedTuple
@@ -50,9 +51,15 @@ from sumo_mcts.numerics.krauss import CAREFUL_S, STANDSTILL, USUAL_S, safe_gap, 
 from sumo_mcts.scene import Floats
 
 SIGHT = 80.0  # m beyond which an agent is not looked at
-TAKEN = 2.5  # m/s by which a careful driver has to slow down for a lane change of the ego that costs as much as a second in its way,
-TAKEN_SHARE = 0.2  # or this share of its speed, where that is more: on motorways nobody keeps a careful driver's distance
-WAY_ROUND = 0.1  # share of a claim that it costs to stand in the way of somebody on foot: a whole one would be dearer than a contact
+# m/s by which a careful driver has to slow down for a lane change of the ego that costs as much as
+# a second in its way,
+TAKEN = 2.5
+# or this share of its speed, where that is more: on motorways nobody keeps a careful driver's
+# distance
+TAKEN_SHARE = 0.2
+# share of a claim that it costs to stand in the way of somebody on foot: a whole one would be
+# dearer than a contact
+WAY_ROUND = 0.1
 
 
 class Meeting(NamedTuple):
@@ -67,23 +74,42 @@ class Meeting(NamedTuple):
 
 
 @inlined
-def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats, followers: int, index: int) -> Meeting:
+def meet(
+    local: Local,
+    p: EgoParams,
+    c: CostParams,
+    state: State,
+    others: Floats,
+    followers: int,
+    index: int,
+) -> Meeting:
     """Contacts, headway and claims at forecast time `index`; `others` as in model/react.py."""
     x, y, cs, sn = pose_of(local, p, state)
     now = min(index, local.agent.shape[0] - 1)
     box = Box(x, y, cs, sn, p.half_length, p.half_width)
-    wide = Box(x, y, cs, sn, p.half_length, p.half_width + (local.aside if state.progress > 0.0 else 0.0))
+    wide = Box(
+        x, y, cs, sn, p.half_length, p.half_width + (local.aside if state.progress > 0.0 else 0.0)
+    )
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
     own = wide.half_length + wide.half_width + 0.5 * state.v * local.dt + 0.01
     for i in range(local.agent.shape[1]):
         node, moved = int(local.agent[now, i, NODE]), local.trait[i, SLOT] >= 0.0
-        if node == GONE or abs(local.agent[now, i, X] - x) > SIGHT or abs(local.agent[now, i, Y] - y) > SIGHT:
+        if (
+            node == GONE
+            or abs(local.agent[now, i, X] - x) > SIGHT
+            or abs(local.agent[now, i, Y] - y) > SIGHT
+        ):
             continue
         near = moved or _near(local, x, y, own, now, i)
         comes_to = upstream_of(node) if state.progress > 0.0 else -1
         if node < 0 and comes_to < 0 and not near:
             continue
-        bx, by, bc, bs = local.agent[now, i, X], local.agent[now, i, Y], local.agent[now, i, COS], local.agent[now, i, SIN]
+        bx, by, bc, bs = (
+            local.agent[now, i, X],
+            local.agent[now, i, Y],
+            local.agent[now, i, COS],
+            local.agent[now, i, SIN],
+        )
         v, s, at = local.agent[now, i, V], local.agent[now, i, S], now
         if moved:
             bx, by, bc, bs, v, s, at = seen(local, others, i, now)
@@ -97,14 +123,24 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
             to_ego = _gap_behind(local, state, node, s)
             if not moved and behind and (to_agent < math.inf or to_ego < math.inf):
                 continue  # the table has it where it would be without the ego
-            to_rear = min(to_agent - 2.0 * length if to_agent >= 0.0 else math.inf, _to_leaving(local, state, i, s, now))
+            to_rear = min(
+                to_agent - 2.0 * length if to_agent >= 0.0 else math.inf,
+                _to_leaving(local, state, i, s, now),
+            )
             if to_rear < gap:
                 gap, leader_v = to_rear, v
             if state.progress > 0.0 and _beside_in_lane(local, p, state, node, s, length):
                 return Meeting(True, rate, once, gap, leader_v, followers)
             if state.progress > 0.0 and _leaves(local, i, now) >= 0:
-                to_ego = min(to_ego, chain_gap(local, _leaves(local, i, now), s, _target(state), state.s))
-        if not behind and local.trait[i, BIT] >= 0.0 and local.trait[i, REACTS] > 0.0 and 0.0 < to_ego < math.inf:
+                to_ego = min(
+                    to_ego, chain_gap(local, _leaves(local, i, now), s, _target(state), state.s)
+                )
+        if (
+            not behind
+            and local.trait[i, BIT] >= 0.0
+            and local.trait[i, REACTS] > 0.0
+            and 0.0 < to_ego < math.inf
+        ):
             price = _cut_in(c, to_ego - 2.0 * p.half_length, v, state.v)
             if price >= 0.0:
                 followers |= 1 << int(local.trait[i, BIT])
@@ -115,7 +151,19 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
                 rate += c.claim
         if not near:
             continue
-        nearness = _nearness(local, c, state, box, wide, Box(bx, by, bc, bs, length, local.trait[i, HALF_WIDTH]), v, at, now, i, moved)
+        nearness = _nearness(
+            local,
+            c,
+            state,
+            box,
+            wide,
+            Box(bx, by, bc, bs, length, local.trait[i, HALF_WIDTH]),
+            v,
+            at,
+            now,
+            i,
+            moved,
+        )
         if math.isinf(nearness):
             return Meeting(True, rate, once, gap, leader_v, followers)
         rate += nearness
@@ -125,21 +173,41 @@ def meet(local: Local, p: EgoParams, c: CostParams, state: State, others: Floats
 
 
 @inlined
-def _nearness(local: Local, c: CostParams, state: State, box: Box, wide: Box, other: Box, v: float, at: int, now: int, i: int, moved: bool) -> float:
+def _nearness(
+    local: Local,
+    c: CostParams,
+    state: State,
+    box: Box,
+    wide: Box,
+    other: Box,
+    v: float,
+    at: int,
+    now: int,
+    i: int,
+    moved: bool,
+) -> float:
     """Cost per second of how near agent i is, whose box is `other`; inf: contact."""
-    round_it = local.trait[i, GOES_ROUND] > 0.0 and state.v == 0.0 and state.a == 0.0  # with a it may have come to its stand in this step
+    round_it = (
+        local.trait[i, GOES_ROUND] > 0.0 and state.v == 0.0 and state.a == 0.0
+    )  # with a it may have come to its stand in this step
     if _touch(local, state, wide, other, v, at, i):
         return WAY_ROUND * c.claim if round_it else math.inf
     if moved:
         return 0.0
-    return (WAY_ROUND if round_it else 1.0) * (_late(local, c, state, box, now, i) + _claim(local, c, state, box, now, i))
+    return (WAY_ROUND if round_it else 1.0) * (
+        _late(local, c, state, box, now, i) + _claim(local, c, state, box, now, i)
+    )
 
 
 @kernel
 def _near(local: Local, x: float, y: float, own: float, now: int, i: int) -> bool:
-    """Whether the box of agent i, or what it claims, can be within `own` m of the ego: one look instead of several."""
+    """Whether the box of agent i, or what it claims, can be within `own` m of the ego: one look
+    instead of several."""
     reach = local.reach[now, i]
-    return reach[WEST] - own <= x <= reach[EAST] + own and reach[SOUTH] - own <= y <= reach[NORTH] + own
+    return (
+        reach[WEST] - own <= x <= reach[EAST] + own
+        and reach[SOUTH] - own <= y <= reach[NORTH] + own
+    )
 
 
 @kernel
@@ -154,8 +222,15 @@ def _headway(c: CostParams, gap: float, v: float) -> float:
 
 @inlined
 def _touch(local: Local, state: State, box: Box, other: Box, v: float, at: int, i: int) -> bool:
-    """Whether the ego's box touches that of agent i, who drives at v and is where it was to be at forecast time `at`."""
-    close = box.half_length + other.half_length + box.half_width + other.half_width + 0.5 * (state.v + v) * local.dt
+    """Whether the ego's box touches that of agent i, who drives at v and is where it was to be at
+    forecast time `at`."""
+    close = (
+        box.half_length
+        + other.half_length
+        + box.half_width
+        + other.half_width
+        + 0.5 * (state.v + v) * local.dt
+    )
     if abs(other.x - box.x) >= close or abs(other.y - box.y) >= close:
         return False
     if not boxes_touch(_swept(box, state.v * local.dt), _swept(other, v * local.dt)):
@@ -165,13 +240,17 @@ def _touch(local: Local, state: State, box: Box, other: Box, v: float, at: int, 
 
 @kernel
 def _swept(box: Box, way: float) -> Box:
-    """A box longer by what is driven until half-way to the next check, at both ends: nobody slips through between two."""
+    """A box longer by what is driven until half-way to the next check, at both ends: nobody slips
+    through between two."""
     return Box(box.x, box.y, box.cos, box.sin, box.half_length + 0.5 * way, box.half_width)
 
 
 @kernel
-def place_is_free(local: Local, p: EgoParams, c: CostParams, changed: State, index: int, most: float = math.inf) -> bool:
-    """Whether a change that begins now (`changed`: the state right after it began) leaves everybody who reacts a gap to cope with, which costs at `most`."""
+def place_is_free(
+    local: Local, p: EgoParams, c: CostParams, changed: State, index: int, most: float = math.inf
+) -> bool:
+    """Whether a change that begins now (`changed`: the state right after it began) leaves everybody
+    who reacts a gap to cope with, which costs at `most`."""
     now = min(index, local.agent.shape[0] - 1)
     target = changed.other if changed.other >= 0 else changed.node
     for i in range(local.agent.shape[1]):
@@ -183,7 +262,11 @@ def place_is_free(local: Local, p: EgoParams, c: CostParams, changed: State, ind
         behind = chain_gap(local, max(node, comes_to), s, target, changed.s)
         if left >= 0:
             behind = min(behind, chain_gap(local, left, s, target, changed.s))
-        price = _cut_in(c, behind - 2.0 * p.half_length, local.agent[now, i, V], changed.v) if 0.0 <= behind < math.inf else 0.0
+        price = (
+            _cut_in(c, behind - 2.0 * p.half_length, local.agent[now, i, V], changed.v)
+            if 0.0 <= behind < math.inf
+            else 0.0
+        )
         if price < 0.0 or price > most:
             return False
         if comes_to >= 0:
@@ -191,7 +274,9 @@ def place_is_free(local: Local, p: EgoParams, c: CostParams, changed: State, ind
         ahead = chain_gap(local, target, changed.s, node, s) - 2.0 * local.trait[i, HALF_LENGTH]
         closing = max(0.0, changed.v - local.agent[now, i, V])
         beside = ahead < 0.5 <= ahead + 2.0 * local.trait[i, HALF_LENGTH]
-        if beside or (behind == math.inf and closing * closing > 2.0 * p.comfort_decel * max(ahead - 0.5, 0.0)):
+        if beside or (
+            behind == math.inf and closing * closing > 2.0 * p.comfort_decel * max(ahead - 0.5, 0.0)
+        ):
             return False
     return True
 
@@ -204,7 +289,8 @@ def _target(state: State) -> int:
 
 @kernel
 def _gap_ahead(local: Local, state: State, node: int, s: float) -> float:
-    """m from the ego's front to an agent's front, down the ego's lane or the other lane of its change; inf: not there."""
+    """m from the ego's front to an agent's front, down the ego's lane or the other lane of its
+    change; inf: not there."""
     gap = chain_gap(local, state.node, state.s, node, s)
     if state.other >= 0:
         gap = min(gap, chain_gap(local, state.other, state.s, node, s))
@@ -213,7 +299,8 @@ def _gap_ahead(local: Local, state: State, node: int, s: float) -> float:
 
 @kernel
 def _to_leaving(local: Local, state: State, i: int, s: float, now: int) -> float:
-    """m from the ego's front to the rear of an agent that is ahead, in another lane already but not yet wholly out of the ego's; inf: it is not."""
+    """m from the ego's front to the rear of an agent that is ahead, in another lane already but not
+    yet wholly out of the ego's; inf: it is not."""
     left = _leaves(local, i, now)
     if left < 0:
         return math.inf
@@ -223,13 +310,17 @@ def _to_leaving(local: Local, state: State, i: int, s: float, now: int) -> float
 
 @kernel
 def _leaves(local: Local, i: int, now: int) -> int:
-    """The node of the lane that an agent leaves and is not yet wholly out of; -1: none. Whoever moves in front of it there makes it brake."""
+    """The node of the lane that an agent leaves and is not yet wholly out of; -1: none.
+
+    Whoever moves in front of it there makes it brake.
+    """
     return int(local.trait[i, BESIDE]) if now <= local.trait[i, UNTIL] else -1
 
 
 @kernel
 def _gap_behind(local: Local, state: State, node: int, s: float) -> float:
-    """m from an agent's front to the ego's front, down the agent's lane; inf: its lane does not lead to the ego."""
+    """m from an agent's front to the ego's front, down the agent's lane; inf: its lane does not
+    lead to the ego."""
     gap = chain_gap(local, node, s, state.node, state.s)
     if state.other >= 0:
         gap = min(gap, chain_gap(local, node, s, state.other, state.s))
@@ -237,10 +328,15 @@ def _gap_behind(local: Local, state: State, node: int, s: float) -> float:
 
 
 @kernel
-def _beside_in_lane(local: Local, p: EgoParams, state: State, node: int, s: float, half_length: float) -> bool:
-    """Whether an agent is beside the ego in the lane that the ego counts to: SUMO calls that a collision, however far aside the ego has moved.
+def _beside_in_lane(
+    local: Local, p: EgoParams, state: State, node: int, s: float, half_length: float
+) -> bool:
+    """Whether an agent is beside the ego in the lane that the ego counts to:
 
-    It looks before it moves vehicles over, so that at half time the old lane counts for a step more, and another one for its rounding.
+    SUMO calls that a collision, however far aside the ego has moved.
+
+    It looks before it moves vehicles over, so that at half time the old lane counts for a step
+    more, and another one for its rounding.
     """
     lasts = 2.5 * p.step / p.change_duration if p.change_duration > 0.0 else 0.5
     old = 0.5 < state.progress < 0.5 + lasts and state.other >= 0
@@ -252,18 +348,22 @@ def _beside_in_lane(local: Local, p: EgoParams, state: State, node: int, s: floa
 
 @kernel
 def _cut_in(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float:
-    """Cost of moving in front of a follower (gap m, speeds m/s): what speed it takes from a careful driver; -1 where nobody could cope."""
+    """Cost of moving in front of a follower (gap m, speeds m/s): what speed it takes from a careful
+    driver; -1 where nobody could cope."""
     closing = max(0.0, follower_v - ego_v)
     if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel * (gap - 1.0):
         return -1.0
-    leads_with = min(ego_v, follower_v)  # an ego that is faster now may be so no longer when somebody slows down ahead of it
+    leads_with = min(
+        ego_v, follower_v
+    )  # an ego that is faster now may be so no longer when somebody slows down ahead of it
     taken = max(0.0, follower_v - safe_speed(gap - STANDSTILL, leads_with, CAREFUL_S))
     return c.claim * taken / max(TAKEN, TAKEN_SHARE * follower_v)
 
 
 @kernel
 def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: int) -> float:
-    """Cost per second of being inside a junction while somebody with the right of way comes near: drivers brake for whoever is on it."""
+    """Cost per second of being inside a junction while somebody with the right of way comes near:
+    drivers brake for whoever is on it."""
     rate = 0.0
     for k in range(local.duty.shape[0]):
         node, i = int(local.duty[k, NODE_OF]), int(local.duty[k, WHO])
@@ -273,8 +373,11 @@ def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: in
         if left == math.inf or left + 2.0 * p.half_length < 0.0:
             continue
         distance = local.duty[k, ENTERS] - local.agent[now, i, DRIVEN]
-        # Who crosses its way is to a driver in SUMO as good as standing there; who merges drives ahead of it.
-        needed = STANDSTILL + safe_gap(local.agent[now, i, V], state.v if local.duty[k, MERGES] > 0.0 else 0.0, USUAL_S)
+        # Who crosses its way is to a driver in SUMO as good as standing there; who merges drives
+        # ahead of it.
+        needed = STANDSTILL + safe_gap(
+            local.agent[now, i, V], state.v if local.duty[k, MERGES] > 0.0 else 0.0, USUAL_S
+        )
         if 0.0 < distance < needed:
             rate = max(rate, c.claim * min(1.0, 0.5 + 2.0 * (1.0 - distance / needed)))
     return rate
@@ -282,7 +385,8 @@ def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: in
 
 @inlined
 def _claim(local: Local, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
-    """Cost per second of standing where the agent will be within claim_s; the sooner, the dearer."""
+    """Cost per second of standing where the agent will be within claim_s; the sooner, the
+    dearer."""
     if local.trait[i, POLITE] != 0.0:
         return 0.0
     for k in range(1, CLAIM_SAMPLES + 1):
@@ -290,17 +394,24 @@ def _claim(local: Local, c: CostParams, state: State, box: Box, now: int, i: int
         if at >= local.agent.shape[0] or local.agent[at, i, NODE] == GONE:
             return 0.0
         if _touches(local, box, at, i):
-            return 0.0 if apart(local, state.node, state.s, 2.0 * box.half_length, at, i) else c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
+            return (
+                0.0
+                if apart(local, state.node, state.s, 2.0 * box.half_length, at, i)
+                else c.claim * (1.0 - (k - 1.0) / CLAIM_SAMPLES)
+            )
     return 0.0
 
 
 @inlined
 def _late(local: Local, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
-    """Cost per second of being where the agent still is if it comes a little later than its forecast."""
+    """Cost per second of being where the agent still is if it comes a little later than its
+    forecast."""
     at = now - int(LATE / local.dt + 0.5)
     if at < 0 or local.agent[at, i, NODE] == GONE:
         return 0.0
-    if not _touches(local, box, at, i) or apart(local, state.node, state.s, 2.0 * box.half_length, at, i):
+    if not _touches(local, box, at, i) or apart(
+        local, state.node, state.s, 2.0 * box.half_length, at, i
+    ):
         return 0.0
     return c.claim * 0.5
 
@@ -313,4 +424,6 @@ def _touches(local: Local, box: Box, at: int, i: int) -> bool:
     x, y = local.agent[at, i, X], local.agent[at, i, Y]
     if abs(x - box.x) >= reach or abs(y - box.y) >= reach:
         return False
-    return boxes_touch(box, Box(x, y, local.agent[at, i, COS], local.agent[at, i, SIN], length, width))
+    return boxes_touch(
+        box, Box(x, y, local.agent[at, i, COS], local.agent[at, i, SIN], length, width)
+    )

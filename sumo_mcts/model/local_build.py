@@ -12,17 +12,38 @@ from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.signals import signal_states
 from sumo_mcts.prediction.paths import Ahead, Areas, ahead_of, areas_of, leads_to
 from sumo_mcts.prediction.poses import SIDEWAYS
-from sumo_mcts.scene import GREEN, YELLOW, Agents, Bools, EgoState, Floats, Forecast, Indices, Ints, RoadMap, Scene, Signals
+from sumo_mcts.scene import (
+    GREEN,
+    YELLOW,
+    Agents,
+    Bools,
+    EgoState,
+    Floats,
+    Forecast,
+    Indices,
+    Ints,
+    RoadMap,
+    Scene,
+    Signals,
+)
 
-BACK = UPSTREAM_VIEW  # m of the route behind the ego where followers are seen: as far as on the lanes that lead into it
+# m of the route behind the ego where followers are seen: as far as on the lanes that lead into it
+BACK = UPSTREAM_VIEW
 VIEW = 400.0  # m of the route ahead that a search may see
 JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are looked at
-RED_DECEL = 6.0  # m/s2 beyond which nobody stops for red: whoever has to, since yellow was short or it departs before a red light
-AHEAD_S = 14.4  # s of driving before a lane is lost at which a lane change that the route needs begins to be urgent,
+# m/s2 beyond which nobody stops for red: whoever has to, since yellow was short or it departs
+# before a red light
+RED_DECEL = 6.0
+# s of driving before a lane is lost at which a lane change that the route needs begins to be
+# urgent,
+AHEAD_S = 14.4
 GROWS_S = 9.0  # and in which it becomes so altogether,
 URBAN = 13.9  # m/s at the limit, or this: 200 m in town
-PACE_VIEW = 100.0  # m before and behind the ego in which the speed of those that it has to move between is looked at
-ASIDE = 0.2  # m kept clear aside by a lane change yet to begin, half of it by one that is under way: else every inaccuracy would stop it half-way
+# m before and behind the ego in which the speed of those that it has to move between is looked at
+PACE_VIEW = 100.0
+# m kept clear aside by a lane change yet to begin, half of it by one that is under way: else every
+# inaccuracy would stop it half-way
+ASIDE = 0.2
 FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
 MOST_FOLLOWERS = 63  # bits of a mask
 CRAWLS = 1.0  # m/s below which people may take the ego for one that stops for them
@@ -30,7 +51,8 @@ CHAIN = 250.0  # m beyond its end over which one lane is followed into the next
 
 
 def window(route: RouteMap, here: float) -> tuple[int, int]:
-    """[first, last): the nodes of the route's edges from BACK metres behind to VIEW metres ahead of `here`, m from the start of the route."""
+    """[first, last): the nodes of the route's edges from BACK metres behind to VIEW metres ahead of
+    `here`, m from the start of the route."""
     begins = np.searchsorted(route.leg, np.arange(route.leg[-1] + 1))
     station = route.station[begins]
     first = int(begins[max(0, int(np.searchsorted(station, here - BACK)) - 1)])
@@ -39,13 +61,14 @@ def window(route: RouteMap, here: float) -> tuple[int, int]:
 
 
 def build_local(
-    road: RoadMap, route: RouteMap, state: State, scene: Scene, forecast: Forecast, hypothesis: int, cleared: frozenset[int], stop_decel: float,
+    road: RoadMap, route: RouteMap, state: State, scene: Scene, forecast: Forecast,
+    hypothesis: int, cleared: frozenset[int], stop_decel: float,
     claim_s: float, reactive: int = 0,
 ) -> Local:  # fmt: skip
     """The search's view of this cycle, with at most `reactive` agents that the search is to move.
 
-    `cleared` holds the nodes at whose stop sign the ego has stood; `stop_decel` (m/s2) is the braking beyond which a yellow light is passed. An
-    agent's way ahead belongs to it for `claim_s`.
+    `cleared` holds the nodes at whose stop sign the ego has stood; `stop_decel` (m/s2) is the
+    braking beyond which a yellow light is passed. An agent's way ahead belongs to it for `claim_s`.
     """
     here = route.station[state.node] + state.s
     first, last = window(route, here)
@@ -61,32 +84,49 @@ def build_local(
     node[~forecast.valid[hypothesis]] = GONE
     s, v = forecast.s[hypothesis], forecast.v[hypothesis]
     position = s.copy()  # those upstream count from their node
-    _fill_upstream(node, position, lane, lane_node, route.upstream, np.full(len(lane_node), -1, np.int64))
+    _fill_upstream(
+        node, position, lane, lane_node, route.upstream, np.full(len(lane_node), -1, np.int64)
+    )
     driven = np.zeros_like(v)
-    driven[1:] = np.cumsum(np.where(lane[1:] == lane[:-1], s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * forecast.dt), axis=0)
+    driven[1:] = np.cumsum(
+        np.where(lane[1:] == lane[:-1], s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * forecast.dt),
+        axis=0,
+    )
     level, place = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
-    closed = _closed(route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel)
+    closed = _closed(
+        route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel
+    )
     bits = _bits(forecast, node, scene.ego)
     followers = _followers(node[0], s[0], forecast.reacts, bits, ahead, state, first)
     behind = (bits >= 0) & ((followers >> np.maximum(bits, 0)) & 1 > 0)
     return Local(
         route.table, route.rows, closed, level, place, ahead,
-        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
+        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, position,
+        driven]),
         np.column_stack([
-            forecast.half_length, forecast.half_width, forecast.reacts, forecast.yields[hypothesis], _slots(forecast, node, scene, reactive),
-            *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt), bits, _goes_round(scene.agents, len(bits), state),
+            forecast.half_length, forecast.half_width, forecast.reacts,
+            forecast.yields[hypothesis], _slots(forecast, node, scene, reactive),
+            *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt),
+            bits, _goes_round(scene.agents, len(bits), state),
         ]),
-        _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width, forecast.dt, claim_s),
-        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, behind), first, float(route.limit[state.node]),
+        _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width,
+        forecast.dt, claim_s),
+        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, behind),
+        first, float(route.limit[state.node]),
         _pace(route, view, here, node[0], position[0], v[0]),
-        _is_free(route, closed, first, state, float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
-        _stop_at(route, state, cleared, here), followers, ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
+        _is_free(route, closed, first, state,
+        float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
+        _stop_at(route, state, cleared, here), followers,
+        ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
     )  # fmt: skip
 
 
 @entry
-def _fill_upstream(node: Indices, s: Floats, lane: Ints, lane_node: Indices, upstream: Upstream, to: Indices) -> None:
-    """Of agents [T, N] on lanes that lead into the ego's, write down which node they come to and how far before it they are; not of those who turn off.
+def _fill_upstream(
+    node: Indices, s: Floats, lane: Ints, lane_node: Indices, upstream: Upstream, to: Indices
+) -> None:
+    """Of agents [T, N] on lanes that lead into the ego's, write down which node they come to and
+    how far before it they are; not of those who turn off.
 
     `to` [lanes of the road] is room to work in, all -1.
     """
@@ -106,52 +146,85 @@ def _fill_upstream(node: Indices, s: Floats, lane: Ints, lane_node: Indices, ups
                 s[t, i] += upstream.begin[k]
 
 
-def _levels(road: RoadMap, own: Indices, lane: Ints, s: Floats, length: Floats) -> tuple[Indices, Indices]:
-    """How the ego's lanes `own` [W] meet the lanes of the agents [T, N], which stand at s [T, N] and are so long [N], m.
+def _levels(
+    road: RoadMap, own: Indices, lane: Ints, s: Floats, length: Floats
+) -> tuple[Indices, Indices]:
+    """How the ego's lanes `own` [W] meet the lanes of the agents [T, N], which stand at s [T, N]
+    and are so long [N], m.
 
-    Boxes that overlap in the plane touch only on the same edge, or near a knot that both lanes have to do with: else one road is a bridge over the
-    other. Returns level [W, K] and place [T, N]. Bit 3 i + j of level: the knot of kind i (0 the lane lies in it, 1 ends
-    there, 2 begins there) of the ego's lane is that of kind j of the other; bit j of place: the agent is near the knot of kind j.
+    Boxes that overlap in the plane touch only on the same edge, or near a knot that both lanes have
+    to do with: else one road is a bridge over the other. Returns level [W, K] and place [T, N]. Bit
+    3 i + j of level: the knot of kind i (0 the lane lies in it, 1 ends
+    there, 2 begins there) of the ego's lane is that of kind j of the other; bit j of place: the
+    agent is near the knot of kind j.
     """
     those, column = np.unique(lane, return_inverse=True)
-    mine, theirs = (np.stack([road.knot[lanes], road.ends[lanes], road.begins[lanes]]) for lanes in (own, those))
+    mine, theirs = (
+        np.stack([road.knot[lanes], road.ends[lanes], road.begins[lanes]]) for lanes in (own, those)
+    )
     level = (road.edge[own][:, None] == road.edge[those]).astype(np.int64)
     for i in range(3):
         for j in range(3):
-            level |= ((mine[i][:, None] == theirs[j]) & (theirs[j] >= 0)).astype(np.int64) << (3 * i + j)
+            level |= ((mine[i][:, None] == theirs[j]) & (theirs[j] >= 0)).astype(np.int64) << (
+                3 * i + j
+            )
     near = 1 + 2 * (road.length[lane] - s < NEARBY + length) + 4 * (s < NEARBY + length)
     return level, np.where(lane >= 0, 8 * column.reshape(lane.shape) + near, -1)
 
 
 def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> Indices:
-    """[N] 0, 1, ... for the nearest of those that react and come to a lane of the ego's route, -1 for the others."""
-    return _nearest(forecast, np.flatnonzero(forecast.reacts & (node >= 0).any(axis=0)), scene.ego, reactive)
+    """[N] 0, 1, ... for the nearest of those that react and come to a lane of the ego's route, -1
+    for the others."""
+    return _nearest(
+        forecast, np.flatnonzero(forecast.reacts & (node >= 0).any(axis=0)), scene.ego, reactive
+    )
 
 
 def _bits(forecast: Forecast, node: Indices, ego: EgoState) -> Indices:
-    """Trait BIT: everybody's own number where there are few, else 0, 1, ... for the nearest of those that could follow the ego, -1 for the others."""
+    """Trait BIT: everybody's own number where there are few, else 0, 1, ... for the nearest of
+    those that could follow the ego, -1 for the others."""
     if len(forecast.reacts) <= MOST_FOLLOWERS:
         return np.arange(len(forecast.reacts))
-    return _nearest(forecast, np.flatnonzero(forecast.reacts & ((node >= 0) | (node <= UPSTREAM)).any(axis=0)), ego, MOST_FOLLOWERS)
+    return _nearest(
+        forecast,
+        np.flatnonzero(forecast.reacts & ((node >= 0) | (node <= UPSTREAM)).any(axis=0)),
+        ego,
+        MOST_FOLLOWERS,
+    )
 
 
 def _nearest(forecast: Forecast, those: Indices, ego: EgoState, most: int) -> Indices:
     """[N] 0, 1, ... for the nearest `most` of `those`, -1 for the others."""
     where = forecast.pose[0, 0, those]
-    nearest = those[np.argsort(np.hypot(where[:, 0] - ego.x, where[:, 1] - ego.y), kind="stable")[:most]]
+    nearest = those[
+        np.argsort(np.hypot(where[:, 0] - ego.x, where[:, 1] - ego.y), kind="stable")[:most]
+    ]
     numbers = np.full(len(forecast.reacts), -1)
     numbers[nearest] = np.arange(len(nearest))
     return numbers
 
 
-def _reaching_in(road: RoadMap, agents: Agents, lane: Ints, half_width: Floats, lane_node: Indices, dt: float) -> tuple[Indices, Ints]:
-    """BESIDE [N] and UNTIL [N] of agents on the lanes `lane` [T, N]. The lane that somebody leaves is not free until its whole box is out of it."""
+def _reaching_in(
+    road: RoadMap, agents: Agents, lane: Ints, half_width: Floats, lane_node: Indices, dt: float
+) -> tuple[Indices, Ints]:
+    """BESIDE [N] and UNTIL [N] of agents on the lanes `lane` [T, N].
+
+    The lane that somebody leaves is not free until its whole box is out of it.
+    """
     first, times = lane[0], len(lane)
-    if not agents.ids:  # a forecast of whom nobody sees (evaluation/inevitable.py): its boxes are true
+    if (
+        not agents.ids
+    ):  # a forecast of whom nobody sees (evaluation/inevitable.py): its boxes are true
         return np.full(len(half_width), -1), np.zeros(len(half_width), np.int32)
     apart = 0.5 * (road.width[agents.lane] + road.width[first])
-    off = np.where(first == agents.lane, agents.d, np.where(first == road.left[agents.lane], agents.d - apart, agents.d + apart))
-    beside = np.where((first >= 0) & (off != 0.0), np.where(off > 0.0, road.left[first], road.right[first]), -1)
+    off = np.where(
+        first == agents.lane,
+        agents.d,
+        np.where(first == road.left[agents.lane], agents.d - apart, agents.d + apart),
+    )
+    beside = np.where(
+        (first >= 0) & (off != 0.0), np.where(off > 0.0, road.left[first], road.right[first]), -1
+    )
     seconds = (np.abs(off) + half_width - 0.5 * road.width[first]) / SIDEWAYS
     on_it = np.where((lane == first).all(axis=0), times, np.argmax(lane != first, axis=0))
     until = np.minimum(np.floor(seconds / dt), on_it - 1).astype(np.int32)
@@ -159,24 +232,32 @@ def _reaching_in(road: RoadMap, agents: Agents, lane: Ints, half_width: Floats, 
 
 
 def _goes_round(agents: Agents, count: int, state: State) -> Bools:
-    """Trait GOES_ROUND of the `count` agents of a forecast, which are those of the scene, or nobody in it (evaluation/inevitable.py)."""
+    """Trait GOES_ROUND of the `count` agents of a forecast, which are those of the scene, or nobody
+    in it (evaluation/inevitable.py)."""
     return agents.person if agents.ids and state.v < CRAWLS else np.zeros(count, np.bool_)
 
 
 def _reach(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) -> Floats:
-    """Local.reach for centres [T, N, 2], speeds [T, N] and half sizes [N]: a superset, to tell at one look who is too far away to matter."""
+    """Local.reach for centres [T, N, 2], speeds [T, N] and half sizes [N]: a superset, to tell at
+    one look who is too far away to matter."""
     last = len(where) - 1
     swept = (half + 0.5 * v * dt)[..., None]
     low, high = where - swept, where + swept
-    for shift in (-int(LATE / dt + 0.5), *(int(k * claim_s / CLAIM_SAMPLES / dt + 0.5) for k in range(1, CLAIM_SAMPLES + 1))):
+    for shift in (
+        -int(LATE / dt + 0.5),
+        *(int(k * claim_s / CLAIM_SAMPLES / dt + 0.5) for k in range(1, CLAIM_SAMPLES + 1)),
+    ):
         then = where[np.clip(np.arange(last + 1) + shift, 0, last)]
         np.fmin(low, then - half[:, None], out=low)
         np.fmax(high, then + half[:, None], out=high)
     return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=2)
 
 
-def _is_free(route: RouteMap, closed: NDArray[np.uint8], first: int, state: State, distance: float) -> bool:
-    """Whether the ego's lane goes on for so many metres, past lights that are open when the forecast ends."""
+def _is_free(
+    route: RouteMap, closed: NDArray[np.uint8], first: int, state: State, distance: float
+) -> bool:
+    """Whether the ego's lane goes on for so many metres, past lights that are open when the
+    forecast ends."""
     node, left = state.node, distance + state.s
     while left > 0.0:
         left -= route.length[node]
@@ -195,16 +276,23 @@ def _stop_at(route: RouteMap, state: State, cleared: frozenset[int], here: float
 
 
 def _duties(
-    road: RoadMap, route: RouteMap, first: int, last: int, here: float, forecast: Forecast, hypothesis: int, lane: Ints, s: Floats, driven: Floats,
+    road: RoadMap, route: RouteMap, first: int, last: int, here: float, forecast: Forecast,
+    hypothesis: int, lane: Ints, s: Floats, driven: Floats,
     behind: Bools,
 ) -> Floats:  # fmt: skip
-    """[K, 5] the coming meetings with agents that have the right of way, inside the junctions of the next JUNCTION_VIEW metres.
+    """[K, 5] the coming meetings with agents that have the right of way, inside the junctions of
+    the next JUNCTION_VIEW metres.
 
-    Whoever is `behind` [N] the ego, as a follower, has none: it cannot come before the ego has gone on.
+    Whoever is `behind` [N] the ego, as a follower, has none: it cannot come before the ego has gone
+    on.
     """
     lets_pass = forecast.yields[hypothesis] | behind
     nodes = np.arange(first, last)
-    near = route.internal[nodes] & (route.station[nodes] < here + JUNCTION_VIEW) & (route.station[nodes] > here - JUNCTION_VIEW)
+    near = (
+        route.internal[nodes]
+        & (route.station[nodes] < here + JUNCTION_VIEW)
+        & (route.station[nodes] > here - JUNCTION_VIEW)
+    )
     rows = np.zeros((256, 5))
     coming = _Coming(lane, s, driven, forecast.valid[hypothesis], lets_pass)
     used = _find_duties(rows, nodes[near], route.lane, areas_of(road), ahead_of(road), coming)
@@ -222,30 +310,45 @@ class _Coming(NamedTuple):
 
 
 @entry
-def _find_duties(rows: Floats, nodes: Indices, node_lane: Indices, areas: Areas, ahead: Ahead, coming: _Coming) -> int:
+def _find_duties(
+    rows: Floats, nodes: Indices, node_lane: Indices, areas: Areas, ahead: Ahead, coming: _Coming
+) -> int:
     """How many of the `rows` were written."""
     used = 0
     for node in nodes:
         here = node_lane[node]
         for e in range(areas.first[here], areas.first[here + 1]):
             for i in range(len(coming.lets_pass) if areas.yields[e] else 0):
-                enters = math.inf if coming.lets_pass[i] else _enters(coming, ahead, i, areas.other[e], areas.other_begin[e])
+                enters = (
+                    math.inf
+                    if coming.lets_pass[i]
+                    else _enters(coming, ahead, i, areas.other[e], areas.other_begin[e])
+                )
                 if enters < math.inf and used < len(rows):
-                    rows[used, 0], rows[used, 1], rows[used, 2], rows[used, 3], rows[used, 4] = node, areas.end[e], i, enters, areas.merge[e]
+                    rows[used, 0], rows[used, 1], rows[used, 2], rows[used, 3], rows[used, 4] = (
+                        node,
+                        areas.end[e],
+                        i,
+                        enters,
+                        areas.merge[e],
+                    )
                     used += 1
     return used
 
 
 @kernel
 def _enters(coming: _Coming, ahead: Ahead, i: int, lane: int, begin: float) -> float:
-    """m that agent i drives until it is at `begin` on a lane; inf: never, or it is behind that already."""
+    """m that agent i drives until it is at `begin` on a lane; inf: never, or it is behind that
+    already."""
     for t in range(coming.lane.shape[0]):
         here, s, before = coming.lane[t, i], coming.s[t, i], coming.lane[max(t - 1, 0), i]
         if not coming.valid[t, i] or (t == 0 and here == lane and s >= begin):
             return math.inf
         if here == lane and s >= begin:
             return float(coming.driven[t, i] - (s - begin))
-        if here != before and before >= 0 and here >= 0:  # it may have come over a short lane within this step
+        if (
+            here != before and before >= 0 and here >= 0
+        ):  # it may have come over a short lane within this step
             driven, was = coming.driven[t - 1, i], coming.s[t - 1, i]
             if before == lane:
                 return float(driven + begin - was)
@@ -268,8 +371,11 @@ def _fill_ahead(ahead: Floats, nxt: Indices, length: Floats, first: int) -> None
 
 
 @entry
-def _followers(node: Indices, s: Floats, reacts: Bools, bits: Indices, ahead: Floats, state: State, first: int) -> int:
-    """Bit mask of the agents that react and whose lane leads to where the ego is, with the ego in front of them."""
+def _followers(
+    node: Indices, s: Floats, reacts: Bools, bits: Indices, ahead: Floats, state: State, first: int
+) -> int:
+    """Bit mask of the agents that react and whose lane leads to where the ego is, with the ego in
+    front of them."""
     result = 0
     for i in range(len(node)):
         for target in (state.node, state.other):
@@ -281,18 +387,28 @@ def _followers(node: Indices, s: Floats, reacts: Bools, bits: Indices, ahead: Fl
 
 
 def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
-    """[W] the number of changes needed (at most 3, positive to the left) where the lane is about to be lost, falling to 0 at AHEAD_S for each of them."""
+    """[W] the number of changes needed (at most 3, positive to the left) where the lane is about to
+    be lost, falling to 0 at AHEAD_S for each of them."""
     room = np.maximum(route.station[view] + route.reach[view] - here, 1.0)
     needed = np.clip(route.needed[view], -3, 3)
-    seconds = room / max(route.limit[view][needed != 0].max(initial=0.0), URBAN)  # one speed for all, or going on could cost more than standing
-    return np.where(needed != 0, np.clip((AHEAD_S - seconds / np.maximum(np.abs(route.needed[view]), 1)) / GROWS_S, 0.0, 1.0) * needed, 0.0)
+    seconds = room / max(
+        route.limit[view][needed != 0].max(initial=0.0), URBAN
+    )  # one speed for all, or going on could cost more than standing
+    return np.where(
+        needed != 0,
+        np.clip((AHEAD_S - seconds / np.maximum(np.abs(route.needed[view]), 1)) / GROWS_S, 0.0, 1.0)
+        * needed,
+        0.0,
+    )
 
 
 def _pace(route: RouteMap, view: slice, here: float, node: Indices, s: Floats, v: Floats) -> float:
     """Local.pace, of agents [N]; who comes into such a lane from beside the route counts."""
     to = np.where(node <= UPSTREAM, UPSTREAM - node, node)
     at = np.maximum(to, 0)  # nobody's node is -1 or GONE
-    beside = (to >= 0) & (route.changes[at] == 0) & (np.abs(route.station[at] + s - here) < PACE_VIEW)
+    beside = (
+        (to >= 0) & (route.changes[at] == 0) & (np.abs(route.station[at] + s - here) < PACE_VIEW)
+    )
     if beside.any():
         return float(v[beside].mean())
     good = route.changes[view] == 0
@@ -300,7 +416,16 @@ def _pace(route: RouteMap, view: slice, here: float, node: Indices, s: Floats, v
 
 
 def _closed(
-    route: RouteMap, first: int, w: int, signals: Signals, times: int, dt: float, state: State, here: float, cleared: frozenset[int], stop_decel: float
+    route: RouteMap,
+    first: int,
+    w: int,
+    signals: Signals,
+    times: int,
+    dt: float,
+    state: State,
+    here: float,
+    cleared: frozenset[int],
+    stop_decel: float,
 ) -> NDArray[np.uint8]:
     """[W, T] red and yellow lights, and stop signs at which the ego has not stood yet."""
     closed = np.zeros((w, times), np.uint8)
@@ -309,11 +434,14 @@ def _closed(
     for n in lines[route.signal[lines] < 0]:
         closed[n - first] = int(n) not in cleared
     lights = lines[route.signal[lines] >= 0]
-    for n, shows in zip(lights, signal_states(signals, route.signal[lights], route.link[lights], grid), strict=True):
+    for n, shows in zip(
+        lights, signal_states(signals, route.signal[lights], route.link[lights], grid), strict=True
+    ):
         i = n - first
         closed[i] = shows != GREEN
         distance = route.station[n] + route.length[n] - here
-        # Whom the change to yellow (or a switch nobody announced) catches too close to stop goes on: until the next green or the stop line.
+        # Whom the change to yellow (or a switch nobody announced) catches too close to stop goes
+        # on: until the next green or the stop line.
         decel = stop_decel if shows[0] == YELLOW else max(stop_decel, RED_DECEL)
         if shows[0] != GREEN and state.v > 0.5 and 0.0 < distance < state.v**2 / (2.0 * decel):
             reopened = np.flatnonzero(shows == GREEN)

@@ -1,4 +1,5 @@
-"""What the search reads in one cycle: the route's lanes, the coming signals and the forecast, in one tuple of arrays."""
+"""What the search reads in one cycle: the route's lanes, the coming signals and the forecast, in
+one tuple of arrays."""
 
 import math
 from typing import NamedTuple
@@ -11,45 +12,68 @@ from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.scene import EgoState, Floats, Indices
 
 GONE = -2  # Local.agent's NODE of an agent that is not there
-UPSTREAM = -3  # ... and UPSTREAM - n of one that comes to node n from a lane beside the route: see upstream_of
+UPSTREAM = (
+    -3
+)  # ... and UPSTREAM - n of one that comes to node n from a lane beside the route: see upstream_of
 
 
 class Local(NamedTuple):
-    """What compiled code reads. W window nodes from `first` on; T forecast times; N agents. Few arrays: each costs at every call."""
+    """What compiled code reads.
+
+    W window nodes from `first` on; T forecast times; N agents. Few arrays: each costs at every
+    call.
+    """
 
     node: Floats  # RouteMap.table, of the whole route
     row: Floats  # RouteMap.rows
     closed: NDArray[np.uint8]  # [W, T] the stop line at the node's end may not be crossed
     level: Indices  # [W, K] how the ego's lanes meet those that agents drive (see _levels)
-    place: Indices  # [T, N] 8 times the agent's column of level, and which knots are near; negative off the road
-    ahead: Floats  # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
+    # [T, N] 8 times the agent's column of level, and which knots are near; negative off the road
+    place: Indices
+    # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
+    ahead: Floats
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
     trait: Floats  # [N, 9] HALF_LENGTH .. GOES_ROUND below
-    reach: Floats  # [T, N, 4] least and greatest x, least and greatest y of what counts of an agent's box: just before, then, and in what it claims
-    duty: Floats  # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that the ego has to leave to it
+    # [T, N, 4] least and greatest x, least and greatest y of what counts of an agent's box: just
+    # before, then, and in what it claims
+    reach: Floats
+    # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that
+    # the ego has to leave to it
+    duty: Floats
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
-    pace: float  # mean speed of the others around the ego in the lanes that the route goes on in, m/s; where there is nobody, their limit
+    # mean speed of the others around the ego in the lanes that the route goes on in, m/s; where
+    # there is nobody, their limit
+    pace: float
     free: bool  # no light that stays red and no dead end ahead of the ego, as far as it could come
-    stop_at: float  # m along the route (STATION) where the next stop line is if it is that of a stop sign at which the ego has still to stand; else inf
-    followers: int  # bit mask (trait BIT) of the agents that are behind the ego in its lane and react: their contact is imposed braking
-    aside: float  # m to the side that a lane change keeps clear, since it may come out a little otherwise than planned
+    # m along the route (STATION) where the next stop line is if it is that of a stop sign at which
+    # the ego has still to stand; else inf
+    stop_at: float
+    # bit mask (trait BIT) of the agents that are behind the ego in its lane and react: their
+    # contact is imposed braking
+    followers: int
+    # m to the side that a lane change keeps clear, since it may come out a little otherwise than
+    # planned
+    aside: float
     dt: float  # s between forecast times
 
 
-# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, GONE, from UPSTREAM downwards: on the way to one), lane position there (on the
+# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, GONE, from UPSTREAM
+# downwards: on the way to one), lane position there (on the
 # way: negative), m driven from now on.
 X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
 
-# Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1 where it lets the ego pass;
-# its row among those that the search moves (model/react.py), -1: the table has it; the node of the lane beside into which its box reaches
-# while it changes lanes (-1: none), and the last forecast time at which it does; its bit among the followers, -1: it is too far away to be one; and 1
-# where it is on foot and walks round the ego, which crawls at most, once it stands.
+# Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1
+# where it lets the ego pass;
+# its row among those that the search moves (model/react.py), -1: the table has it; the node of the
+# lane beside into which its box reaches while it changes lanes (-1: none), and the last forecast
+# time at which it does; its bit among the followers, -1: it is too far away to be one; and 1 where
+# it is on foot and walks round the ego, which crawls at most, once it stands.
 HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, GOES_ROUND = range(9)
 
-# Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, what the agent drives until it enters the stretch (m), and 1 where
-# both lead into the same lane.
+# Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, what the agent
+# drives until it enters the stretch (m), and 1 where both lead into the same lane.
 NODE_OF, STRETCH_END, WHO, ENTERS, MERGES = range(5)
 
 # Columns of Local.reach.
@@ -67,7 +91,9 @@ class State(NamedTuple):
     a: float
     progress: float  # of a lane change, 0 none; in the second half `node` is already the target
     other: int  # the other lane of the change
-    turn: float  # rad between its box and the lane, to the left: in a lane change the rear follows the front, also when the change is over
+    # rad between its box and the lane, to the left: in a lane change the rear follows the front,
+    # also when the change is over
+    turn: float
 
 
 def ego_state(route: RouteMap, ego: EgoState) -> State | None:
@@ -88,13 +114,15 @@ def ego_state(route: RouteMap, ego: EgoState) -> State | None:
 
 @kernel
 def upstream_of(node: int) -> int:
-    """The node that an agent comes to from a lane beside the route; -1: it does not, or is on the route."""
+    """The node that an agent comes to from a lane beside the route; -1: it does not, or is on the
+    route."""
     return UPSTREAM - node if node <= UPSTREAM else -1
 
 
 @kernel
 def apart(local: Local, node: int, s: float, length: float, at: int, i: int) -> bool:
-    """Whether the ego (its front at s on `node`, its length in m) and agent i, where it is at forecast time `at`, are on different levels."""
+    """Whether the ego (its front at s on `node`, its length in m) and agent i, where it is at
+    forecast time `at`, are on different levels."""
     w, place = node - local.first, local.place[at, i]
     if place < 0 or w < 0 or w >= local.level.shape[0]:
         return False
@@ -115,15 +143,30 @@ def follows(local: Local, followers: int, i: int) -> bool:
 
 @kernel
 def keep_state(where: Indices, motion: Floats, i: int, state: State) -> None:
-    """Write a state into row i of `where` [M, 2] (node, other) and `motion` [M, 5] (s, v, a, progress, turn)."""
+    """Write a state into row i of `where` [M, 2] (node, other) and `motion` [M, 5] (s, v, a,
+    progress, turn)."""
     where[i, 0], where[i, 1] = state.node, state.other
-    motion[i, 0], motion[i, 1], motion[i, 2], motion[i, 3], motion[i, 4] = state.s, state.v, state.a, state.progress, state.turn
+    motion[i, 0], motion[i, 1], motion[i, 2], motion[i, 3], motion[i, 4] = (
+        state.s,
+        state.v,
+        state.a,
+        state.progress,
+        state.turn,
+    )
 
 
 @kernel
 def kept_state(where: Indices, motion: Floats, i: int) -> State:
     """The state in row i."""
-    return State(where[i, 0], motion[i, 0], motion[i, 1], motion[i, 2], motion[i, 3], where[i, 1], motion[i, 4])
+    return State(
+        where[i, 0],
+        motion[i, 0],
+        motion[i, 1],
+        motion[i, 2],
+        motion[i, 3],
+        where[i, 1],
+        motion[i, 4],
+    )
 
 
 @kernel
@@ -134,7 +177,8 @@ def index_at(local: Local, time: float) -> int:
 
 @kernel
 def chain_gap(local: Local, node: int, s: float, other_node: int, other_s: float) -> float:
-    """m from (node, s) forward along the lane's chain to (other_node, other_s); inf where that is not on it."""
+    """m from (node, s) forward along the lane's chain to (other_node, other_s); inf where that is
+    not on it."""
     i, j = node - local.first, other_node - local.first
     w = local.ahead.shape[0]
     if i < 0 or j < 0 or i >= w or j >= w:
@@ -143,7 +187,9 @@ def chain_gap(local: Local, node: int, s: float, other_node: int, other_s: float
 
 
 NEARBY = 10.0  # m beside its length within which a vehicle is near a knot
-TURNED = 0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
+TURNED = (
+    0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
+)
 
 
 def node_at(route: RouteMap, lane: int, first: int) -> int:

@@ -1,23 +1,45 @@
-"""How the ego moves under an action: the same steps, bounds and rounding that command.py plays into SUMO."""
+"""How the ego moves under an action: the same steps, bounds and rounding that command.py plays into
+SUMO."""
 
 import math
 from typing import NamedTuple
 
 from sumo_mcts.model.local_map import Local, State, index_at
-from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, LENGTH, NEXT, REACH, RIGHT_NODE, SPACING, STOP_LINE, lane_pose
+from sumo_mcts.model.route import (
+    FIRST_ROW,
+    LAST_ROW,
+    LEFT_NODE,
+    LENGTH,
+    NEXT,
+    REACH,
+    RIGHT_NODE,
+    SPACING,
+    STOP_LINE,
+    lane_pose,
+)
 from sumo_mcts.numerics.geometry import swung
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.scene import STANDING
 
-LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a step where that is longer
+LOOK_AHEAD = (
+    0.5  # s over which the speed adapts to what the road allows; a step where that is longer
+)
 FOLLOW = 99.0  # in place of an acceleration: car following
-COMMANDED = 200.0  # in place of an acceleration: the speed that is added to it, m/s, whatever the road allows
+# in place of an acceleration: the speed that is added to it, m/s, whatever the road allows
+COMMANDED = 200.0
 FREE, RED_LINE, GOAL, OFF_END = range(4)
 HELD = 2.0  # m/s up to which running into the end of a lane is as good as stopping at it
 BEGUN = 1e-12  # progress of a lane change that is about to begin
-JUMPED = 1.0 - 1e-6  # progress right after one without a duration: in that step SUMO has looked for collisions in the old lane
+JUMPED = (
+    1.0 - 1e-6
+    # progress right after one without a duration: in that step SUMO has looked for collisions in
+    # the
+    # old lane
+)
 UNTURNED = 0.003  # rad of turn that nobody sees
-HALF = 0.5 + 1e-9  # progress beyond which the new lane counts; at half time itself SUMO's rounding decides
+HALF = (
+    0.5 + 1e-9
+)  # progress beyond which the new lane counts; at half time itself SUMO's rounding decides
 
 
 class EgoParams(NamedTuple):
@@ -40,11 +62,13 @@ class EgoParams(NamedTuple):
 
 
 @inlined
-def advance(local: Local, p: EgoParams, state: State, accel: float, time: float) -> tuple[State, int]:
+def advance(
+    local: Local, p: EgoParams, state: State, accel: float, time: float
+) -> tuple[State, int]:
     """One step of the simulation towards an acceleration (m/s2), from `time` (s from now) on.
 
-    Returns the new state and FREE, RED_LINE (crossed a closed stop line), GOAL (beyond the end of the route) or OFF_END (ran into the end of a lane that
-    leads nowhere).
+    Returns the new state and FREE, RED_LINE (crossed a closed stop line), GOAL (beyond the end of
+    the route) or OFF_END (ran into the end of a lane that leads nowhere).
     """
     v, look = state.v, max(LOOK_AHEAD, p.step)
     line = _to_line(local, p, state, time)
@@ -52,23 +76,31 @@ def advance(local: Local, p: EgoParams, state: State, accel: float, time: float)
     speed = _next_speed(p, v, state.a, min(accel, allowed, _towards_line(p, v, line, look)))
     slowest = _next_speed(p, v, state.a, -p.max_decel)
     speed = min(speed, max(_cap(local, state.node, state.s + _moved(p, v, speed)), slowest))
-    if line < math.inf and not _stops(p, speed, (speed - v) / p.step, line - _moved(p, v, speed) - 0.01) and _stops(p, v, state.a, line):
+    if (
+        line < math.inf
+        and not _stops(p, speed, (speed - v) / p.step, line - _moved(p, v, speed) - 0.01)
+        and _stops(p, v, state.a, line)
+    ):
         speed = slowest  # the last moment at which braking helps
     return _move(local, p, state, _moved(p, v, speed), speed, (speed - v) / p.step, time + p.step)
 
 
 @kernel
 def obey(local: Local, p: EgoParams, state: State, wanted: float, time: float) -> tuple[State, int]:
-    """One step of the simulation at a commanded speed (m/s), whatever the road allows, within what world/command.py lets through."""
+    """One step of the simulation at a commanded speed (m/s), whatever the road allows, within what
+    world/command.py lets through."""
     low = min(max(state.a - p.emergency_jerk * p.step, -p.max_decel), p.max_accel)
     high = max(min(state.a + p.emergency_jerk * p.step, p.max_accel), low)
     speed = max(0.0, min(max(wanted, state.v + low * p.step), state.v + high * p.step))
-    return _move(local, p, state, _moved(p, state.v, speed), speed, (speed - state.v) / p.step, time + p.step)
+    return _move(
+        local, p, state, _moved(p, state.v, speed), speed, (speed - state.v) / p.step, time + p.step
+    )
 
 
 @kernel
 def _next_speed(p: EgoParams, v: float, a: float, wanted: float) -> float:
-    """Towards the wanted acceleration, as far as the bounds of acceleration and jerk allow within one step, m/s."""
+    """Towards the wanted acceleration, as far as the bounds of acceleration and jerk allow within
+    one step, m/s."""
     wanted = min(max(wanted, -p.max_decel), p.max_accel)
     jerk = p.emergency_jerk if min(wanted, a) < -p.comfort_decel else p.jerk
     return max(0.0, v + min(max(wanted, a - jerk * p.step), a + jerk * p.step) * p.step)
@@ -80,7 +112,10 @@ def _stops(p: EgoParams, v: float, a: float, distance: float) -> bool:
     rising = max(a, 0.0)
     jerk = p.emergency_jerk if p.max_decel > p.comfort_decel else p.jerk
     top = v + rising * (rising / (2.0 * jerk) + p.step)
-    if top * top / (2.0 * p.max_decel) + top * ((p.max_decel + rising) / jerk + 2.0 * p.step) < distance:
+    if (
+        top * top / (2.0 * p.max_decel) + top * ((p.max_decel + rising) / jerk + 2.0 * p.step)
+        < distance
+    ):
         return True  # with room to spare
     while v > 0.0:
         speed = _next_speed(p, v, a, -p.max_decel)
@@ -96,7 +131,9 @@ def _moved(p: EgoParams, v: float, speed: float) -> float:
 
 
 @inlined
-def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, a: float, time: float) -> tuple[State, int]:
+def _move(
+    local: Local, p: EgoParams, state: State, moved: float, speed: float, a: float, time: float
+) -> tuple[State, int]:
     """Along the lane and into the next ones; a lane change goes on."""
     node, other, s, progress, event = state.node, state.other, state.s + moved, state.progress, FREE
     while s > local.node[node, LENGTH]:
@@ -107,7 +144,12 @@ def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, 
             if math.isinf(local.node[node, REACH]):
                 return State(node, local.node[node, LENGTH], speed, a, 0.0, -1, 0.0), GOAL
             event = OFF_END if speed > HELD else event
-            moved, s, speed, a = 0.0, local.node[node, LENGTH], 0.0, 0.0  # SUMO holds a vehicle at the end of a lane that leads nowhere
+            moved, s, speed, a = (
+                0.0,
+                local.node[node, LENGTH],
+                0.0,
+                0.0,
+            )  # SUMO holds a vehicle at the end of a lane that leads nowhere
             break
         s -= local.node[node, LENGTH]
         node = follow
@@ -127,7 +169,8 @@ def _move(local: Local, p: EgoParams, state: State, moved: float, speed: float, 
 
 @kernel
 def within_step(local: Local, p: EgoParams, before: State, after: State, share: float) -> State:
-    """Where the front is after a share of the step from `before` to `after`, at the speed of its end; in the lane of before where that has not ended yet."""
+    """Where the front is after a share of the step from `before` to `after`, at the speed of its
+    end; in the lane of before where that has not ended yet."""
     if share >= 1.0:
         return after
     moved = _moved(p, before.v, after.v)
@@ -145,12 +188,15 @@ def within_step(local: Local, p: EgoParams, before: State, after: State, share: 
 
 @kernel
 def can_change(local: Local, p: EgoParams, state: State, side: int) -> bool:
-    """Whether a change to the left (+1) or right (-1) may begin: a lane is there, and long enough for the change to take place on it."""
+    """Whether a change to the left (+1) or right (-1) may begin: a lane is there, and long enough
+    for the change to take place on it."""
     if state.progress > 0.0:
         return False
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
     if state.v < STANDING and local.node[state.node, NEXT] < 0:
-        return target >= 0  # at the end of a lane that leads nowhere it is held until it is in the other
+        return (
+            target >= 0
+        )  # at the end of a lane that leads nowhere it is held until it is in the other
     # SUMO moves a vehicle along its old lane first and changes lanes at the end of the step
     room = max(state.v * 0.5 * p.change_duration, (state.v + p.max_accel * p.step) * p.step) + 0.5
     return target >= 0 and state.s + room < local.node[state.node, LENGTH]
@@ -158,14 +204,16 @@ def can_change(local: Local, p: EgoParams, state: State, side: int) -> bool:
 
 @kernel
 def begin_change(local: Local, p: EgoParams, state: State, side: int) -> State:
-    """The state right after a change was begun; without a duration SUMO jumps at the end of the step."""
+    """The state right after a change was begun; without a duration SUMO jumps at the end of the
+    step."""
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
     return State(state.node, state.s, state.v, state.a, BEGUN, target, state.turn)
 
 
 @kernel
 def towards_other(state: State) -> float:
-    """Share of the way from the ego's lane to the other one of its lane change at which its front is."""
+    """Share of the way from the ego's lane to the other one of its lane change at which its front
+    is."""
     return state.progress if state.progress <= HALF else 1.0 - state.progress
 
 
@@ -189,7 +237,9 @@ def _turned(local: Local, p: EgoParams, before: State, moved: float) -> float:
     left = 0.0
     if before.progress > 0.0 and before.other >= 0 and p.change_duration > 0.0:
         other = _to_the_left(local, before.node, before.other, before.s)
-        left = (other if before.progress <= HALF else -other) * min(p.step / p.change_duration, 1.0 - before.progress)
+        left = (other if before.progress <= HALF else -other) * min(
+            p.step / p.change_duration, 1.0 - before.progress
+        )
     elif abs(before.turn) < UNTURNED:
         return 0.0
     return swung(before.turn, moved, left, 2.0 * p.half_length)
@@ -213,7 +263,9 @@ def _cap(local: Local, node: int, s: float) -> float:
     position = s / SPACING
     k = min(int(position), last - first - 1)
     share = min(position - k, 1.0)
-    return float(local.row[first + k, 4] + share * (local.row[first + k + 1, 4] - local.row[first + k, 4]))
+    return float(
+        local.row[first + k, 4] + share * (local.row[first + k + 1, 4] - local.row[first + k, 4])
+    )
 
 
 @kernel
@@ -231,12 +283,19 @@ def _to_line(local: Local, p: EgoParams, state: State, time: float) -> float:
 
 @kernel
 def _towards_line(p: EgoParams, v: float, distance: float, look: float) -> float:
-    """The acceleration with which a closed stop line is met with approach_decel; where that is too late, in comfort, or evenly; inf: too late to stop."""
+    """The acceleration with which a closed stop line is met with approach_decel; where that is too
+    late, in comfort, or evenly; inf: too late to stop."""
     if v * v > 2.0 * p.max_decel * (distance + 0.1):
         return math.inf
     room = distance - p.stop_gap - v * look
-    cap = math.sqrt(2.0 * p.approach_decel * room) if room > 0.0 else max(0.0, 0.5 * (distance - p.stop_gap))
-    shorter = 0.0 if p.ballistic else 0.5 * v * p.step  # is the way of a stop where positions follow the speed at the end of a step
+    cap = (
+        math.sqrt(2.0 * p.approach_decel * room)
+        if room > 0.0
+        else max(0.0, 0.5 * (distance - p.stop_gap))
+    )
+    shorter = (
+        0.0 if p.ballistic else 0.5 * v * p.step
+    )  # is the way of a stop where positions follow the speed at the end of a step
     evenly = v * v / (2.0 * max(distance - p.stop_gap + shorter, 0.1))
     return max((cap - v) / look, -max(evenly, p.comfort_decel))
 
@@ -252,11 +311,16 @@ def is_closed(local: Local, node: int, time: float) -> bool:
 
 @kernel
 def follow_accel(p: EgoParams, v: float, limit: float, gap: float, leader_v: float) -> float:
-    """Car following (Treiber, Hennecke, Helbing 2000): acceleration (m/s2) for a gap (m, inf: free road) to a leader at leader_v (m/s)."""
+    """Car following (Treiber, Hennecke, Helbing 2000): acceleration (m/s2) for a gap (m, inf: free
+    road) to a leader at leader_v (m/s)."""
     share = v / max(limit, 0.1)
-    free = 1.0 - (share * share) * (share * share)  # powers would be rounded otherwise without compilation
+    free = 1.0 - (share * share) * (
+        share * share
+    )  # powers would be rounded otherwise without compilation
     if math.isinf(gap):
         return p.max_accel * free
-    wish = p.gap + max(0.0, v * p.headway + v * (v - leader_v) / (2.0 * math.sqrt(p.max_accel * p.approach_decel)))
+    wish = p.gap + max(
+        0.0, v * p.headway + v * (v - leader_v) / (2.0 * math.sqrt(p.max_accel * p.approach_decel))
+    )
     close = wish / max(gap, 0.1)
     return p.max_accel * (free - close * close)

@@ -1,14 +1,30 @@
-"""Others that react to the ego inside the search: each drives along its own forecast, late by as much as the ego holds it up.
+"""Others that react to the ego inside the search: each drives along its own forecast, late by as
+much as the ego holds it up.
 
-Who is held up only falls behind its forecast, so it stays clear of whoever the forecast has it follow. It brakes as SUMO's drivers do
-(Krauss 1998, with a reaction time of a second and 4.5 m/s2): late and hard.
+Who is held up only falls behind its forecast, so it stays clear of whoever the forecast has it
+follow. It brakes as SUMO's drivers do (Krauss 1998, with a reaction time of a second and 4.5 m/s2):
+late and hard.
 """
 
 import math
 
 import numpy as np
 
-from sumo_mcts.model.local_map import COS, DRIVEN, GONE, NODE, SIN, SLOT, Local, S, State, V, X, Y, chain_gap
+from sumo_mcts.model.local_map import (
+    COS,
+    DRIVEN,
+    GONE,
+    NODE,
+    SIN,
+    SLOT,
+    Local,
+    S,
+    State,
+    V,
+    X,
+    Y,
+    chain_gap,
+)
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_speed
@@ -18,7 +34,8 @@ PANIC = 9.0  # m/s2
 CATCHES_UP = 2.0  # m/s2
 IMPOSED = 2.0  # m/s2 of braking that counts as imposed (measures)
 
-# Columns of the array that holds the reacting agents: at which (fractional) forecast time it is where its forecast has it, and its speed, m/s.
+# Columns of the array that holds the reacting agents: at which (fractional) forecast time it is
+# where its forecast has it, and its speed, m/s.
 CLOCK, SPEED = range(2)
 
 
@@ -32,9 +49,12 @@ def at_rest(local: Local, count: int) -> Floats:
 
 
 @kernel
-def react(local: Local, p: EgoParams, state: State, others: Floats, now: int, seconds: float) -> float:
-    """Move every reacting agent on by `seconds`, up to forecast time `now`, with the ego where `state` says. Returns the braking beyond IMPOSED that
-    the ego causes, summed up over agents, in m/s2."""
+def react(
+    local: Local, p: EgoParams, state: State, others: Floats, now: int, seconds: float
+) -> float:
+    """Move every reacting agent on by `seconds`, up to forecast time `now`, with the ego where
+    `state` says. Returns the braking beyond IMPOSED that the ego causes, summed up over agents, in
+    m/s2."""
     imposed = 0.0
     now = min(now, local.agent.shape[0] - 1)
     for i in range(local.agent.shape[1]):
@@ -44,7 +64,13 @@ def react(local: Local, p: EgoParams, state: State, others: Floats, now: int, se
         clock, v = others[r, CLOCK], others[r, SPEED]
         k = int(clock)
         driven = _at(local, i, clock, DRIVEN)
-        gap = _gap_to_ego(local, p, state, int(local.agent[k, i, NODE]), local.agent[k, i, S] + driven - local.agent[k, i, DRIVEN])
+        gap = _gap_to_ego(
+            local,
+            p,
+            state,
+            int(local.agent[k, i, NODE]),
+            local.agent[k, i, S] + driven - local.agent[k, i, DRIVEN],
+        )
         speed = v + CATCHES_UP * seconds
         if gap < math.inf:
             careful = safe_speed(gap - STANDSTILL, state.v, USUAL_S)
@@ -59,14 +85,19 @@ def react(local: Local, p: EgoParams, state: State, others: Floats, now: int, se
         while k + 1 < now and local.agent[k + 1, i, DRIVEN] <= reached:
             k += 1
         span = local.agent[k + 1, i, DRIVEN] - local.agent[k, i, DRIVEN]
-        others[r, CLOCK] = k + ((reached - local.agent[k, i, DRIVEN]) / span if span > 1e-9 else 0.0)
+        others[r, CLOCK] = k + (
+            (reached - local.agent[k, i, DRIVEN]) / span if span > 1e-9 else 0.0
+        )
         others[r, SPEED] = speed
     return imposed
 
 
 @kernel
-def seen(local: Local, others: Floats, i: int, now: int) -> tuple[float, float, float, float, float, float, int]:
-    """Agent i at forecast time `now`, wherever it is by then: centre x, y, cos and sin of the heading, speed, lane position, and when it was to be there."""
+def seen(
+    local: Local, others: Floats, i: int, now: int
+) -> tuple[float, float, float, float, float, float, int]:
+    """Agent i at forecast time `now`, wherever it is by then: centre x, y, cos and sin of the
+    heading, speed, lane position, and when it was to be there."""
     r = int(local.trait[i, SLOT])
     if r < 0 or others[r, CLOCK] >= now:
         row = local.agent[now, i]
@@ -75,7 +106,8 @@ def seen(local: Local, others: Floats, i: int, now: int) -> tuple[float, float, 
     k = int(clock)
     s = local.agent[k, i, S] + _at(local, i, clock, DRIVEN) - local.agent[k, i, DRIVEN]
     return (
-        _at(local, i, clock, X), _at(local, i, clock, Y), _at(local, i, clock, COS), _at(local, i, clock, SIN), others[r, SPEED], s, k,
+        _at(local, i, clock, X), _at(local, i, clock, Y), _at(local, i, clock, COS),
+        _at(local, i, clock, SIN), others[r, SPEED], s, k,
     )  # fmt: skip
 
 
@@ -83,12 +115,16 @@ def seen(local: Local, others: Floats, i: int, now: int) -> tuple[float, float, 
 def _at(local: Local, i: int, clock: float, column: int) -> float:
     """A column of agent i between two forecast times."""
     k = min(int(clock), local.agent.shape[0] - 2)
-    return float(local.agent[k, i, column] + (clock - k) * (local.agent[k + 1, i, column] - local.agent[k, i, column]))
+    return float(
+        local.agent[k, i, column]
+        + (clock - k) * (local.agent[k + 1, i, column] - local.agent[k, i, column])
+    )
 
 
 @kernel
 def _gap_to_ego(local: Local, p: EgoParams, state: State, node: int, s: float) -> float:
-    """m from an agent's front to the ego's rear down the agent's lane; inf where the ego is not ahead of it."""
+    """m from an agent's front to the ego's rear down the agent's lane; inf where the ego is not
+    ahead of it."""
     if node < 0:
         return math.inf
     gap = chain_gap(local, node, s, state.node, state.s)

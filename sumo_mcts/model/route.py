@@ -1,4 +1,5 @@
-"""The lanes an ego may use along its route, laid out for the search: what follows, what lies beside, where it is allowed to be how fast."""
+"""The lanes an ego may use along its route, laid out for the search: what follows, what lies
+beside, where it is allowed to be how fast."""
 
 import heapq
 import math
@@ -14,10 +15,26 @@ from sumo_mcts.scene import ALLWAY, STOP, Bools, Floats, Indices, RoadMap
 
 SPACING = 1.0  # m between the rows of the pose and speed tables
 
-# Columns of RouteMap.table: compiled code is handed one array, since every array in a tuple costs at every call.
-NEXT, LEFT_NODE, RIGHT_NODE, LENGTH, LIMIT, STATION, REACH, STOP_LINE, INTERNAL, FIRST_ROW, LAST_ROW, JUNCTION = range(12)
+# Columns of RouteMap.table: compiled code is handed one array, since every array in a tuple costs
+# at every call.
+(
+    NEXT,
+    LEFT_NODE,
+    RIGHT_NODE,
+    LENGTH,
+    LIMIT,
+    STATION,
+    REACH,
+    STOP_LINE,
+    INTERNAL,
+    FIRST_ROW,
+    LAST_ROW,
+    JUNCTION,
+) = range(12)
 END_GAP = 1.5  # m kept to the end of a lane that leads nowhere
-UPSTREAM_VIEW = 200.0  # m before a lane of the route over which the lanes that lead into it are followed
+UPSTREAM_VIEW = (
+    200.0  # m before a lane of the route over which the lanes that lead into it are followed
+)
 
 
 class Upstream(NamedTuple):
@@ -29,8 +46,11 @@ class Upstream(NamedTuple):
 
 
 class RouteMap(NamedTuple):
-    """W lanes ("nodes") in driving order: `next` always lies later. R table rows. Computed once for a route. Indices are 64 bit
-    wide throughout the search, so that compiled states have one type."""
+    """W lanes ("nodes") in driving order:
+
+    `next` always lies later. R table rows. Computed once for a route. Indices are 64 bit wide
+    throughout the search, so that compiled states have one type.
+    """
 
     lane: Indices  # [W] lane of the RoadMap
     leg: Indices  # [W] index of the route's edge; internal lanes: of the edge before
@@ -40,29 +60,42 @@ class RouteMap(NamedTuple):
     length: Floats  # [W] m
     limit: Floats  # [W] speed limit times the ego's speed factor, at most its own top speed, m/s
     station: Floats  # [W] where it begins, m from the start of the route
-    changes: Indices  # [W] lane changes to the lane of this edge that leads furthest; positive: to the left
-    needed: Indices  # [W] the most changes that a lane of the node's way needs, itself or one after it, to the side of the first of them
-    reach: Floats  # [W] m from the node's start to where the route is lost without a lane change; inf: never
+    # [W] lane changes to the lane of this edge that leads furthest; positive: to the left
+    changes: Indices
+    # [W] the most changes that a lane of the node's way needs, itself or one after it, to the side
+    # of the first of them
+    needed: Indices
+    # [W] m from the node's start to where the route is lost without a lane change; inf: never
+    reach: Floats
     stop: Bools  # [W] a stop line at its end: signal, stop sign
     signal: Indices  # [W] signal of that stop line, -1 none
     link: Indices  # [W]
     sign: Bools  # [W] a stop sign: the ego has to stand there first
     internal: Bools  # [W]
-    row: Indices  # [W+1] node i owns the table rows row[i]:row[i+1], one every SPACING m, the last at or beyond its end
+    # [W+1] node i owns the table rows row[i]:row[i+1], one every SPACING m, the last at or beyond
+    # its end
+    row: Indices
     pose: Floats  # [R, 4] centre x, y, cos, sin of the ego's box with its front there
-    cap: Floats  # [R] speed from which all lower limits and dead ends ahead are reached with approach_decel
-    table: Floats  # [W, 12] next .. station, reach, stop, internal, first and last row, and junction, once more, for compiled code
+    # [R] speed from which all lower limits and dead ends ahead are reached with approach_decel
+    cap: Floats
+    # [W, 12] next .. station, reach, stop, internal, first and last row, and junction, once more,
+    # for compiled code
+    table: Floats
     rows: Floats  # [R, 5] pose and cap, likewise
     upstream: Upstream
 
 
 def is_rest_of(route: tuple[int, ...], edges: tuple[int, ...]) -> bool:
-    """Whether a vehicle with this route still drives the way that was laid out for `edges`: SUMO takes off what lies behind."""
+    """Whether a vehicle with this route still drives the way that was laid out for `edges`:
+
+    SUMO takes off what lies behind.
+    """
     return len(route) > 0 and route == edges[len(edges) - len(route) :]
 
 
 def stop_ahead(route: RouteMap, node: int, s: float, within: float = math.inf) -> tuple[int, float]:
-    """The first node from `node` on, down its chain, that ends at a stop line, and how far that is from s (m); -1 and inf where there is none `within` m."""
+    """The first node from `node` on, down its chain, that ends at a stop line, and how far that is
+    from s (m); -1 and inf where there is none `within` m."""
     distance = -s
     while node >= 0 and distance < within:
         distance += float(route.length[node])
@@ -72,15 +105,29 @@ def stop_ahead(route: RouteMap, node: int, s: float, within: float = math.inf) -
     return -1, math.inf
 
 
-def route_map(road: RoadMap, edges: tuple[int, ...], vclass: int, length: float, speed_factor: float, max_speed: float, decel: float) -> RouteMap:
-    """Lay out the route for a vehicle of this class, length (m), speed factor and top speed (m/s); `decel` (m/s2) shapes `cap`."""
+def route_map(
+    road: RoadMap,
+    edges: tuple[int, ...],
+    vclass: int,
+    length: float,
+    speed_factor: float,
+    max_speed: float,
+    decel: float,
+) -> RouteMap:
+    """Lay out the route for a vehicle of this class, length (m), speed factor and top speed (m/s);
+
+    `decel` (m/s2) shapes `cap`.
+    """
     lanes, legs, following = _collect(road, edges, vclass)
     w = len(lanes)
     lane, leg = np.array(lanes, np.int64), np.array(legs, np.int64)
     position = {(int(leg[i]), int(lane[i])): i for i in range(w)}
     node_length = road.length[lane]
     nxt, changes, reach = _continuations(road, lane, leg, following, node_length, len(edges))
-    left, right = (np.array([position.get((int(leg[i]), int(side[lane[i]])), -1) for i in range(w)], np.int64) for side in (road.left, road.right))
+    left, right = (
+        np.array([position.get((int(leg[i]), int(side[lane[i]])), -1) for i in range(w)], np.int64)
+        for side in (road.left, road.right)
+    )
     left[road.internal[lane]] = -1  # SUMO does not change lanes inside a junction
     right[road.internal[lane]] = -1
     limit = np.minimum(road.speed[lane] * speed_factor, max_speed)
@@ -93,14 +140,20 @@ def route_map(road: RoadMap, edges: tuple[int, ...], vclass: int, length: float,
     last = leg == len(edges) - 1
     previous = np.full(w, -1, np.int64)
     previous[nxt[nxt >= 0]] = np.flatnonzero(nxt >= 0)
-    station, stop, internal = _stations(road, edges, lane, leg, nxt), (signal >= 0) | sign, road.internal[lane].copy()
+    station, stop, internal = (
+        _stations(road, edges, lane, leg, nxt),
+        (signal >= 0) | sign,
+        road.internal[lane].copy(),
+    )
     pose = _poses(road, lane, previous, row, node_length, length)
     cap = np.zeros(row[-1])
     _fill_caps(cap, nxt, row, node_length, limit, last & ~internal, decel)
     return RouteMap(
-        lane, leg, nxt, left, right, node_length, limit, station, changes, _needed(nxt, changes), reach, stop, signal,
+        lane, leg, nxt, left, right, node_length, limit, station, changes, _needed(nxt, changes),
+        reach, stop, signal,
         np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
-        np.column_stack([nxt, left, right, node_length, limit, station, reach, stop, internal, row[:-1], row[1:] - 1, road.junction[lane]]).astype(np.float64),
+        np.column_stack([nxt, left, right, node_length, limit, station, reach, stop, internal,
+        row[:-1], row[1:] - 1, road.junction[lane]]).astype(np.float64),
         np.column_stack([pose, cap]), _upstream(road, lane),
     )  # fmt: skip
 
@@ -110,8 +163,13 @@ def _edge_lanes(road: RoadMap, edge: int, vclass: int) -> list[int]:
     return [int(i) for i in lanes[usable(road, lanes, vclass)]]
 
 
-def _collect(road: RoadMap, edges: tuple[int, ...], vclass: int) -> tuple[list[int], list[int], dict[tuple[int, int], list[list[int]]]]:
-    """All lanes of the route in driving order, their legs, and for each (leg, lane) its ways on: [internal lanes..., exit lane]."""
+def _collect(
+    road: RoadMap, edges: tuple[int, ...], vclass: int
+) -> tuple[list[int], list[int], dict[tuple[int, int], list[list[int]]]]:
+    """All lanes of the route in driving order, their legs, and for each (leg, lane) its ways on:
+
+    [internal lanes..., exit lane].
+    """
     lanes: list[int] = []
     legs: list[int] = []
     following: dict[tuple[int, int], list[list[int]]] = {}
@@ -137,15 +195,25 @@ def _collect(road: RoadMap, edges: tuple[int, ...], vclass: int) -> tuple[list[i
 def _way(road: RoadMap, lane: int) -> list[int]:
     """From the first lane of a connection to its exit lane."""
     way = [lane]
-    while road.internal[way[-1]] and road.successor_offset[way[-1]] < road.successor_offset[way[-1] + 1] and len(way) < 8:
+    while (
+        road.internal[way[-1]]
+        and road.successor_offset[way[-1]] < road.successor_offset[way[-1] + 1]
+        and len(way) < 8
+    ):
         way.append(int(road.successor[road.successor_offset[way[-1]]]))
     return way
 
 
 def _continuations(
-    road: RoadMap, lane: Indices, leg: Indices, following: dict[tuple[int, int], list[list[int]]], length: Floats, legs: int
+    road: RoadMap,
+    lane: Indices,
+    leg: Indices,
+    following: dict[tuple[int, int], list[list[int]]],
+    length: Floats,
+    legs: int,
 ) -> tuple[Indices, Indices, Floats]:
-    """next, changes and reach of every node, as SUMO continues: the furthest way, then the fewest lane changes, then the rightmost."""
+    """next, changes and reach of every node, as SUMO continues: the furthest way, then the fewest
+    lane changes, then the rightmost."""
     w = len(lane)
     nxt, changes, reach = np.full(w, -1, np.int64), np.zeros(w, np.int64), np.zeros(w)
     nodes = {(int(leg[i]), int(lane[i])): i for i in range(w)}
@@ -176,7 +244,8 @@ def _continuations(
 
 
 def _upstream(road: RoadMap, own: Indices) -> Upstream:
-    """The lanes that are not among the route's `own` and lead to one of them within UPSTREAM_VIEW m; where one leads to several, to the nearest."""
+    """The lanes that are not among the route's `own` and lead to one of them within UPSTREAM_VIEW
+    m; where one leads to several, to the nearest."""
     order = np.argsort(road.successor, kind="stable")
     origin = np.repeat(np.arange(len(road.length)), np.diff(road.successor_offset))[order]
     first = np.searchsorted(road.successor[order], np.arange(len(road.length) + 1))
@@ -198,7 +267,10 @@ def _upstream(road: RoadMap, own: Indices) -> Upstream:
 
 
 def _needed(nxt: Indices, changes: Indices) -> Indices:
-    """The most changes on each node's way, to the side of the first. With `changes` alone, driving on to where the lanes multiply would look like a loss."""
+    """The most changes on each node's way, to the side of the first.
+
+    With `changes` alone, driving on to where the lanes multiply would look like a loss.
+    """
     side, most = np.sign(changes), np.abs(changes)
     for i in range(len(nxt) - 1, -1, -1):
         if nxt[i] >= 0:
@@ -207,8 +279,11 @@ def _needed(nxt: Indices, changes: Indices) -> Indices:
     return side * most
 
 
-def _stations(road: RoadMap, edges: tuple[int, ...], lane: Indices, leg: Indices, nxt: Indices) -> Floats:
-    """Where each node begins, m from the route's start; ways through a junction count as long as the longest of them."""
+def _stations(
+    road: RoadMap, edges: tuple[int, ...], lane: Indices, leg: Indices, nxt: Indices
+) -> Floats:
+    """Where each node begins, m from the route's start; ways through a junction count as long as
+    the longest of them."""
     station = np.zeros(len(lane))
     begin = 0.0
     for k in range(len(edges)):
@@ -227,14 +302,24 @@ def _stations(road: RoadMap, edges: tuple[int, ...], lane: Indices, leg: Indices
     return station
 
 
-def _poses(road: RoadMap, lane: Indices, previous: Indices, row: Indices, length: Floats, vehicle: float) -> Floats:
+def _poses(
+    road: RoadMap, lane: Indices, previous: Indices, row: Indices, length: Floats, vehicle: float
+) -> Floats:
     pose = np.zeros((row[-1], 4))
     _fill_poses(pose, lane, previous, row, length, vehicle, lines_of(road))
     return pose
 
 
 @entry
-def _fill_poses(pose: Floats, lane: Indices, previous: Indices, row: Indices, length: Floats, vehicle: float, lines: Lines) -> None:
+def _fill_poses(
+    pose: Floats,
+    lane: Indices,
+    previous: Indices,
+    row: Indices,
+    length: Floats,
+    vehicle: float,
+    lines: Lines,
+) -> None:
     for i in range(len(lane)):
         for k in range(row[i], row[i + 1]):
             s = (k - row[i]) * SPACING
@@ -245,12 +330,26 @@ def _fill_poses(pose: Floats, lane: Indices, previous: Indices, row: Indices, le
                 rear += length[node]
             rx, ry = point_on(lines, lane[node], rear)
             _, _, c, n = chord(fx, fy, rx, ry, 1.0, 0.0)
-            # the middle of the chord would lie elsewhere where a shape is longer or shorter than its lane
-            pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = fx - 0.5 * vehicle * c, fy - 0.5 * vehicle * n, c, n
+            # the middle of the chord would lie elsewhere where a shape is longer or shorter than
+            # its lane
+            pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = (
+                fx - 0.5 * vehicle * c,
+                fy - 0.5 * vehicle * n,
+                c,
+                n,
+            )
 
 
 @entry
-def _fill_caps(cap: Floats, nxt: Indices, row: Indices, length: Floats, limit: Floats, goal: Bools, decel: float) -> None:
+def _fill_caps(
+    cap: Floats,
+    nxt: Indices,
+    row: Indices,
+    length: Floats,
+    limit: Floats,
+    goal: Bools,
+    decel: float,
+) -> None:
     """RouteMap.cap [R], backward over the nodes: v^2 = v_next^2 + 2 b d."""
     for i in range(len(nxt) - 1, -1, -1):
         end = limit[i] if goal[i] else 0.0
@@ -264,21 +363,32 @@ def _fill_caps(cap: Floats, nxt: Indices, row: Indices, length: Floats, limit: F
             cap[k] = min(limit[i], math.sqrt(end * end + 2.0 * decel * to_end))
         beyond = row[i + 1] - 1
         share = length[i] / SPACING - (beyond - 1 - row[i])
-        if nxt[i] >= 0 and share > 1e-6:  # between the last two rows `end` is to be read where the lane ends
+        if (
+            nxt[i] >= 0 and share > 1e-6
+        ):  # between the last two rows `end` is to be read where the lane ends
             cap[beyond] = max(0.0, cap[beyond - 1] + (end - cap[beyond - 1]) / share)
 
 
 @kernel
 def lane_pose(table: Floats, row: Floats, node: int, s: float) -> tuple[float, float, float, float]:
-    """Centre x, y, cos and sin of the heading of a box in the middle of its lane, its front at s; `table` and `row` as in RouteMap."""
+    """Centre x, y, cos and sin of the heading of a box in the middle of its lane, its front at s;
+
+    `table` and `row` as in RouteMap.
+    """
     first, last = int(table[node, FIRST_ROW]), int(table[node, LAST_ROW])
     position = max(s, 0.0) / SPACING
     k = min(int(position), last - first - 1)
     share = position - k
     k += first
-    c, n = row[k, 2] + share * (row[k + 1, 2] - row[k, 2]), row[k, 3] + share * (row[k + 1, 3] - row[k, 3])
+    c, n = (
+        row[k, 2] + share * (row[k + 1, 2] - row[k, 2]),
+        row[k, 3] + share * (row[k + 1, 3] - row[k, 3]),
+    )
     norm = math.sqrt(c * c + n * n)
-    x, y = row[k, 0] + share * (row[k + 1, 0] - row[k, 0]), row[k, 1] + share * (row[k + 1, 1] - row[k, 1])
+    x, y = (
+        row[k, 0] + share * (row[k + 1, 0] - row[k, 0]),
+        row[k, 1] + share * (row[k + 1, 1] - row[k, 1]),
+    )
     if s < 0.0:  # still with its front on the lane before
         x, y = x + s * c / norm, y + s * n / norm
     return x, y, c / norm, n / norm

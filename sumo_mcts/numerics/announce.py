@@ -26,7 +26,11 @@ class Teller:
     def compiles(self) -> None:
         """One more kernel is being compiled."""
         self._count += 1
-        done = f"{self._count} kernels" if self._plan is None else "{} of {} kernels".format(*self._plan)
+        done = (
+            f"{self._count} kernels"
+            if self._plan is None
+            else "{} of {} kernels".format(*self._plan)
+        )
         self._note(f"{COMPILING}  {done}")
 
     def plans(self, plan: tuple[int, int] | None) -> None:
@@ -104,11 +108,19 @@ class Growth:
         self._last = now
         if now > before:
             self._grown_at = time.monotonic()
-        return f"{COMPILING}  {now - self._first} kernels" if time.monotonic() - self._grown_at < PATIENCE_S else ""
+        return (
+            f"{COMPILING}  {now - self._first} kernels"
+            if time.monotonic() - self._grown_at < PATIENCE_S
+            else ""
+        )
 
 
 def watched(future: "Future[_T]", count: Callable[[], int], note: Note) -> _T:
-    """The answer of another process. Meanwhile `note` is told where kernels are compiled, of which `count` tells how many are kept. Raises what it raises."""
+    """The answer of another process.
+
+    Meanwhile `note` is told where kernels are compiled, of which `count` tells how many are kept.
+    Raises what it raises.
+    """
     growth = Growth(count)
     while not wait([future], LOOK_S).done:
         if news := growth.news():

@@ -10,7 +10,8 @@ from sumo_mcts.scene import Floats, Ints, RoadMap
 
 
 class Box(NamedTuple):
-    """An oriented box: its centre (m), cosine and sine of its heading, and half its length and width (m)."""
+    """An oriented box: its centre (m), cosine and sine of its heading, and half its length and
+    width (m)."""
 
     x: float
     y: float
@@ -21,8 +22,11 @@ class Box(NamedTuple):
 
 
 @kernel
-def point_at(points: Floats, arc: Floats, first: int, last: int, distance: float) -> tuple[float, float]:
-    """The point of the polyline points[first:last] [., 2] at an arc length; arc [.] are its vertices' arc lengths. Straight on beyond both ends."""
+def point_at(
+    points: Floats, arc: Floats, first: int, last: int, distance: float
+) -> tuple[float, float]:
+    """The point of the polyline points[first:last] [., 2] at an arc length; arc [.] are its
+    vertices' arc lengths. Straight on beyond both ends."""
     low, high = first, last - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -38,8 +42,11 @@ def point_at(points: Floats, arc: Floats, first: int, last: int, distance: float
     )
 
 
-def nearest(begin: Floats, way: Floats, x: float, y: float, least: Floats | float = 0.0) -> tuple[Floats, Floats]:
-    """Where each straight piece (from begin [P, 2] to begin + way) is nearest to a point: share of the piece [P], not below `least`, and distance [P], m."""
+def nearest(
+    begin: Floats, way: Floats, x: float, y: float, least: Floats | float = 0.0
+) -> tuple[Floats, Floats]:
+    """Where each straight piece (from begin [P, 2] to begin + way) is nearest to a point: share of
+    the piece [P], not below `least`, and distance [P], m."""
     to_x, to_y = x - begin[:, 0], y - begin[:, 1]
     square = np.maximum(way[:, 0] ** 2 + way[:, 1] ** 2, 1e-18)
     share = np.clip((to_x * way[:, 0] + to_y * way[:, 1]) / square, least, 1.0)
@@ -63,7 +70,9 @@ def lines_of(road: RoadMap) -> Lines:
 @kernel
 def point_on(lines: Lines, lane: int, s: float) -> tuple[float, float]:
     """The centre line's point at a position on a lane, m; straight on beyond its ends."""
-    return point_at(lines.points, lines.arc, lines.first[lane], lines.first[lane + 1], s * lines.scale[lane])
+    return point_at(
+        lines.points, lines.arc, lines.first[lane], lines.first[lane + 1], s * lines.scale[lane]
+    )
 
 
 @kernel
@@ -78,12 +87,15 @@ def boxes_touch(a: Box, b: Box) -> bool:
         return False
     if abs(dx * b.cos + dy * b.sin) > b.half_length + a.half_length * cosine + a.half_width * sine:
         return False
-    return abs(dy * b.cos - dx * b.sin) <= b.half_width + a.half_length * sine + a.half_width * cosine
+    return (
+        abs(dy * b.cos - dx * b.sin) <= b.half_width + a.half_length * sine + a.half_width * cosine
+    )
 
 
 @kernel
 def box_distance(a: Box, b: Box) -> float:
-    """Distance between two boxes, m; 0 where they overlap: the nearest corner of either to the other."""
+    """Distance between two boxes, m; 0 where they overlap: the nearest corner of either to the
+    other."""
     return 0.0 if boxes_touch(a, b) else min(_corner_distance(a, b), _corner_distance(b, a))
 
 
@@ -92,7 +104,10 @@ def _corner_distance(a: Box, b: Box) -> float:
     """From box a to the nearest corner of box b."""
     nearest = math.inf
     for corner in range(4):
-        u, v = (b.half_length if corner < 2 else -b.half_length), (b.half_width if corner % 2 == 0 else -b.half_width)
+        u, v = (
+            (b.half_length if corner < 2 else -b.half_length),
+            (b.half_width if corner % 2 == 0 else -b.half_width),
+        )
         x, y = b.x + u * b.cos - v * b.sin - a.x, b.y + u * b.sin + v * b.cos - a.y
         dx = max(abs(x * a.cos + y * a.sin) - a.half_length, 0.0)
         dy = max(abs(y * a.cos - x * a.sin) - a.half_width, 0.0)
@@ -101,7 +116,14 @@ def _corner_distance(a: Box, b: Box) -> float:
 
 
 @kernel
-def chord(front_x: float, front_y: float, rear_x: float, rear_y: float, cos_default: float, sin_default: float) -> tuple[float, float, float, float]:
+def chord(
+    front_x: float,
+    front_y: float,
+    rear_x: float,
+    rear_y: float,
+    cos_default: float,
+    sin_default: float,
+) -> tuple[float, float, float, float]:
     """The pose (centre x, y, cos, sin) of a box whose front and rear bumper centres are given."""
     dx, dy = front_x - rear_x, front_y - rear_y
     norm = math.sqrt(dx * dx + dy * dy)
@@ -112,7 +134,10 @@ def chord(front_x: float, front_y: float, rear_x: float, rear_y: float, cos_defa
 
 @kernel
 def swung(turned: float, forward: float, left: float, length: float) -> float:
-    """The angle (rad) between a vehicle and its lane after a step forward and to the left (m): its rear follows its front."""
+    """The angle (rad) between a vehicle and its lane after a step forward and to the left (m): its
+    rear follows its front."""
     if left * left + forward * forward > length * length:
         return math.atan2(left, forward)
-    return turned + math.asin(min(max(math.cos(turned) * (left - math.tan(turned) * forward) / length, -1.0), 1.0))
+    return turned + math.asin(
+        min(max(math.cos(turned) * (left - math.tan(turned) * forward) / length, -1.0), 1.0)
+    )

@@ -1,4 +1,5 @@
-"""Where compiled kernels are kept: files in a folder of this user's alone, since what is loaded from them is executed."""
+"""Where compiled kernels are kept: files in a folder of this user's alone, since what is loaded
+from them is executed."""
 
 import atexit
 import hashlib
@@ -22,7 +23,9 @@ SUFFIX = ".kernel"
 NOTHING_KEPT = "compiled kernels are not kept"  # how the line begins that says so
 MOST_LINKS = 40  # on the way to a folder, as many as Linux follows
 POLL_S = 0.05  # between two looks whether another process is done
-LONGEST_WAIT_S = 120.0  # for what another process compiles: one that is stopped must not stop others
+LONGEST_WAIT_S = (
+    120.0  # for what another process compiles: one that is stopped must not stop others
+)
 _DIGEST = hashlib.sha256().digest_size
 Note = Callable[[str], object]
 
@@ -31,7 +34,10 @@ Note = Callable[[str], object]
 
 
 def folder_for(key: str, note: Note) -> Path | None:
-    """A folder of this user's alone for what was compiled under `key`. Where none lasts, one for this process, and `note` is told; None: nowhere."""
+    """A folder of this user's alone for what was compiled under `key`.
+
+    Where none lasts, one for this process, and `note` is told; None: nowhere.
+    """
     for base in _bases():
         folder = base / f"kernels-{key}"
         with suppress(OSError):
@@ -42,12 +48,15 @@ def folder_for(key: str, note: Note) -> Path | None:
 
 
 def is_ours(folder: Path) -> bool:
-    """Whether only this user can write there, and only this user or root can put another folder in its place."""
+    """Whether only this user can write there, and only this user or root can put another folder in
+    its place."""
     if not hasattr(os, "getuid"):  # on Windows a user's folders are the user's
         return True
     try:
         state = folder.lstat()
-        alone = stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and not _others_write(state)
+        alone = (
+            stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and not _others_write(state)
+        )
         return alone and os.access(folder, os.W_OK | os.X_OK) and _is_safe_way(folder.parent)
     except OSError:
         return False
@@ -61,7 +70,8 @@ def _make(folder: Path) -> None:
 
 
 def _bases() -> Iterator[Path]:
-    """Where the folder may lie: in the user's cache folder, else in a folder of the user's own in the temporary folder."""
+    """Where the folder may lie: in the user's cache folder, else in a folder of the user's own in
+    the temporary folder."""
     named = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if named.is_absolute():  # others are to be ignored, as the specification says
         yield named / NAME
@@ -77,7 +87,8 @@ def _bases() -> Iterator[Path]:
 
 
 def _temporary() -> Path:
-    """The temporary folder that lasts longer than this process, which may have one of its own (supervisor.py)."""
+    """The temporary folder that lasts longer than this process, which may have one of its own
+    (supervisor.py)."""
     named = Path(os.environ.get("TMPDIR", ""))
     return named if named.is_absolute() else Path("/tmp")
 
@@ -90,7 +101,10 @@ def _passing(note: Note) -> Path | None:
         note(f"{NOTHING_KEPT}: no folder can be written: {error.strerror or error}")
         return None
     atexit.register(_remove, folder, os.getpid())
-    note(f"{NOTHING_KEPT}: neither the cache folder nor {_temporary()} has room for a folder that is this user's alone")
+    note(
+        f"{NOTHING_KEPT}: neither the cache folder nor {_temporary()} has room for a folder that "
+        "is this user's alone"
+    )
     return folder
 
 
@@ -100,7 +114,8 @@ def _remove(folder: Path, process: int) -> None:
 
 
 def _is_safe_way(folder: Path) -> bool:
-    """Whether every folder and link on the way belongs to this user or root, and no other user can replace what lies in it. Raises OSError."""
+    """Whether every folder and link on the way belongs to this user or root, and no other user can
+    replace what lies in it. Raises OSError."""
     here, todo, links = Path(folder.anchor), list(folder.parts[:0:-1]), 0
     while todo:
         if not _is_safe(here.lstat()):
@@ -120,7 +135,10 @@ def _is_safe_way(folder: Path) -> bool:
 
 
 def _others_write(state: os.stat_result) -> bool:
-    """Whether other users may write to a file or folder. A group of this user alone, as many systems give each user one, is no other."""
+    """Whether other users may write to a file or folder.
+
+    A group of this user alone, as many systems give each user one, is no other.
+    """
     by_group = state.st_mode & stat.S_IWGRP and not _is_of_user_alone(state.st_gid)
     return bool(state.st_mode & stat.S_IWOTH or by_group)
 
@@ -130,11 +148,16 @@ def _is_of_user_alone(group: int) -> bool:
         known, user = grp.getgrgid(group), pwd.getpwuid(os.getuid())
     except KeyError:
         return False
-    return known.gr_name == user.pw_name and user.pw_gid == group and set(known.gr_mem) <= {user.pw_name}
+    return (
+        known.gr_name == user.pw_name
+        and user.pw_gid == group
+        and set(known.gr_mem) <= {user.pw_name}
+    )
 
 
 def _is_safe(state: os.stat_result) -> bool:
-    """Of a folder: with the sticky bit, as /tmp has it, others may add files but not replace ours."""
+    """Of a folder: with the sticky bit, as /tmp has it, others may add files but not replace
+    ours."""
     open_to_others = _others_write(state) and not state.st_mode & stat.S_ISVTX
     return stat.S_ISDIR(state.st_mode) and state.st_uid in (0, os.getuid()) and not open_to_others
 
@@ -143,8 +166,11 @@ def _is_safe(state: os.stat_result) -> bool:
 
 
 class Kept:
-    """Something that one process makes and all may read: a file, which is its lock too. It holds a digest, then the content; it is empty where nothing is
-    kept, or the process was interrupted."""
+    """Something that one process makes and all may read: a file, which is its lock too.
+
+    It holds a digest, then the content; it is empty where nothing is kept, or the process was
+    interrupted.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -174,7 +200,11 @@ class Kept:
         return not free
 
     def take(self, waiting: Callable[[float], object]) -> None:
-        """Hold the lock. `waiting` is told, again and again, for how many seconds another process has held it; after LONGEST_WAIT_S we go on without."""
+        """Hold the lock.
+
+        `waiting` is told, again and again, for how many seconds another process has held it; after
+        LONGEST_WAIT_S we go on without.
+        """
         began = time.monotonic()
         while not self._try() and time.monotonic() - began < LONGEST_WAIT_S:
             waiting(time.monotonic() - began)
@@ -204,7 +234,11 @@ class Kept:
             content = content[os.write(self._file, content) :]
 
     def _try(self) -> bool:
-        """Take the lock, unless another process holds it. Where there are no locks, as on some disks of a network, or no file, there is nothing to wait for."""
+        """Take the lock, unless another process holds it.
+
+        Where there are no locks, as on some disks of a network, or no file, there is nothing to
+        wait for.
+        """
         if fcntl is None:
             return True
         try:

@@ -29,16 +29,20 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 
 
 def kernel(function: _F) -> _F:
-    """A function that other kernels call: compiled, and kept on disk. Where Python calls it, it runs as plain Python, with the same results.
+    """A function that other kernels call: compiled, and kept on disk.
 
-    What Python would need to call it compiled takes a third of all compilation; see `entry`. Compiled without reference counts, which would cost more
-    than the arithmetic: such a function cannot make arrays of its own. With NUMBA_DISABLE_JIT=1 everything runs as plain Python.
+    Where Python calls it, it runs as plain Python, with the same results.
+
+    What Python would need to call it compiled takes a third of all compilation; see `entry`.
+    Compiled without reference counts, which would cost more than the arithmetic: such a function
+    cannot make arrays of its own. With NUMBA_DISABLE_JIT=1 everything runs as plain Python.
     """
     return _compiled(Part, function, _nrt=False, no_cpython_wrapper=True)
 
 
 def inlined(function: _F) -> _F:
-    """A kernel that becomes part of its callers: for those with which trying showed that it helps (docs/architecture.md)."""
+    """A kernel that becomes part of its callers: for those with which trying showed that it helps
+    (docs/architecture.md)."""
     return _compiled(Part, function, _nrt=False, no_cpython_wrapper=True, forceinline=True)
 
 
@@ -58,8 +62,9 @@ def lengthy(function: _F) -> _F:
 
 
 def scalar_function(function: _F, signature: str) -> _F:
-    """A function of scalars as an argument of kernels: all of one `signature` are one type to numba, so that kernels are compiled, and kept on disk,
-    once for all of them. A function that is a kernel already is compiled anew."""
+    """A function of scalars as an argument of kernels: all of one `signature` are one type to
+    numba, so that kernels are compiled, and kept on disk, once for all of them. A function that is
+    a kernel already is compiled anew."""
     plain = getattr(function, "py_func", function)
     return cast(_F, plain if is_plain() else numba.cfunc(signature, error_model="numpy")(plain))
 
@@ -72,7 +77,13 @@ def is_plain() -> bool:
 def _compiled(kind: "type[Kernel]", function: _F, **options: Any) -> _F:
     if is_plain():
         return function
-    common = {"nopython": True, "boundscheck": None, "fastmath": False, "error_model": "numpy", "no_cfunc_wrapper": True}
+    common = {
+        "nopython": True,
+        "boundscheck": None,
+        "fastmath": False,
+        "error_model": "numpy",
+        "no_cfunc_wrapper": True,
+    }
     made = kind(function, targetoptions={**common, **options})
     made.enable_caching()
     return cast(_F, made)
@@ -97,15 +108,32 @@ def keep_in(place: Path) -> None:
 @cache
 def _own_folder() -> Path | None:
     """One for each state of the sources and each environment."""
-    rooms = [path for room in ("model", "planners", "evaluation") for path in sorted((_PACKAGE / room).glob("*.py"))]
-    sources = b"".join(path.read_bytes() for path in [*rooms, _PACKAGE / "scene.py"])  # numba overlooks a change in another file that a kernel calls
-    return folder_for(hashlib.sha256(repr(environment()).encode() + sources).hexdigest()[:16], lambda line: teller().notes(line))
+    rooms = [
+        path
+        for room in ("model", "planners", "evaluation")
+        for path in sorted((_PACKAGE / room).glob("*.py"))
+    ]
+    sources = b"".join(
+        path.read_bytes() for path in [*rooms, _PACKAGE / "scene.py"]
+    )  # numba overlooks a change in another file that a kernel calls
+    return folder_for(
+        hashlib.sha256(repr(environment()).encode() + sources).hexdigest()[:16],
+        lambda line: teller().notes(line),
+    )
 
 
 def environment() -> tuple[object, ...]:
-    """What compiled code depends on beside the sources: versions, processor, level of optimisation."""
+    """What compiled code depends on beside the sources: versions, processor, level of
+    optimisation."""
     processor = _NUMBA.registry.cpu_target.target_context.codegen().magic_tuple()
-    return numba.__version__, version("llvmlite"), sys.version, sys.implementation.cache_tag, *map(str, processor), str(_SETTINGS.OPT)
+    return (
+        numba.__version__,
+        version("llvmlite"),
+        sys.version,
+        sys.implementation.cache_tag,
+        *map(str, processor),
+        str(_SETTINGS.OPT),
+    )
 
 
 def kept_kernels() -> int:
@@ -120,7 +148,10 @@ def _source(path: str) -> bytes:
 
 
 class _Cache:
-    """The compiled kernels of one function, in the form in which numba asks for them. What cannot be loaded is as if it were not there."""
+    """The compiled kernels of one function, in the form in which numba asks for them.
+
+    What cannot be loaded is as if it were not there.
+    """
 
     def __init__(self, function: Callable[..., Any], options: object) -> None:
         self._function, self._options = function, options
@@ -132,12 +163,20 @@ class _Cache:
         if where is None:
             return None
         if arguments not in self._kept:
-            told = hashlib.sha256(repr((arguments, self._options, code.co_firstlineno)).encode() + _source(code.co_filename)).hexdigest()[:16]
-            self._kept[arguments] = Kept(where / f"{self._function.__module__.rpartition('.')[2]}.{self._function.__qualname__}-{told}{SUFFIX}")
+            told = hashlib.sha256(
+                repr((arguments, self._options, code.co_firstlineno)).encode()
+                + _source(code.co_filename)
+            ).hexdigest()[:16]
+            name = f"{self._function.__module__.rpartition('.')[2]}.{self._function.__qualname__}"
+            self._kept[arguments] = Kept(where / f"{name}-{told}{SUFFIX}")
         return self._kept[arguments]
 
     def load_overload(self, arguments: Types, context: Any) -> Any:
-        """The kernel. None where there is none: then we hold the lock from now on, and another process that comes meanwhile waits."""
+        """The kernel.
+
+        None where there is none: then we hold the lock from now on, and another process that comes
+        meanwhile waits.
+        """
         kept = self.kept(arguments)
         if kept is None:
             return None
@@ -183,7 +222,8 @@ _trials: list[Run] = []  # the last one runs what is not compiled yet, instead o
 
 @contextmanager
 def tried(run: Run) -> Iterator[None]:
-    """Meanwhile `run` is called with each kernel that is not kept, instead of its being compiled, and with those that it calls."""
+    """Meanwhile `run` is called with each kernel that is not kept, instead of its being compiled,
+    and with those that it calls."""
     _trials.append(run)
     try:
         yield
@@ -215,7 +255,9 @@ class Kernel(_NUMBA.registry.CPUDispatcher):  # type: ignore[misc]
 
     def get_call_template(self, args: Sequence[Any], kws: dict[str, Any]) -> Any:
         """How other kernels call it: as `general` has the types of the arguments."""
-        return super().get_call_template([general(each) for each in args], {name: general(each) for name, each in kws.items()})
+        return super().get_call_template(
+            [general(each) for each in args], {name: general(each) for name, each in kws.items()}
+        )
 
     def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
         if not _trials or not self._can_wait(args):
@@ -224,7 +266,8 @@ class Kernel(_NUMBA.registry.CPUDispatcher):  # type: ignore[misc]
         return lambda *given: run(self, given)
 
     def _can_wait(self, args: Sequence[Any]) -> bool:
-        """Whether a call with these arguments may run as plain Python for now: nothing is kept for them."""
+        """Whether a call with these arguments may run as plain Python for now: nothing is kept for
+        them."""
         if any(isinstance(each, _NUMBA.dispatcher.OmittedArg) for each in args):
             return False
         kept = self.kept(self.types_of(args))
@@ -247,9 +290,16 @@ class Lengthy(Kernel):
 
 
 def general(kind: Any) -> Any:
-    """The type that an argument is compiled for: not anew for each constant and each shorter integer."""
+    """The type that an argument is compiled for: not anew for each constant and each shorter
+    integer."""
     kind = _TYPES.unliteral(kind)
-    return _TYPES.int64 if isinstance(kind, _TYPES.Integer) and kind.signed and kind.bitwidth < _TYPES.int64.bitwidth else kind
+    return (
+        _TYPES.int64
+        if isinstance(kind, _TYPES.Integer)
+        and kind.signed
+        and kind.bitwidth < _TYPES.int64.bitwidth
+        else kind
+    )
 
 
 class _Listener(_NUMBA.event.Listener):  # type: ignore[misc]
@@ -269,7 +319,8 @@ _NUMBA.event.register("numba:compile", _Listener())
 
 
 class Stopwatch:
-    """Runs from the moment it is made, and stands still while this thread compiles kernels or loads them from the disk."""
+    """Runs from the moment it is made, and stands still while this thread compiles kernels or loads
+    them from the disk."""
 
     def __init__(self) -> None:
         self.began, self._loaded = time.perf_counter(), _LOADING.seconds
@@ -286,7 +337,8 @@ class Stopwatch:
 
 
 class _Loading(threading.local):
-    """How long a thread has been compiling and loading kernels, s. numba does both under one lock, and announces that."""
+    """How long a thread has been compiling and loading kernels, s. numba does both under one lock,
+    and announces that."""
 
     seconds = 0.0
     _depth, _since = 0, 0.0

@@ -1,4 +1,5 @@
-"""How SUMO's drivers keep clear of what is ahead (Krauss 1998): as fast as possible, braking as late as possible. Two sides of one rule."""
+"""How SUMO's drivers keep clear of what is ahead (Krauss 1998): as fast as possible, braking as
+late as possible. Two sides of one rule."""
 
 import math
 
@@ -12,12 +13,16 @@ CAREFUL_S = 1.8  # and that the most careful of them leave
 
 @kernel
 def safe_speed(gap: float, leader_v: float, reaction: float) -> float:
-    """The speed (m/s) from which a driver stops behind a leader that brakes too, `gap` m (its own distance left out) and `reaction` s left; 0: too near."""
+    """The speed (m/s) from which a driver stops behind a leader that brakes too, `gap` m (its own
+    distance left out) and `reaction` s left; 0: too near."""
     own = DECEL * reaction
-    return math.sqrt(own * own + leader_v * leader_v + 2.0 * DECEL * gap) - own if gap >= 0.0 else 0.0
+    return (
+        math.sqrt(own * own + leader_v * leader_v + 2.0 * DECEL * gap) - own if gap >= 0.0 else 0.0
+    )
 
 
 @kernel
 def safe_gap(v: float, leader_v: float, reaction: float) -> float:
-    """The gap (m) at which v (m/s) is the safe speed; for a faster leader `reaction` s are left all the same."""
+    """The gap (m) at which v (m/s) is the safe speed; for a faster leader `reaction` s are left all
+    the same."""
     return reaction * v + max(0.0, v * v - leader_v * leader_v) / (2.0 * DECEL)

@@ -1,4 +1,5 @@
-"""Compiles what is needed before it is needed: in the order that a trial shows, and in two processes side by side."""
+"""Compiles what is needed before it is needed: in the order that a trial shows, and in two
+processes side by side."""
 
 import gc
 import importlib
@@ -42,7 +43,8 @@ class Task(NamedTuple):
 
 
 def prepare(use: Callable[[], object]) -> None:
-    """Call `use`, and have everything compiled that it calls and that is not kept yet; in that call this runs as plain Python. Raises what `use` raises."""
+    """Call `use`, and have everything compiled that it calls and that is not kept yet; in that call
+    this runs as plain Python. Raises what `use` raises."""
     if kernel.is_plain() or kernel.folder() is None:
         use()
         return
@@ -85,7 +87,8 @@ class _Trial:
         return tuple(map(kernel.general, exact)) if self._running else exact
 
     def tasks(self) -> list[Task]:
-        """What is to be compiled, first what has the longest chain of callers: the search cannot be begun before the last of them is done."""
+        """What is to be compiled, first what has the longest chain of callers: the search cannot be
+        begun before the last of them is done."""
         above: dict[Kernel, int] = {}
         for caller, task in reversed(self._done.items()):
             for called in task.calls:
@@ -106,13 +109,17 @@ def _no_collection() -> Iterator[None]:
 
 
 def _work_off(tasks: Sequence[Task]) -> None:
-    """Compile, each after what it calls, what no other process has compiled or is compiling, until all is done."""
+    """Compile, each after what it calls, what no other process has compiled or is compiling, until
+    all is done."""
     left = {task.kernel: task for task in tasks}
     idle_since = time.monotonic()
     while left:
         left = {each: task for each, task in left.items() if not task.is_done()}
         teller().plans((len(tasks) - len(left), len(tasks)))
-        ready = next((task for task in left.values() if not task.calls & left.keys() and task.is_free()), None)
+        ready = next(
+            (task for task in left.values() if not task.calls & left.keys() and task.is_free()),
+            None,
+        )
         if ready is not None:
             ready.kernel.compile(ready.wanted)
             left.pop(ready.kernel)  # whether it could be kept or not
@@ -128,7 +135,9 @@ def _work_off(tasks: Sequence[Task]) -> None:
 # --- the second process ---
 
 _Name = tuple[str, str]  # module and function
-_Told = tuple[int, Path, list[tuple[_Name, Types, list[_Name]]]]  # the process that asks, the folder, the tasks
+_Told = tuple[
+    int, Path, list[tuple[_Name, Types, list[_Name]]]
+]  # the process that asks, the folder, the tasks
 _PROGRAM = """
 import pickle, sys
 sys.path[:] = pickle.load(sys.stdin.buffer)
@@ -144,7 +153,9 @@ def _assisted(tasks: Sequence[Task]) -> Iterator[None]:
     if helper is None:
         yield
         return
-    named = [(_name(task.kernel), task.wanted, [_name(each) for each in task.calls]) for task in tasks]
+    named = [
+        (_name(task.kernel), task.wanted, [_name(each) for each in task.calls]) for task in tasks
+    ]
     try:
         with suppress(OSError), cast(Any, helper.stdin) as pipe:  # it may have failed already
             pipe.write(pickle.dumps(sys.path) + pickle.dumps((os.getpid(), kernel.folder(), named)))
@@ -155,12 +166,30 @@ def _assisted(tasks: Sequence[Task]) -> Iterator[None]:
 
 
 def _helper() -> "subprocess.Popen[bytes] | None":
-    """A process that waits for tasks, in a group of its own, since an interrupt is our matter; None where there is no room for one."""
-    if not hasattr(os, "sched_getaffinity") or len(os.sched_getaffinity(0)) < 2 or not sys.executable:
+    """A process that waits for tasks, in a group of its own, since an interrupt is our matter;
+
+    None where there is no room for one.
+    """
+    if (
+        not hasattr(os, "sched_getaffinity")
+        or len(os.sched_getaffinity(0)) < 2
+        or not sys.executable
+    ):
         return None
     try:
-        command = [sys.executable, "-I", "-c", _PROGRAM]  # isolated: nothing is imported from where the user happens to be
-        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, process_group=0)
+        command = [
+            sys.executable,
+            "-I",
+            "-c",
+            _PROGRAM,
+        ]  # isolated: nothing is imported from where the user happens to be
+        return subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            process_group=0,
+        )
     except OSError:
         return None
 
@@ -173,7 +202,9 @@ def assist(told: _Told) -> None:
         return
     kernel.keep_in(where)
     with unannounced(), _no_collection():
-        _work_off([Task(_named(name), wanted, set(map(_named, calls))) for name, wanted, calls in named])
+        _work_off(
+            [Task(_named(name), wanted, set(map(_named, calls))) for name, wanted, calls in named]
+        )
 
 
 def _name(one: Kernel) -> _Name:

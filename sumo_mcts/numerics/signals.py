@@ -5,8 +5,11 @@ import numpy as np
 from sumo_mcts.scene import Floats, Indices, Ints, RoadMap, Signals
 
 
-def signal_states(signals: Signals, signal: Ints | Indices, link: Ints | Indices, grid: Floats) -> Ints:
-    """[M, T] what M links of these signals show at these times from now; the last known phase stays."""
+def signal_states(
+    signals: Signals, signal: Ints | Indices, link: Ints | Indices, grid: Floats
+) -> Ints:
+    """[M, T] what M links of these signals show at these times from now; the last known phase
+    stays."""
     over = signals.until[signal][:, None] <= grid[:, None]
     phase = np.minimum(over.sum(axis=2), signals.until.shape[1] - 1)
     return np.asarray(signals.state[(signals.offset[signal] + link)[:, None], phase])

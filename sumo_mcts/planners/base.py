@@ -16,7 +16,8 @@ STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow (measures: y
 
 
 class Task(NamedTuple):
-    """What a planner gets once, when it takes the ego over (and again when the ego's route changes)."""
+    """What a planner gets once, when it takes the ego over (and again when the ego's route
+    changes)."""
 
     road: RoadMap
     route: RouteMap
@@ -31,13 +32,17 @@ class Situation(NamedTuple):
     state: State
     forecast: Forecast
     cleared: frozenset[int]  # route nodes at whose stop sign the ego has stood
-    until: float = math.inf  # time.perf_counter() at which a search has to end; inf: iterations count
+    until: float = (
+        math.inf
+    )  # time.perf_counter() at which a search has to end; inf: iterations count
 
 
 def local_of(task: Task, situation: Situation, reactive: int = 0, hypothesis: int = 0) -> Local:
-    """What one cycle's search reads, in one hypothesis (0 the likeliest) of the forecast; it may move at most `reactive` agents."""
+    """What one cycle's search reads, in one hypothesis (0 the likeliest) of the forecast; it may
+    move at most `reactive` agents."""
     return build_local(
-        task.road, task.route, situation.state, situation.scene, situation.forecast, hypothesis, situation.cleared, STOP_DECEL, task.cost.claim_s,
+        task.road, task.route, situation.state, situation.scene, situation.forecast, hypothesis,
+        situation.cleared, STOP_DECEL, task.cost.claim_s,
         reactive,
     )  # fmt: skip
 
@@ -88,10 +93,21 @@ _LOW = (1 << 64) - 1
 
 
 def _words(rng: np.random.Generator) -> Words:
-    """[6] the state of a PCG64 generator: state and increment, high and low, and what is left of the last draw."""
+    """[6] the state of a PCG64 generator: state and increment, high and low, and what is left of
+    the last draw."""
     kept: Any = rng.bit_generator.state
     state, increment = kept["state"]["state"], kept["state"]["inc"]
-    return np.array([state >> 64, state & _LOW, increment >> 64, increment & _LOW, kept["has_uint32"], kept["uinteger"]], np.uint64)
+    return np.array(
+        [
+            state >> 64,
+            state & _LOW,
+            increment >> 64,
+            increment & _LOW,
+            kept["has_uint32"],
+            kept["uinteger"],
+        ],
+        np.uint64,
+    )
 
 
 def _generator(words: Words) -> np.random.Generator:
@@ -99,6 +115,7 @@ def _generator(words: Words) -> np.random.Generator:
     high, low, increment_high, increment_low, has, left = (int(word) for word in words)
     bits = np.random.PCG64(0)
     bits.state = {
-        "bit_generator": "PCG64", "state": {"state": high << 64 | low, "inc": increment_high << 64 | increment_low}, "has_uint32": has, "uinteger": left,
+        "bit_generator": "PCG64", "state": {"state": high << 64 | low,
+        "inc": increment_high << 64 | increment_low}, "has_uint32": has, "uinteger": left,
     }  # fmt: skip
     return np.random.Generator(bits)

@@ -1,4 +1,8 @@
-"""Drivers to compare with: SUMO's own, car following with gap acceptance, and two that show how hard a scene is: a blind one and a random one."""
+"""Drivers to compare with:
+
+SUMO's own, car following with gap acceptance, and two that show how hard a scene is: a blind one
+and a random one.
+"""
 
 import math
 from typing import NamedTuple
@@ -6,8 +10,33 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.model.interaction import place_is_free
-from sumo_mcts.model.local_map import COS, DRIVEN, ENTERS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, NODE_OF, SIN, WHO, Local, S, State, V, X, Y, apart
-from sumo_mcts.model.motion import EgoParams, advance, begin_change, can_change, follow_accel, pose_of
+from sumo_mcts.model.local_map import (
+    COS,
+    DRIVEN,
+    ENTERS,
+    GONE,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    NODE,
+    NODE_OF,
+    SIN,
+    WHO,
+    Local,
+    S,
+    State,
+    V,
+    X,
+    Y,
+    apart,
+)
+from sumo_mcts.model.motion import (
+    EgoParams,
+    advance,
+    begin_change,
+    can_change,
+    follow_accel,
+    pose_of,
+)
 from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, lane_pose
 from sumo_mcts.numerics.geometry import Box, boxes_touch
 from sumo_mcts.numerics.kernel import entry
@@ -36,7 +65,8 @@ class SumoPlanner:
 
 
 class ConstantPlanner:
-    """Keeps the speed it was taken over with, changes to the lanes its route needs as soon as they are there, and looks at nobody."""
+    """Keeps the speed it was taken over with, changes to the lanes its route needs as soon as they
+    are there, and looks at nobody."""
 
     needs_forecast = False
 
@@ -65,7 +95,9 @@ class ConstantPlanner:
         if (side > 0 and route.left[state.node] < 0) or (side < 0 and route.right[state.node] < 0):
             side = 0
         steps = max(1, round(self._period / self._task.ego.step))
-        return Decision(Follow(np.full(2 * steps, self._speed), side), None, (), -1, "constant", 0, 0)
+        return Decision(
+            Follow(np.full(2 * steps, self._speed), side), None, (), -1, "constant", 0, 0
+        )
 
 
 class IdmParams(NamedTuple):
@@ -80,7 +112,8 @@ class IdmParams(NamedTuple):
 
 
 class IdmPlanner:
-    """Follows its leader, stops for red, yields by a critical time gap, and changes to the lanes that its route needs where the gap allows."""
+    """Follows its leader, stops for red, yields by a critical time gap, and changes to the lanes
+    that its route needs where the gap allows."""
 
     needs_forecast = True
 
@@ -91,7 +124,12 @@ class IdmPlanner:
         """Take the ego over."""
         p = self._params
         self._task = task
-        self._follower = task.ego._replace(max_accel=min(p.accel, task.ego.max_accel), approach_decel=p.decel, headway=p.headway, gap=p.gap)
+        self._follower = task.ego._replace(
+            max_accel=min(p.accel, task.ego.max_accel),
+            approach_decel=p.decel,
+            headway=p.headway,
+            gap=p.gap,
+        )
 
     def plan(self, situation: Situation) -> Decision:
         """Drive on for two periods; a new decision comes after one."""
@@ -102,9 +140,25 @@ class IdmPlanner:
         gap, leader_v = leader_on_the_way(local, task.ego, state, VIEW_S * state.v + VIEW_GAP)
         steps = _two_periods(self._period, task)
         nodes, motion, pose = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4))
-        _follow(with_yield_lines(local, state, self._params.critical_gap), task.ego, self._follower, state, gap, leader_v, nodes, motion, pose)
+        _follow(
+            with_yield_lines(local, state, self._params.critical_gap),
+            task.ego,
+            self._follower,
+            state,
+            gap,
+            leader_v,
+            nodes,
+            motion,
+            pose,
+        )
         times = (np.arange(steps, dtype=np.float64) + 1.0) * task.ego.step
-        plan = Plan(times, motion[:, 1].copy(), task.route.lane[nodes].astype(np.int32), motion[:, 0].copy(), pose)
+        plan = Plan(
+            times,
+            motion[:, 1].copy(),
+            task.route.lane[nodes].astype(np.int32),
+            motion[:, 0].copy(),
+            pose,
+        )
         return Decision(Follow(plan.v, side), plan, (), -1, "idm", 0, 0)
 
     def _side(self, local: Local, state: State) -> int:
@@ -115,14 +169,19 @@ class IdmPlanner:
         changed = begin_change(local, self._task.ego, state, side)
         if not place_is_free(local, self._task.ego, self._task.cost, changed, 0):
             return 0
-        return side if accel_behind(local, self._follower, changed) >= -self._params.cut_in_decel else 0
+        return (
+            side
+            if accel_behind(local, self._follower, changed) >= -self._params.cut_in_decel
+            else 0
+        )
 
 
 NOBODY = np.zeros((0, 2))  # whom a search would move
 
 
 class RandomPlanner(Drawing):
-    """Any action that the search could begin with, each with the same probability: what a choice is worth."""
+    """Any action that the search could begin with, each with the same probability: what a choice is
+    worth."""
 
     def __init__(self, params: MctsParams) -> None:
         self._params = params
@@ -139,8 +198,11 @@ class RandomPlanner(Drawing):
         return Decision(Follow(plan.v, int(side)), plan, (), -1, "random", 0, 0)
 
 
-def plan_of(task: Task, p: MctsParams, local: Local, state: State, accel: float, side: float) -> Plan:
-    """Two periods of an action that the search could begin with; without steps where its lane change cannot begin."""
+def plan_of(
+    task: Task, p: MctsParams, local: Local, state: State, accel: float, side: float
+) -> Plan:
+    """Two periods of an action that the search could begin with; without steps where its lane
+    change cannot begin."""
     line = np.full(_two_periods(p.period_s, task), accel)
     line[0] = entry_of(accel, side)
     plan, _, _ = follow_line(local, task, in_steps(p, task.ego.step, local.dt), state, NOBODY, line)
@@ -156,31 +218,54 @@ def _two_periods(period_s: float, task: Task) -> int:
 
 
 def accel_behind(local: Local, follower: EgoParams, changed: State) -> float:
-    """The car following, m/s2, of whoever is next behind in the lane of a change that has just begun; inf: nobody is.
+    """The car following, m/s2, of whoever is next behind in the lane of a change that has just
+    begun; inf: nobody is.
 
-    The safety criterion of MOBIL (Kesting, Treiber, Helbing 2007); the other is taken to follow with the ego's own parameters.
+    The safety criterion of MOBIL (Kesting, Treiber, Helbing 2007); the other is taken to follow
+    with the ego's own parameters.
     """
     now, target = local.agent[0], changed.other if changed.other >= 0 else changed.node
     now = now[now[:, NODE] >= 0.0]
-    behind = local.ahead[now[:, NODE].astype(np.int64) - local.first, target - local.first] + changed.s - now[:, S]
+    behind = (
+        local.ahead[now[:, NODE].astype(np.int64) - local.first, target - local.first]
+        + changed.s
+        - now[:, S]
+    )
     behind[behind < 0.0] = math.inf
     if behind.min(initial=math.inf) == math.inf:
         return math.inf
     nearest = int(np.argmin(behind))
-    return float(follow_accel(follower, float(now[nearest, V]), local.limit, float(behind[nearest]) - 2.0 * follower.half_length, changed.v))
+    return float(
+        follow_accel(
+            follower,
+            float(now[nearest, V]),
+            local.limit,
+            float(behind[nearest]) - 2.0 * follower.half_length,
+            changed.v,
+        )
+    )
 
 
 def with_yield_lines(local: Local, state: State, critical_gap: float) -> Local:
-    """The local map with a closed stop line before each stretch of the ego's way on which somebody with the right of way is to come too soon.
+    """The local map with a closed stop line before each stretch of the ego's way on which somebody
+    with the right of way is to come too soon.
 
-    Too soon: before the ego could be at the line and `critical_gap` (s) more have passed. Whoever cannot stop any more with STOP_DECEL goes on.
+    Too soon: before the ego could be at the line and `critical_gap` (s) more have passed. Whoever
+    cannot stop any more with STOP_DECEL goes on.
     """
     closed, table = local.closed.copy(), local.node.copy()
     for duty in local.duty:
-        to_line = float(local.ahead[state.node - local.first, int(duty[NODE_OF]) - local.first]) - state.s
-        if not state.v**2 / (2.0 * STOP_DECEL) <= to_line < math.inf or int(duty[NODE_OF]) == state.node:
+        to_line = (
+            float(local.ahead[state.node - local.first, int(duty[NODE_OF]) - local.first]) - state.s
+        )
+        if (
+            not state.v**2 / (2.0 * STOP_DECEL) <= to_line < math.inf
+            or int(duty[NODE_OF]) == state.node
+        ):
             continue
-        arrives = float(np.argmax(local.agent[:, int(duty[WHO]), DRIVEN] >= duty[ENTERS])) * local.dt
+        arrives = (
+            float(np.argmax(local.agent[:, int(duty[WHO]), DRIVEN] >= duty[ENTERS])) * local.dt
+        )
         if arrives < to_line / max(state.v, PULLING_AWAY) + critical_gap:
             line = _before(table, state.node, int(duty[NODE_OF]))
             table[line, STOP_LINE], closed[line - local.first] = 1.0, 1
@@ -195,10 +280,14 @@ def _before(table: Floats, node: int, target: int) -> int:
 
 
 @entry
-def leader_on_the_way(local: Local, p: EgoParams, state: State, reach: float) -> tuple[float, float]:
-    """How far (m, up to `reach`) the ego can go until its box would meet somebody's, and how fast (m/s) that one drives along the same way.
+def leader_on_the_way(
+    local: Local, p: EgoParams, state: State, reach: float
+) -> tuple[float, float]:
+    """How far (m, up to `reach`) the ego can go until its box would meet somebody's, and how fast
+    (m/s) that one drives along the same way.
 
-    Boxes count, not lanes: the tail of whoever turns off, or a vehicle that waits aslant, is in the way too. During a change both lanes are looked at.
+    Boxes count, not lanes: the tail of whoever turns off, or a vehicle that waits aslant, is in the
+    way too. During a change both lanes are looked at.
     """
     gap, leader_v = math.inf, 0.0
     for lane in range(2):
@@ -219,7 +308,9 @@ def leader_on_the_way(local: Local, p: EgoParams, state: State, reach: float) ->
                     continue
                 bc, bs = local.agent[0, i, COS], local.agent[0, i, SIN]
                 other = Box(x + dx, y + dy, bc, bs, length, width)
-                if driven < gap and boxes_touch(Box(x, y, c, n, p.half_length, p.half_width), other):
+                if driven < gap and boxes_touch(
+                    Box(x, y, c, n, p.half_length, p.half_width), other
+                ):
                     gap, leader_v = driven, max(0.0, local.agent[0, i, V] * (c * bc + n * bs))
             driven, s = driven + LOOK, s + LOOK
             while node >= 0 and s > local.node[node, LENGTH]:
@@ -229,8 +320,19 @@ def leader_on_the_way(local: Local, p: EgoParams, state: State, reach: float) ->
 
 
 @entry
-def _follow(local: Local, p: EgoParams, follower: EgoParams, state: State, gap: float, leader_v: float, nodes: Indices, motion: Floats, pose: Floats) -> None:
-    """Car following by the parameters of `follower` behind a leader that keeps its speed: nodes [M], s and v [M, 2] and poses [M, 4] step by step."""
+def _follow(
+    local: Local,
+    p: EgoParams,
+    follower: EgoParams,
+    state: State,
+    gap: float,
+    leader_v: float,
+    nodes: Indices,
+    motion: Floats,
+    pose: Floats,
+) -> None:
+    """Car following by the parameters of `follower` behind a leader that keeps its speed: nodes
+    [M], s and v [M, 2] and poses [M, 4] step by step."""
     for k in range(len(nodes)):
         wanted = follow_accel(follower, state.v, local.node[state.node, LIMIT], gap, leader_v)
         state, _ = advance(local, p, state, wanted, k * p.step)

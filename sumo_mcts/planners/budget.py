@@ -1,4 +1,5 @@
-"""How long a search goes on: until its passes are made or its time is up, and longer while the choice is close."""
+"""How long a search goes on: until its passes are made or its time is up, and longer while the
+choice is close."""
 
 import math
 from collections import deque
@@ -13,9 +14,14 @@ STAGES = 4  # looks at how close the choice is, for as many passes as the budget
 FASTEST = 500_000.0  # passes/s that no search exceeds
 LARGEST = 1_000_000  # passes for which there is room at most; some 300 MB
 DIFFERENT = 0.5  # m/s after the first action from which two actions are not the same command
-MEMORY = 20  # decisions from which is learned how long it takes from the end of a search to the decision
+MEMORY = (
+    20  # decisions from which is learned how long it takes from the end of a search to the decision
+)
 SPARE = 1.25  # times the longest of them is kept free
-AT_FIRST, AT_MOST = 0.25, 0.5  # share of a time budget that is kept free: before anything was learned, and at all
+AT_FIRST, AT_MOST = (
+    0.25,
+    0.5,
+)  # share of a time budget that is kept free: before anything was learned, and at all
 
 
 class Effort(NamedTuple):
@@ -33,7 +39,9 @@ def part(effort: Effort, share: float) -> Effort:
 
 def budget(iterations: int, seconds: float) -> int:
     """The number of passes; with a time budget (s, else inf) more than can be made in it."""
-    return iterations if math.isinf(seconds) else min(100 + int(FASTEST * max(seconds, 0.0)), LARGEST)
+    return (
+        iterations if math.isinf(seconds) else min(100 + int(FASTEST * max(seconds, 0.0)), LARGEST)
+    )
 
 
 def next_passes(effort: Effort, tree: Tree, made: int) -> int:
@@ -48,7 +56,10 @@ def next_passes(effort: Effort, tree: Tree, made: int) -> int:
 
 
 def next_passes_in_time(tree: Tree, made: int, spent: float, left: float) -> int:
-    """Likewise where time counts (s): half of what fits into the time left, judged by those made. Every action of the root is tried once in any case."""
+    """Likewise where time counts (s): half of what fits into the time left, judged by those made.
+
+    Every action of the root is tried once in any case.
+    """
     if tree.dead[0]:
         return 0
     if made == 0:
@@ -57,15 +68,19 @@ def next_passes_in_time(tree: Tree, made: int, spent: float, left: float) -> int
 
 
 def is_close(tree: Tree, within: float) -> bool:
-    """Whether another command than the best could still become the best, and costs no more than `within` more by now."""
+    """Whether another command than the best could still become the best, and costs no more than
+    `within` more by now."""
     found = tree.child[0][tree.child[0] >= 0]
     best = found[np.argmin(tree.best[found])]
-    other = np.any(tree.where[found] != tree.where[best], axis=1) | (np.abs(tree.motion[found, 1] - tree.motion[best, 1]) > DIFFERENT)
+    other = np.any(tree.where[found] != tree.where[best], axis=1) | (
+        np.abs(tree.motion[found, 1] - tree.motion[best, 1]) > DIFFERENT
+    )
     return bool(np.any(other & ~tree.dead[found] & (tree.best[found] - tree.best[best] <= within)))
 
 
 class Timekeeper:
-    """Says until when a search may go on so that the decision is there in time: what comes after it took as long before."""
+    """Says until when a search may go on so that the decision is there in time: what comes after it
+    took as long before."""
 
     def __init__(self, seconds: float) -> None:
         """`seconds` for a whole decision; inf: as long as it takes."""
@@ -78,6 +93,9 @@ class Timekeeper:
         return began + (1.0 - share) * self._seconds
 
     def note(self, until: float, ended: float) -> None:
-        """A decision that was to search `until` was there at `ended`. Where that is earlier, it tells nothing."""
+        """A decision that was to search `until` was there at `ended`.
+
+        Where that is earlier, it tells nothing.
+        """
         if ended > until:
             self._after.append(ended - until)

@@ -1,13 +1,23 @@
-"""The planner that drives by the reference problem: what near-optimality is measured against, in the closed loop."""
+"""The planner that drives by the reference problem: what near-optimality is measured against, in
+the closed loop."""
 
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.mcts import follow_line
-from sumo_mcts.planners.reference import Problem, Solution, best_root, problem_of, root_lines, solve, steps_of
+from sumo_mcts.planners.reference import (
+    Problem,
+    Solution,
+    best_root,
+    problem_of,
+    root_lines,
+    solve,
+    steps_of,
+)
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
 
 
 class ExhaustivePlanner:
-    """Takes the beginning that the reference's solution prefers; its costs, actions and horizon are the reference's, whatever is configured."""
+    """Takes the beginning that the reference's solution prefers; its costs, actions and horizon are
+    the reference's, whatever is configured."""
 
     needs_forecast = True
 
@@ -16,7 +26,8 @@ class ExhaustivePlanner:
         self._task = task
 
     def plan(self, situation: Situation) -> Decision:
-        """Solve the reference problem; where every way ends in a loss the cheapest one is driven."""
+        """Solve the reference problem; where every way ends in a loss the cheapest one is
+        driven."""
         problem = problem_of(self._task, situation)
         lines = root_lines(problem)
         found = solve(problem, lines)
@@ -24,12 +35,27 @@ class ExhaustivePlanner:
         chosen = best_root(found)
         plan, child = ways[chosen]
         reason = "brake" if found.collides[chosen] else "exhaustive"
-        return Decision(Follow(plan.v, child.lane_change), plan, tuple(child for _, child in ways), chosen, reason, 0, 0)
+        return Decision(
+            Follow(plan.v, child.lane_change),
+            plan,
+            tuple(child for _, child in ways),
+            chosen,
+            reason,
+            0,
+            0,
+        )
 
 
 def way_of(problem: Problem, found: Solution, lines: Floats, i: int) -> tuple[Plan, RootChild]:
     """The best way with the i-th beginning, step by step, and what it costs."""
-    plan, terms, _ = follow_line(problem.local, problem.task, problem.q, problem.state, problem.others, steps_of(problem, lines[i], found.way[i]))
+    plan, terms, _ = follow_line(
+        problem.local,
+        problem.task,
+        problem.q,
+        problem.state,
+        problem.others,
+        steps_of(problem, lines[i], found.way[i]),
+    )
     steps, value = min(int(problem.ends[0]), len(plan.v)), float(found.value[i])
     accel = float((plan.v[steps - 1] - problem.state.v) / plan.time[steps - 1])
     return plan, RootChild(accel, int(problem.roots[i, 1]), 0, value, value, terms, plan.pose)

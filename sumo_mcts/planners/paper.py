@@ -1,4 +1,7 @@
-"""The paper's planner, Algorithms 1 and 2 to the letter. Which reading was chosen where the text leaves it open: docs/planner.md."""
+"""The paper's planner, Algorithms 1 and 2 to the letter.
+
+Which reading was chosen where the text leaves it open: docs/planner.md.
+"""
 
 import math
 import time
@@ -7,15 +10,53 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from sumo_mcts.model.local_map import COS, GONE, HALF_LENGTH, HALF_WIDTH, NODE, SIN, Local, State, X, Y, apart, follows, index_at, keep_state, kept_state
-from sumo_mcts.model.motion import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, pose_of, towards_other
+from sumo_mcts.model.local_map import (
+    COS,
+    GONE,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    NODE,
+    SIN,
+    Local,
+    State,
+    X,
+    Y,
+    apart,
+    follows,
+    index_at,
+    keep_state,
+    kept_state,
+)
+from sumo_mcts.model.motion import (
+    FREE,
+    GOAL,
+    OFF_END,
+    RED_LINE,
+    EgoParams,
+    advance,
+    begin_change,
+    can_change,
+    pose_of,
+    towards_other,
+)
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION
 from sumo_mcts.numerics.geometry import Box, box_distance
 from sumo_mcts.numerics.kernel import kernel, making_arrays
 from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
 from sumo_mcts.planners.budget import SLICE, budget
 from sumo_mcts.planners.rollout import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
-from sumo_mcts.scene import LEFT, RIGHT, STANDING, Bools, Decision, Floats, Follow, Indices, Plan, RootChild
+from sumo_mcts.scene import (
+    LEFT,
+    RIGHT,
+    STANDING,
+    Bools,
+    Decision,
+    Floats,
+    Follow,
+    Indices,
+    Plan,
+    RootChild,
+)
 
 EMERGENCY = -8.0  # m/s2, when every action was discarded
 TIMED_SLICE = 20  # iterations between looks at the clock
@@ -52,7 +93,8 @@ class PaperParams(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """The part of PaperParams that the compiled code reads, and times in steps of the simulation."""
+    """The part of PaperParams that the compiled code reads, and times in steps of the
+    simulation."""
 
     ply: int
     check: int
@@ -105,7 +147,9 @@ class PaperPlanner(Drawing):
     def __init__(self, params: PaperParams) -> None:
         self._params = params
         keep = [(a, 0.0) for a in params.accelerations]
-        self._actions = np.array(keep + [(a, side) for side in (1.0, -1.0) for a in params.lane_change_accelerations])
+        self._actions = np.array(
+            keep + [(a, side) for side in (1.0, -1.0) for a in params.lane_change_accelerations]
+        )
 
     def plan(self, situation: Situation) -> Decision:
         """Search from the present state; emergency braking when every child was discarded."""
@@ -114,15 +158,30 @@ class PaperPlanner(Drawing):
         weights = _weights(p, task.ego.step)
         guide = _guide(task, situation.state, p.goal_distance, p.lane_distance)
         most = budget(p.iterations, situation.until - time.perf_counter())
-        tree = _new_tree(min(most, _full_size(len(self._actions), p.look_ahead_steps)) * len(self._actions) + 2, len(self._actions))
+        tree = _new_tree(
+            min(most, _full_size(len(self._actions), p.look_ahead_steps)) * len(self._actions) + 2,
+            len(self._actions),
+        )
         done = 0
         while done < most and (done == 0 or time.perf_counter() < situation.until):
             count = min(SLICE if math.isinf(situation.until) else TIMED_SLICE, most - done)
-            _search(tree, local, task.ego, weights, self._actions, situation.state, guide, count, self._rng)
+            _search(
+                tree,
+                local,
+                task.ego,
+                weights,
+                self._actions,
+                situation.state,
+                guide,
+                count,
+                self._rng,
+            )
             done += count
         return self._decision(tree, local, weights, situation, done)
 
-    def _decision(self, tree: PaperTree, local: Local, weights: Weights, situation: Situation, done: int) -> Decision:
+    def _decision(
+        self, tree: PaperTree, local: Local, weights: Weights, situation: Situation, done: int
+    ) -> Decision:
         children, plans = [], []
         for k, action in enumerate(self._actions):
             i = int(tree.child[0, k])
@@ -131,13 +190,31 @@ class PaperPlanner(Drawing):
             plan = _drive(local, self._task, weights, situation.state, action)
             terms = np.concatenate([tree.cost[i], [0.0]])
             mean = float(tree.total[i] / tree.visits[i])
-            children.append(RootChild(float(action[0]), int(action[1]), int(tree.visits[i]), mean, mean, terms, plan.pose))
+            children.append(
+                RootChild(
+                    float(action[0]),
+                    int(action[1]),
+                    int(tree.visits[i]),
+                    mean,
+                    mean,
+                    terms,
+                    plan.pose,
+                )
+            )
             plans.append(plan)
         if not children:
             plan = _drive(local, self._task, weights, situation.state, np.array([EMERGENCY, 0.0]))
             return Decision(Follow(plan.v, 0), plan, (), -1, "brake", done, 0)
         chosen = min(range(len(children)), key=lambda i: children[i].mean)
-        return Decision(Follow(plans[chosen].v, children[chosen].lane_change), plans[chosen], tuple(children), chosen, "search", done, 0)
+        return Decision(
+            Follow(plans[chosen].v, children[chosen].lane_change),
+            plans[chosen],
+            tuple(children),
+            chosen,
+            "search",
+            done,
+            0,
+        )
 
 
 def _full_size(actions: int, levels: int) -> int:
@@ -147,9 +224,12 @@ def _full_size(actions: int, levels: int) -> int:
 
 def _weights(p: PaperParams, step: float) -> Weights:
     return Weights(
-        max(1, round(p.step_s / step)), max(1, round(p.check_s / step)), p.look_ahead_steps, p.rollout_steps, p.exploration, p.brake_probability,
-        p.accelerate_probability, p.weight_safety, p.weight_comfort, p.weight_passability, p.weight_other, p.safety_threshold, p.contact_cost,
-        p.jerk_factor, p.goal_factor, p.junction_penalty, p.lane_change_cost, p.stop_cost, p.turn_cost, p.emergency_cost,
+        max(1, round(p.step_s / step)), max(1, round(p.check_s / step)), p.look_ahead_steps,
+        p.rollout_steps, p.exploration, p.brake_probability,
+        p.accelerate_probability, p.weight_safety, p.weight_comfort, p.weight_passability,
+        p.weight_other, p.safety_threshold, p.contact_cost,
+        p.jerk_factor, p.goal_factor, p.junction_penalty, p.lane_change_cost, p.stop_cost,
+        p.turn_cost, p.emergency_cost,
     )  # fmt: skip
 
 
@@ -159,13 +239,19 @@ def _guide(task: Task, state: State, distance: float, lane_distance: float) -> G
     turns = route.internal & np.isin(task.road.direction[route.lane], (LEFT, RIGHT))
     # the changes that the next edge needs must be no reason not to enter it
     here = (route.leg == route.leg[state.node]) & ~route.internal
-    return Guide(float(route.station[state.node] + state.s + distance), np.where(here, np.abs(route.changes) * lane_distance, 0.0), turns)
+    return Guide(
+        float(route.station[state.node] + state.s + distance),
+        np.where(here, np.abs(route.changes) * lane_distance, 0.0),
+        turns,
+    )
 
 
 def _new_tree(size: int, actions: int) -> PaperTree:
     return PaperTree(
-        np.full(size, NONE, np.int64), np.full((size, actions), NONE, np.int64), np.zeros(size, np.int64), np.zeros(size, np.int64), np.zeros(size),
-        np.zeros(size, np.int64), np.full((size, 2), NONE, np.int64), np.zeros((size, 5)), np.zeros((size, 4)), np.zeros(1, np.int64),
+        np.full(size, NONE, np.int64), np.full((size, actions), NONE, np.int64),
+        np.zeros(size, np.int64), np.zeros(size, np.int64), np.zeros(size),
+        np.zeros(size, np.int64), np.full((size, 2), NONE, np.int64), np.zeros((size, 5)),
+        np.zeros((size, 4)), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
@@ -181,11 +267,27 @@ def _drive(local: Local, task: Task, w: Weights, state: State, action: Floats) -
         pose.append(pose_of(local, task.ego, state))
         if event == GOAL:
             break
-    return Plan((np.arange(len(v), dtype=np.float64) + 1.0) * task.ego.step, np.array(v), np.array(lane, np.int32), np.array(s), np.array(pose))
+    return Plan(
+        (np.arange(len(v), dtype=np.float64) + 1.0) * task.ego.step,
+        np.array(v),
+        np.array(lane, np.int32),
+        np.array(s),
+        np.array(pose),
+    )
 
 
 @making_arrays
-def _search(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, root: State, guide: Guide, iterations: int, rng: Generator) -> None:
+def _search(
+    tree: PaperTree,
+    local: Local,
+    p: EgoParams,
+    w: Weights,
+    actions: Floats,
+    root: State,
+    guide: Guide,
+    iterations: int,
+    rng: Generator,
+) -> None:
     """Algorithm 1."""
     if tree.used[0] == 0:
         keep_state(tree.where, tree.motion, 0, root)
@@ -204,7 +306,8 @@ def _search(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Fl
 
 @kernel
 def _select(tree: PaperTree, w: Weights, rng: Generator) -> int:
-    """Down to a node without children by the paper's UCB; collided children are not there, and one of the unvisited is drawn."""
+    """Down to a node without children by the paper's UCB; collided children are not there, and one
+    of the unvisited is drawn."""
     node = 0
     while tree.child[node, 0] != NONE:
         chosen, top, unvisited, drawn = NONE, -math.inf, 0, NONE
@@ -217,7 +320,9 @@ def _select(tree: PaperTree, w: Weights, rng: Generator) -> int:
                 if rng.random() * unvisited < 1.0:
                     drawn = i
                 continue
-            score = -tree.total[i] / tree.visits[i] + w.exploration * math.sqrt(2.0 * math.log(max(tree.visits[node], 1)) / tree.visits[i])
+            score = -tree.total[i] / tree.visits[i] + w.exploration * math.sqrt(
+                2.0 * math.log(max(tree.visits[node], 1)) / tree.visits[i]
+            )
             if score > top:
                 chosen, top = i, score
         if drawn != NONE:
@@ -229,13 +334,25 @@ def _select(tree: PaperTree, w: Weights, rng: Generator) -> int:
 
 
 @making_arrays
-def _expand(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Floats, guide: Guide, node: int) -> None:
+def _expand(
+    tree: PaperTree,
+    local: Local,
+    p: EgoParams,
+    w: Weights,
+    actions: Floats,
+    guide: Guide,
+    node: int,
+) -> None:
     """All children of a node; those that collide are marked and never visited."""
     root = kept_state(tree.where, tree.motion, node)
     for k in range(len(actions)):
         side = int(actions[k, 1])
         tree.child[node, k] = IMPOSSIBLE
-        if (side != 0 and not can_change(local, p, root, side)) or tree.used[0] >= len(tree.parent) or tree.end[node] != ALIVE:
+        if (
+            (side != 0 and not can_change(local, p, root, side))
+            or tree.used[0] >= len(tree.parent)
+            or tree.end[node] != ALIVE
+        ):
             continue
         state = begin_change(local, p, root, side) if side != 0 else root
         state, cost, end = _ply(local, p, w, state, actions[k, 0], guide, tree.level[node] * w.ply)
@@ -245,26 +362,37 @@ def _expand(tree: PaperTree, local: Local, p: EgoParams, w: Weights, actions: Fl
                 end = LOST
         i = tree.used[0]
         tree.used[0] += 1
-        tree.child[node, k], tree.parent[i], tree.level[i], tree.end[i] = i, node, tree.level[node] + 1, end
+        tree.child[node, k], tree.parent[i], tree.level[i], tree.end[i] = (
+            i,
+            node,
+            tree.level[node] + 1,
+            end,
+        )
         tree.cost[i] = tree.cost[node] + cost
         keep_state(tree.where, tree.motion, i, state)
 
 
 @kernel
 def _can_finish(local: Local, p: EgoParams, w: Weights, state: State, level: int) -> bool:
-    """Whether a lane change that began in the ply before can go on at this speed without contact; it may take longer than T_1."""
+    """Whether a lane change that began in the ply before can go on at this speed without contact;
+    it may take longer than T_1."""
     for k in range(level * w.ply, (w.look_ahead + w.rollout) * w.ply):
         if state.progress <= 0.0:
             return True
         state, event = advance(local, p, state, 0.0, k * p.step)
-        if event != FREE or ((k + 1) % w.check == 0 and _nearest(local, p, state, (k + 1) * p.step) <= 0.0):
+        if event != FREE or (
+            (k + 1) % w.check == 0 and _nearest(local, p, state, (k + 1) * p.step) <= 0.0
+        ):
             return event == GOAL
     return True
 
 
 @making_arrays
-def _rollout(tree: PaperTree, local: Local, p: EgoParams, w: Weights, guide: Guide, node: int, rng: Generator) -> float:
-    """Algorithm 2: random longitudinal actions to the terminal state; the cost J of the whole sequence."""
+def _rollout(
+    tree: PaperTree, local: Local, p: EgoParams, w: Weights, guide: Guide, node: int, rng: Generator
+) -> float:
+    """Algorithm 2: random longitudinal actions to the terminal state; the cost J of the whole
+    sequence."""
     state, total = kept_state(tree.where, tree.motion, node), tree.cost[node].sum()
     if tree.end[node] == ARRIVED:
         return total
@@ -285,8 +413,13 @@ def _rollout(tree: PaperTree, local: Local, p: EgoParams, w: Weights, guide: Gui
 
 
 @making_arrays
-def _ply(local: Local, p: EgoParams, w: Weights, state: State, accel: float, guide: Guide, at: int) -> tuple[State, Floats, int]:
-    """One step of T_1: the state after it, its four weighted costs, and how it ended. Costs are counted at its end, as the sum of equation 1 is."""
+def _ply(
+    local: Local, p: EgoParams, w: Weights, state: State, accel: float, guide: Guide, at: int
+) -> tuple[State, Floats, int]:
+    """One step of T_1: the state after it, its four weighted costs, and how it ended.
+
+    Costs are counted at its end, as the sum of equation 1 is.
+    """
     began, end = state, ALIVE
     cost = np.zeros(4)
     for k in range(w.ply):
@@ -298,16 +431,29 @@ def _ply(local: Local, p: EgoParams, w: Weights, state: State, accel: float, gui
             break
         if (at + k + 1) % w.check == 0 and _nearest(local, p, state, (at + k + 1) * p.step) <= 0.0:
             return state, cost, LOST
-    if end == ALIVE:  # neither traffic nor way is left beyond the end of the route; how the ego drove there counts
+    if (
+        end == ALIVE
+        # neither traffic nor way is left beyond the end of the route; how the ego drove there
+        # counts
+    ):
         distance = _nearest(local, p, state, (at + w.ply) * p.step)
         if distance <= w.threshold:
             cost[0] = w.safety / max(distance, 0.1)
-        remaining = max(0.0, guide.goal - local.node[state.node, STATION] - state.s) + _aside(guide, state)
-        cost[2] = w.passability * (w.goal_factor * remaining + (w.junction_penalty if _junction_ahead(local, state, guide.goal) else 0.0))
+        remaining = max(0.0, guide.goal - local.node[state.node, STATION] - state.s) + _aside(
+            guide, state
+        )
+        cost[2] = w.passability * (
+            w.goal_factor * remaining
+            + (w.junction_penalty if _junction_ahead(local, state, guide.goal) else 0.0)
+        )
     jerk = (state.a - began.a) / (w.ply * p.step)
     cost[1] = w.comfort * w.jerk_factor * jerk * jerk
     emergency = w.emergency if accel < -p.comfort_decel else 0.0
-    cost[3] = w.other * ((w.stop if state.v < STANDING else 0.0) + (w.turn if guide.turns[state.node] else 0.0) + emergency)
+    cost[3] = w.other * (
+        (w.stop if state.v < STANDING else 0.0)
+        + (w.turn if guide.turns[state.node] else 0.0)
+        + emergency
+    )
     return state, cost, end
 
 
@@ -318,18 +464,33 @@ def _nearest(local: Local, p: EgoParams, state: State, time: float) -> float:
     now = min(index_at(local, time), local.agent.shape[0] - 1)
     nearest = math.inf
     for i in range(local.agent.shape[1]):
-        if local.agent[now, i, NODE] == GONE or follows(local, local.followers, i) or apart(local, state.node, state.s, 2.0 * p.half_length, now, i):
+        if (
+            local.agent[now, i, NODE] == GONE
+            or follows(local, local.followers, i)
+            or apart(local, state.node, state.s, 2.0 * p.half_length, now, i)
+        ):
             continue
-        bx, by, bc, bs = local.agent[now, i, X], local.agent[now, i, Y], local.agent[now, i, COS], local.agent[now, i, SIN]
+        bx, by, bc, bs = (
+            local.agent[now, i, X],
+            local.agent[now, i, Y],
+            local.agent[now, i, COS],
+            local.agent[now, i, SIN],
+        )
         if abs(bx - x) < 40.0 and abs(by - y) < 40.0:
             length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
-            nearest = min(nearest, box_distance(Box(x, y, c, s, p.half_length, p.half_width), Box(bx, by, bc, bs, length, width)))
+            nearest = min(
+                nearest,
+                box_distance(
+                    Box(x, y, c, s, p.half_length, p.half_width), Box(bx, by, bc, bs, length, width)
+                ),
+            )
     return nearest
 
 
 @kernel
 def _aside(guide: Guide, state: State) -> float:
-    """m that lane changes add to the local goal's distance; the one under way counts as far as it is not done."""
+    """m that lane changes add to the local goal's distance; the one under way counts as far as it
+    is not done."""
     here = guide.aside[state.node]
     if state.progress <= 0.0 or state.other < 0:
         return float(here)

@@ -1,4 +1,7 @@
-"""The tree as arrays, and the search in it: select, expand, simulate, back up. Compiled; the random generator is passed in."""
+"""The tree as arrays, and the search in it: select, expand, simulate, back up.
+
+Compiled; the random generator is passed in.
+"""
 
 import math
 from typing import NamedTuple
@@ -12,7 +15,19 @@ from sumo_mcts.model.interaction import meet
 from sumo_mcts.model.local_map import Local, State, keep_state, kept_state
 from sumo_mcts.model.motion import FOLLOW, EgoParams, begin_change
 from sumo_mcts.numerics.kernel import entry, inlined, kernel
-from sumo_mcts.planners.rollout import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE, SearchParams, copy_pairs, entry_of, may_change, needed_side, simulate
+from sumo_mcts.planners.rollout import (
+    ALIVE,
+    ARRIVED,
+    IMPOSSIBLE,
+    LOST,
+    NONE,
+    SearchParams,
+    copy_pairs,
+    entry_of,
+    may_change,
+    needed_side,
+    simulate,
+)
 from sumo_mcts.scene import Bools, Floats, Indices
 
 
@@ -25,7 +40,9 @@ class Tree(NamedTuple):
     visits: Indices  # [M]
     total: Floats  # [M] sum of the costs J backed up
     best: Floats  # [M] lowest J found below
-    dead: Bools  # [M] nothing below is left to try: lost, arrived, all children dead, or (adaptive) nothing better can be there
+    # [M] nothing below is left to try: lost, arrived, all children dead, or (adaptive) nothing
+    # better can be there
+    dead: Bools
     end: Indices  # [M] ALIVE, LOST or ARRIVED
     where: Indices  # [M, 2] State.node and State.other
     motion: Floats  # [M, 5] State.s, v, a, progress, turn
@@ -40,26 +57,44 @@ class Tree(NamedTuple):
 
 
 def new_tree(size: int, actions: int, plies: int, others: Floats) -> Tree:
-    """An empty tree for `size` nodes; `others` [R, 2]: the agents that the search moves, as they are now."""
+    """An empty tree for `size` nodes;
+
+    `others` [R, 2]: the agents that the search moves, as they are now.
+    """
     moved = np.zeros((size, *others.shape))
     moved[0] = others
     return Tree(
-        np.full(size, NONE, np.int64), np.full((size, actions), NONE, np.int64), np.zeros(size, np.int64), np.zeros(size, np.int64),
-        np.zeros(size), np.full(size, np.inf), np.zeros(size, np.bool_), np.zeros(size, np.int64), np.full((size, 2), NONE, np.int64),
-        np.zeros((size, 5)), np.zeros(size, np.int64), np.zeros((size, 2)), moved, others.copy(), np.zeros((size, 4)), np.full((actions, plies), np.nan),
+        np.full(size, NONE, np.int64), np.full((size, actions), NONE, np.int64),
+        np.zeros(size, np.int64), np.zeros(size, np.int64),
+        np.zeros(size), np.full(size, np.inf), np.zeros(size, np.bool_), np.zeros(size, np.int64),
+        np.full((size, 2), NONE, np.int64),
+        np.zeros((size, 5)), np.zeros(size, np.int64), np.zeros((size, 2)), moved, others.copy(),
+        np.zeros((size, 4)), np.full((actions, plies), np.nan),
         np.zeros(plies), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
 @entry
 def search(
-    tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats, root: State, iterations: int, beat: float, rng: Generator
+    tree: Tree,
+    local: Local,
+    p: EgoParams,
+    c: CostParams,
+    q: SearchParams,
+    actions: Floats,
+    root: State,
+    iterations: int,
+    beat: float,
+    rng: Generator,
 ) -> tuple[int, int]:
-    """Grow the tree from the state `root` by up to `iterations` passes. `actions` [A, 3]: acceleration, lane change, 1 where it
-    is tried below the root too. `beat`: the J of a sequence that is known without the tree; inf: none.
+    """Grow the tree from the state `root` by up to `iterations` passes.
 
-    Returns (passes that simulated to the horizon, passes that ended in a known terminal node). The lower its J, the better a node;
-    node values are the best J below (the model is deterministic, and a mean would punish nodes with many bad children: a standing ego).
+    `actions` [A, 3]: acceleration, lane change, 1 where it is tried below the root too. `beat`: the
+    J of a sequence that is known without the tree; inf: none.
+
+    Returns (passes that simulated to the horizon, passes that ended in a known terminal node). The
+    lower its J, the better a node; node values are the best J below (the model is deterministic,
+    and a mean would punish nodes with many bad children: a standing ego).
     """
     if tree.used[0] == 0:
         _plant(tree, local, p, c, root)
@@ -83,16 +118,22 @@ def search(
                 _back_up(tree, actions, node, tree.best[node], line)
                 _bury(tree, node)
                 continue
-        for again in (False, True):  # at one place for all: what is inlined there takes long to compile
+        for again in (
+            False,
+            True,
+        ):  # at one place for all: what is inlined there takes long to compile
             j = _rollout(tree, local, p, c, q, node, line, rng)
             done += 1
             _back_up(tree, actions, node, j, line)
-            # Would braking be better than car following? Asked of every beginning, since one that looks bad after a single try is not looked at again,
-            # and where car following ran into something.
+            # Would braking be better than car following? Asked of every beginning, since one that
+            # looks bad after a single try is not looked at again, and where car following ran into
+            # something.
             doubtful = not leaf and (tree.level[node] == 1 or j > c.contact * 0.5)
             if again or not doubtful or done + known >= iterations:
                 break
-        if leaf and q.adaptive and tree.visits[node] >= 3 + 4 * q.rollout:  # every continuation was driven, see _continuation
+        if (
+            leaf and q.adaptive and tree.visits[node] >= 3 + 4 * q.rollout
+        ):  # every continuation was driven, see _continuation
             _bury(tree, node)
     return done, known
 
@@ -118,9 +159,11 @@ def _spent(tree: Tree, node: int) -> float:
 
 
 @kernel
-def _hopeless(tree: Tree, c: CostParams, q: SearchParams, node: int, cost: float, beat: float) -> bool:
-    """Whether a sequence by way of a node below the root that has cost this much already cannot become the best: costs only add up. Where even the best
-    may be lost all count."""
+def _hopeless(
+    tree: Tree, c: CostParams, q: SearchParams, node: int, cost: float, beat: float
+) -> bool:
+    """Whether a sequence by way of a node below the root that has cost this much already cannot
+    become the best: costs only add up. Where even the best may be lost all count."""
     while q.each and tree.level[node] > 1:
         node = tree.parent[node]
     known = tree.best[node] if q.each else min(tree.best[0], beat)
@@ -129,7 +172,8 @@ def _hopeless(tree: Tree, c: CostParams, q: SearchParams, node: int, cost: float
 
 @kernel
 def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
-    """Down from the root by UCB1 on best values, to a node with an untried action or on the last level."""
+    """Down from the root by UCB1 on best values, to a node with an untried action or on the last
+    level."""
     low = tree.best[0]
     high = low + 1.0
     for k in range(tree.child.shape[1]):
@@ -149,7 +193,9 @@ def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
                 tree.dead[i] = True
                 continue
             worth = -min((tree.best[i] - low) / (high - low), 1.0)
-            score = worth + q.exploration * math.sqrt(2.0 * math.log(tree.visits[node] + 1.0) / tree.visits[i])
+            score = worth + q.exploration * math.sqrt(
+                2.0 * math.log(tree.visits[node] + 1.0) / tree.visits[i]
+            )
             if score > top:
                 chosen, top = i, score
         if chosen == NONE:
@@ -159,7 +205,16 @@ def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
 
 
 @kernel
-def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats, node: int, beat: float) -> int:
+def _expand(
+    tree: Tree,
+    local: Local,
+    p: EgoParams,
+    c: CostParams,
+    q: SearchParams,
+    actions: Floats,
+    node: int,
+    beat: float,
+) -> int:
     """Try the next action of a node. Returns the new child, or IMPOSSIBLE."""
     k = 0
     while k < tree.child.shape[1] and tree.child[node, k] != NONE:
@@ -172,19 +227,38 @@ def _expand(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPara
     state, side = kept_state(tree.where, tree.motion, node), int(actions[k, 1])
     changed = 0.0
     if side != 0:
-        if not may_change(local, p, c, state, side, actions[k, 0], tree.level[node] * q.ply * p.step, math.inf):
+        if not may_change(
+            local, p, c, state, side, actions[k, 0], tree.level[node] * q.ply * p.step, math.inf
+        ):
             tree.child[node, k] = IMPOSSIBLE
             return IMPOSSIBLE
         state = begin_change(local, p, state, side)
         changed = c.lane_change
     copy_pairs(tree.others[node], tree.moving)
     ply = simulate(
-        local, p, c, q, state, tree.moving, tree.followers[node], tree.leader[node, 0], tree.leader[node, 1], actions[k, 0], tree.level[node] * q.ply
+        local,
+        p,
+        c,
+        q,
+        state,
+        tree.moving,
+        tree.followers[node],
+        tree.leader[node, 0],
+        tree.leader[node, 1],
+        actions[k, 0],
+        tree.level[node] * q.ply,
     )
     dear = (
         tree.level[node] > 0
         and ply.end == ALIVE
-        and _hopeless(tree, c, q, node, _spent(tree, node) + ply.safety + ply.comfort + ply.passability + ply.other + changed, beat)
+        and _hopeless(
+            tree,
+            c,
+            q,
+            node,
+            _spent(tree, node) + ply.safety + ply.comfort + ply.passability + ply.other + changed,
+            beat,
+        )
     )
     if dear or (side == 0 and _known(tree, node, k, ply.state)):
         tree.child[node, k] = IMPOSSIBLE
@@ -210,13 +284,26 @@ def _known(tree: Tree, node: int, action: int, state: State) -> bool:
     for k in range(action):
         i = tree.child[node, k]
         if i >= 0 and tree.where[i, 0] == state.node and tree.where[i, 1] == state.other:
-            if abs(tree.motion[i, 0] - state.s) < 1e-6 and abs(tree.motion[i, 1] - state.v) < 1e-6 and abs(tree.motion[i, 2] - state.a) < 1e-6:
+            if (
+                abs(tree.motion[i, 0] - state.s) < 1e-6
+                and abs(tree.motion[i, 1] - state.v) < 1e-6
+                and abs(tree.motion[i, 2] - state.a) < 1e-6
+            ):
                 return True
     return False
 
 
 @inlined
-def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchParams, node: int, line: Floats, rng: Generator) -> float:
+def _rollout(
+    tree: Tree,
+    local: Local,
+    p: EgoParams,
+    c: CostParams,
+    q: SearchParams,
+    node: int,
+    line: Floats,
+    rng: Generator,
+) -> float:
     """J of a continuation to the horizon; `line` receives its accelerations."""
     state, followers = kept_state(tree.where, tree.motion, node), tree.followers[node]
     gap, leader_v = tree.leader[node, 0], tree.leader[node, 1]
@@ -236,7 +323,11 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
             accel = p.max_accel
         line[k] = accel
         side = way if k == turn and way != 0 else needed_side(local, state)
-        most = math.inf if k == turn and way != 0 else 0.0  # the tree's own actions may cost others something; what goes on of itself waits for a gap
+        most = (
+            math.inf if k == turn and way != 0 else 0.0
+            # the tree's own actions may cost others something; what goes on of itself waits for a
+            # gap
+        )
         if side != 0 and may_change(local, p, c, state, side, accel, k * q.ply * p.step, most):
             state = begin_change(local, p, state, side)
             line[k] = entry_of(accel, side)
@@ -253,17 +344,25 @@ def _rollout(tree: Tree, local: Local, p: EgoParams, c: CostParams, q: SearchPar
 
 @kernel
 def _continuation(tree: Tree, q: SearchParams, node: int, rng: Generator) -> tuple[int, int, int]:
-    """What the next rollout from a node does: policy, the level at which it turns to something else, and the side of a lane change there.
+    """What the next rollout from a node does: policy, the level at which it turns to something
+    else, and the side of a lane change there.
 
-    The first follows (0), the second brakes (1). Later ones are drawn, or taken one after the other where the search is adaptive: slow down first (2),
-    follow and then brake (3), push and then follow (4), change lanes (5). Only nodes on the last level have later ones.
+    The first follows (0), the second brakes (1). Later ones are drawn, or taken one after the other
+    where the search is adaptive: slow down first (2), follow and then brake (3), push and then
+    follow (4), change lanes (5). Only nodes on the last level have later ones.
     """
     level, last, visits = tree.level[node], q.look_ahead + q.rollout, tree.visits[node]
     if visits < 2:
         return visits, last, 0
     if q.adaptive:
         turn, which = level + (visits - 3) // 4, (visits - 3) % 4
-        return (2, last, 0) if visits == 2 else (5, turn, 2 * which - 5) if which >= 2 else (4 - which, turn, 0)
+        return (
+            (2, last, 0)
+            if visits == 2
+            else (5, turn, 2 * which - 5)
+            if which >= 2
+            else (4 - which, turn, 0)
+        )
     policy = 1 + int(rng.random() * 5.0)
     turn = level + int(rng.random() * (last - level)) if policy >= 3 else last
     return policy, turn, (1 if rng.random() < 0.5 else -1) if policy == 5 else 0
@@ -271,7 +370,8 @@ def _continuation(tree: Tree, q: SearchParams, node: int, rng: Generator) -> tup
 
 @kernel
 def _back_up(tree: Tree, actions: Floats, node: int, j: float, line: Floats) -> None:
-    """Count a visit on the way to the root; keep the best J, and the sequence behind the best J of each root action."""
+    """Count a visit on the way to the root; keep the best J, and the sequence behind the best J of
+    each root action."""
     i = node
     while i != NONE:
         tree.visits[i] += 1
@@ -314,7 +414,8 @@ def _exhausted(tree: Tree, node: int) -> bool:
 
 @kernel
 def _bury(tree: Tree, node: int) -> None:
-    """Nothing is left to try below this node: it is dead, and so are its ancestors that have nothing else."""
+    """Nothing is left to try below this node: it is dead, and so are its ancestors that have
+    nothing else."""
     tree.dead[node] = True
     i = tree.parent[node]
     while i != NONE and _exhausted(tree, i):

@@ -1,4 +1,5 @@
-"""What oracles can be asked; what a predictor of the user's own is asked, and what it has to answer."""
+"""What oracles can be asked; what a predictor of the user's own is asked, and what it has to
+answer."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -7,21 +8,38 @@ import numpy as np
 
 from sumo_mcts.prediction.behaviour import TrafficParams
 from sumo_mcts.prediction.forecast import times_of
-from sumo_mcts.scene import Answers, Floats, Follow, Forecast, Ints, Release, RoadMap, Scene, Scripted
+from sumo_mcts.scene import (
+    Answers,
+    Floats,
+    Follow,
+    Forecast,
+    Ints,
+    Release,
+    RoadMap,
+    Scene,
+    Scripted,
+)
 
 
 class Oracles(NamedTuple):
-    """Who could be asked for what no sensor sees. Asked only where the scenario names such a forecast."""
+    """Who could be asked for what no sensor sees.
+
+    Asked only where the scenario names such a forecast.
+    """
 
     way: Callable[[str, int], Ints]  # vehicle and its lane: the lanes it is really going to take
-    script: Callable[[str, float, float, int], Scripted | None]  # vehicle, time (s), step (s), count: its coming states, if it holds a script
+    script: Callable[
+        [str, float, float, int], Scripted | None
+    ]  # vehicle, time (s), step (s), count: its coming states, if it holds a script
     clone: Callable[[Scene, Follow | Release, float, int], Mapping[int, Scripted]]
 
-    # scene, what its ego is to do, step (s), count: the coming states of its agents (index) in a copy of the simulation
+    # scene, what its ego is to do, step (s), count: the coming states of its agents (index) in a
+    # copy of the simulation
 
 
 class Heard:
-    """Passes questions on to oracles and keeps their answers, so that a decision can be taken again without them."""
+    """Passes questions on to oracles and keeps their answers, so that a decision can be taken again
+    without them."""
 
     def __init__(self, oracles: Oracles | None) -> None:
         self._ask = oracles
@@ -39,13 +57,32 @@ class Heard:
 
     def answers(self, ids: Sequence[str]) -> Answers:
         """What was told of the agents with these ids, in this cycle."""
-        ways = tuple(self._ways.get(vehicle, np.zeros(0, np.int32)) for vehicle in ids) if self._ways else ()
-        states = {**{i: self._scripts[vehicle] for i, vehicle in enumerate(ids) if vehicle in self._scripts}, **self._copies}
+        ways = (
+            tuple(self._ways.get(vehicle, np.zeros(0, np.int32)) for vehicle in ids)
+            if self._ways
+            else ()
+        )
+        states = {
+            **{
+                i: self._scripts[vehicle]
+                for i, vehicle in enumerate(ids)
+                if vehicle in self._scripts
+            },
+            **self._copies,
+        }
         if not states:
             return Answers(ways)
         count = min(len(each.v) for each in states.values())
-        columns = [np.stack([column[:count] for column in field]) for field in zip(*states.values(), strict=True)]
-        return Answers(ways, np.array(list(states), np.int32), np.array([ids[i] in self._scripts for i in states], np.bool_), *columns)
+        columns = [
+            np.stack([column[:count] for column in field])
+            for field in zip(*states.values(), strict=True)
+        ]
+        return Answers(
+            ways,
+            np.array(list(states), np.int32),
+            np.array([ids[i] in self._scripts for i in states], np.bool_),
+            *columns,
+        )
 
     def _way(self, vehicle: str, lane: int) -> Ints:
         assert self._ask is not None
@@ -59,7 +96,9 @@ class Heard:
             self._scripts[vehicle] = found
         return found
 
-    def _clone(self, scene: Scene, command: Follow | Release, step: float, count: int) -> Mapping[int, Scripted]:
+    def _clone(
+        self, scene: Scene, command: Follow | Release, step: float, count: int
+    ) -> Mapping[int, Scripted]:
         assert self._ask is not None
         found = self._ask.clone(scene, command, step, count)
         self._copies.update(found)
@@ -70,9 +109,14 @@ class Question(NamedTuple):
     """What a predictor gets each cycle: the arguments of model/traffic.py::predict."""
 
     scene: Scene
-    ego_lanes: Ints  # [K] the lanes that the ego is going to drive, the one it is on or moves to first
-    nominal: Floats  # [K] m/s: what the ego is taken to do first, at multiples of params.step from now + params.step on; may be empty
-    params: TrafficParams  # of the sections `prediction` and `sensor`; params.step: s between the times of the forecast
+    ego_lanes: (
+        Ints  # [K] the lanes that the ego is going to drive, the one it is on or moves to first
+    )
+    # [K] m/s: what the ego is taken to do first, at multiples of params.step from now + params.step
+    # on; may be empty
+    nominal: Floats
+    # of the sections `prediction` and `sensor`; params.step: s between the times of the forecast
+    params: TrafficParams
     seconds: float  # how far it has to reach
     stood_s: float  # s since the ego came to a stand at the stop sign before it; -inf: it has not
 
@@ -90,19 +134,35 @@ class Predictor(Protocol):
 
 
 def checked(forecast: object, road: RoadMap, question: Question) -> Forecast:
-    """The forecast with the types that compiled code reads without looking. Raises ValueError where it is none for this question."""
+    """The forecast with the types that compiled code reads without looking.
+
+    Raises ValueError where it is none for this question.
+    """
     if not isinstance(forecast, Forecast):
         raise ValueError(f"no forecast but {type(forecast).__name__}")
-    h, n, step = len(np.atleast_1d(forecast.weight)), len(question.scene.agents.ids), question.params.step
+    h, n, step = (
+        len(np.atleast_1d(forecast.weight)),
+        len(question.scene.agents.ids),
+        question.params.step,
+    )
     times = times_of(question.seconds, step)
     if abs(forecast.dt - step) > 1e-9:
         raise ValueError(f"dt: {forecast.dt:g} s instead of {step:g} s")
     shapes = {
-        "weight": (h,), "pose": (h, times, n, 4), "v": (h, times, n), "lane": (h, times, n), "s": (h, times, n), "valid": (h, times, n),
+        "weight": (h,), "pose": (h, times, n, 4), "v": (h, times, n), "lane": (h, times, n),
+        "s": (h, times, n), "valid": (h, times, n),
         "half_length": (n,), "half_width": (n,), "reacts": (n,), "yields": (h, n),
     }  # fmt: skip
-    kinds: dict[str, type[np.generic]] = {"lane": np.int32, "valid": np.bool_, "reacts": np.bool_, "yields": np.bool_}
-    arrays: dict[str, Any] = {name: np.ascontiguousarray(getattr(forecast, name), kinds.get(name, np.float64)) for name in shapes}
+    kinds: dict[str, type[np.generic]] = {
+        "lane": np.int32,
+        "valid": np.bool_,
+        "reacts": np.bool_,
+        "yields": np.bool_,
+    }
+    arrays: dict[str, Any] = {
+        name: np.ascontiguousarray(getattr(forecast, name), kinds.get(name, np.float64))
+        for name in shapes
+    }
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise ValueError(f"{name}: shape {arrays[name].shape} instead of {shape}")

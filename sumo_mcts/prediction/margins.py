@@ -9,9 +9,11 @@ from sumo_mcts.scene import EgoState, Floats, Forecast, Scene
 
 
 def with_room(forecast: Forecast, scene: Scene, error: float, on_foot: float) -> Forecast:
-    """The forecast with longer boxes, by `error` (m) at either end, and those of whoever is on foot `on_foot` (m) larger on every side.
+    """The forecast with longer boxes, by `error` (m) at either end, and those of whoever is on foot
+    `on_foot` (m) larger on every side.
 
-    By no more than half of what is between a box and the ego now: else it would be in contact with whom it stands beside.
+    By no more than half of what is between a box and the ego now: else it would be in contact with
+    whom it stands beside.
     """
     sideways = np.where(scene.agents.person, on_foot, 0.0)
     along = sideways + error
@@ -19,14 +21,22 @@ def with_room(forecast: Forecast, scene: Scene, error: float, on_foot: float) ->
     if not len(concerned):
         return forecast
     most = np.zeros(len(along))
-    most[concerned] = 0.5 * _away(scene.ego, np.column_stack([forecast.pose[0, 0], forecast.half_length, forecast.half_width])[concerned])
+    most[concerned] = 0.5 * _away(
+        scene.ego,
+        np.column_stack([forecast.pose[0, 0], forecast.half_length, forecast.half_width])[
+            concerned
+        ],
+    )
     along, sideways = np.minimum(along, most), np.minimum(sideways, most)
     return forecast._replace(
-        half_length=forecast.half_length + along, half_width=forecast.half_width + sideways, s=forecast.s + along,  # s is that of the front
+        half_length=forecast.half_length + along, half_width=forecast.half_width + sideways,
+        s=forecast.s + along,  # s is that of the front
     )  # fmt: skip
 
 
 def _away(ego: EgoState, boxes: Floats) -> Floats:
     """[K] m from the ego to the boxes [K, 6]: columns as in Box."""
-    own = Box(ego.x, ego.y, math.cos(ego.heading), math.sin(ego.heading), ego.length / 2, ego.width / 2)
+    own = Box(
+        ego.x, ego.y, math.cos(ego.heading), math.sin(ego.heading), ego.length / 2, ego.width / 2
+    )
     return np.array([box_distance(own, Box(*map(float, each))) for each in boxes])

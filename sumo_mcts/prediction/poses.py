@@ -33,9 +33,15 @@ class _Bodies(NamedTuple):
 
 
 def poses(road: RoadMap, agents: Agents, paths: Paths, x: Floats, step: float) -> Poses:
-    """The agents at times `step` s apart, from their positions along the paths, x [T, N+1] (row 0 of which is the ego)."""
+    """The agents at times `step` s apart, from their positions along the paths, x [T, N+1] (row 0
+    of which is the ego)."""
     times, n = len(x), len(agents.ids)
-    out = Poses(np.zeros((times, n, 4)), np.full((times, n), -1, np.int32), np.zeros((times, n)), np.ones((times, n), np.bool_))
+    out = Poses(
+        np.zeros((times, n, 4)),
+        np.full((times, n), -1, np.int32),
+        np.zeros((times, n)),
+        np.ones((times, n), np.bool_),
+    )
     bodies = _Bodies(agents.x, agents.y, agents.heading, agents.length, agents.d)
     _place(out, paths, bodies, lines_of(road), x, step)
     return out
@@ -56,12 +62,20 @@ def _place_off_road(pose: Floats, bodies: _Bodies, x: Floats, i: int) -> None:
     cs, sn = math.cos(bodies.heading[i]), math.sin(bodies.heading[i])
     for t in range(len(x)):
         moved = x[t, i + 1] - x[0, i + 1]
-        pose[t, i, 0], pose[t, i, 1], pose[t, i, 2], pose[t, i, 3] = bodies.x[i] + moved * cs, bodies.y[i] + moved * sn, cs, sn
+        pose[t, i, 0], pose[t, i, 1], pose[t, i, 2], pose[t, i, 3] = (
+            bodies.x[i] + moved * cs,
+            bodies.y[i] + moved * sn,
+            cs,
+            sn,
+        )
 
 
 @kernel
-def _place_on_path(out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: Floats, i: int, step: float) -> None:
-    """Front and rear on the path; what it is off the centre line, and aslant, now becomes less on the way."""
+def _place_on_path(
+    out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: Floats, i: int, step: float
+) -> None:
+    """Front and rear on the path; what it is off the centre line, and aslant, now becomes less on
+    the way."""
     row, length = i + 1, bodies.length[i]
     cs, sn = math.cos(bodies.heading[i]), math.sin(bodies.heading[i])
     start, aside, turn = x[0, row], bodies.aside[i], 0.0
@@ -73,9 +87,16 @@ def _place_on_path(out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: F
             out.valid[t, i] = False
         out.lane[t, i], out.s[t, i] = paths.lane[row, k], front - paths.offset[row, k]
         fx, fy = _point(paths, lines, row, k, front)
-        if back < 0.0:  # its rear is where it has already been: on the line from the rear to the front it has now
+        if (
+            back < 0.0
+            # its rear is where it has already been: on the line from the rear to the front it has
+            # now
+        ):
             moved = front - start
-            rx, ry = bodies.x[i] - 0.5 * length * cs + moved * cs, bodies.y[i] - 0.5 * length * sn + moved * sn
+            rx, ry = (
+                bodies.x[i] - 0.5 * length * cs + moved * cs,
+                bodies.y[i] - 0.5 * length * sn + moved * sn,
+            )
         else:
             kr = _lane_at(paths, row, kr, back)
             rx, ry = _point(paths, lines, row, kr, back)
@@ -83,7 +104,12 @@ def _place_on_path(out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: F
         if t == 0:
             turn = math.atan2(sn * pc - cs * ps, cs * pc + sn * ps)
             turn = turn if abs(turn) > UNTURNED else 0.0
-            out.pose[t, i, 0], out.pose[t, i, 1], out.pose[t, i, 2], out.pose[t, i, 3] = bodies.x[i], bodies.y[i], cs, sn
+            out.pose[t, i, 0], out.pose[t, i, 1], out.pose[t, i, 2], out.pose[t, i, 3] = (
+                bodies.x[i],
+                bodies.y[i],
+                cs,
+                sn,
+            )
             continue
         if turn != 0.0 or aside != 0.0:
             left = -math.copysign(min(SIDEWAYS * step, abs(aside)), aside)

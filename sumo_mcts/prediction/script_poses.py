@@ -11,8 +11,11 @@ from sumo_mcts.scene import Floats, Ints, RoadMap
 TANGENT = 0.5  # m over which the direction of a lane is measured
 
 
-def script_poses(road: RoadMap, lane: Ints, s: Floats, d: Floats, v: Floats, step: float, length: float) -> Floats:
-    """[M, 4] centre x, y, cos, sin of a vehicle that was on lane [M] at s [M] with offset d [M] after each step with speed v [M]."""
+def script_poses(
+    road: RoadMap, lane: Ints, s: Floats, d: Floats, v: Floats, step: float, length: float
+) -> Floats:
+    """[M, 4] centre x, y, cos, sin of a vehicle that was on lane [M] at s [M] with offset d [M]
+    after each step with speed v [M]."""
     driven = np.concatenate([[0.0], np.cumsum(v[1:] * step)])
     pose = np.zeros((len(lane), 4))
     _fill(pose, lane, s, d, driven, length, lines_of(road))
@@ -20,13 +23,21 @@ def script_poses(road: RoadMap, lane: Ints, s: Floats, d: Floats, v: Floats, ste
 
 
 @making_arrays
-def _fill(pose: Floats, lane: Ints, s: Floats, d: Floats, driven: Floats, length: float, lines: Lines) -> None:
+def _fill(
+    pose: Floats, lane: Ints, s: Floats, d: Floats, driven: Floats, length: float, lines: Lines
+) -> None:
     shift = np.zeros((len(lane), 2))  # how far sideways the lanes lie that it has changed to, m
     rear, turned = 0, 0.0
     for m in range(len(lane)):
         here = lane[m]
         fx, fy = point_on(lines, here, s[m])
-        ax, ay = point_at(lines.points, lines.arc, lines.first[here], lines.first[here + 1], s[m] * lines.scale[here] - TANGENT)
+        ax, ay = point_at(
+            lines.points,
+            lines.arc,
+            lines.first[here],
+            lines.first[here + 1],
+            s[m] * lines.scale[here] - TANGENT,
+        )
         tx, ty = (fx - ax) / TANGENT, (fy - ay) / TANGENT
         forward, left = 0.0, 0.0
         if m > 0:
@@ -41,9 +52,14 @@ def _fill(pose: Floats, lane: Ints, s: Floats, d: Floats, driven: Floats, length
         while rear < m and driven[rear + 1] <= driven[m] - length:
             rear += 1
         rx, ry = point_on(lines, lane[rear], s[rear] + driven[m] - length - driven[rear])
-        _, _, c, n = chord(fx, fy, rx + shift[m, 0] - shift[rear, 0], ry + shift[m, 1] - shift[rear, 1], 1.0, 0.0)
+        _, _, c, n = chord(
+            fx, fy, rx + shift[m, 0] - shift[rear, 0], ry + shift[m, 1] - shift[rear, 1], 1.0, 0.0
+        )
         turned = swung(turned, forward, left, length)
         ct, nt = math.cos(turned), math.sin(turned)
         c, n = c * ct - n * nt, n * ct + c * nt
-        pose[m, 0], pose[m, 1] = fx - d[m] * ty - 0.5 * length * c, fy + d[m] * tx - 0.5 * length * n
+        pose[m, 0], pose[m, 1] = (
+            fx - d[m] * ty - 0.5 * length * c,
+            fy + d[m] * tx - 0.5 * length * n,
+        )
         pose[m, 2], pose[m, 3] = c, n

@@ -1,4 +1,5 @@
-"""How a command ends: one line on standard error and an exit status for whatever it raises. docs/reliability.md lists them."""
+"""How a command ends: one line on standard error and an exit status for whatever it raises.
+docs/reliability.md lists them."""
 
 import _thread
 import errno
@@ -14,7 +15,9 @@ from sumo_mcts.errors import ConfigError, FailedError, in_one_line, of_machine, 
 from sumo_mcts.process.supervisor import AGAIN_S, DEBUG, WORDS, heeding
 
 OK, FAILED, INVALID = 0, 1, 2  # and 128 + N where signal N asked for the end
-_OF_OUTPUT = frozenset({errno.ENOSPC, errno.EIO, errno.EPIPE, errno.EBADF})  # without a file's name: of standard output
+_OF_OUTPUT = frozenset(
+    {errno.ENOSPC, errno.EIO, errno.EPIPE, errno.EBADF}
+)  # without a file's name: of standard output
 
 
 def ended(command: Callable[[], object]) -> int:
@@ -55,11 +58,20 @@ def explained(error: BaseException) -> tuple[str, int]:
         return f"error: {_of_file(error)}", INVALID
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{Path(place.filename).name}, line {place.lineno}"
-    return f"error: a fault of sumo-mcts: {in_one_line(error)} ({where}); {DEBUG}=1 shows the traceback", FAILED
+    return (
+        (
+            f"error: a fault of sumo-mcts: {in_one_line(error)} ({where}); {DEBUG}=1 shows the "
+            "traceback"
+        ),
+        FAILED,
+    )
 
 
 def tell(line: str) -> None:
-    """Write a line to standard error, if it is there; "": nothing. Control characters, as ids may have them, are escaped."""
+    """Write a line to standard error, if it is there; "": nothing.
+
+    Control characters, as ids may have them, are escaped.
+    """
     if line:
         with suppress(OSError, ValueError):
             print(printable(line), file=sys.stderr, flush=True)  # noqa: T201
@@ -67,7 +79,8 @@ def tell(line: str) -> None:
 
 @contextmanager
 def told(exit_with: Callable[[int], BaseException]) -> Iterator[None]:
-    """Whatever is raised inside is said in one line; raises `exit_with` of the exit status instead."""
+    """Whatever is raised inside is said in one line; raises `exit_with` of the exit status
+    instead."""
     try:
         yield
     except (ConfigError, FailedError, OSError, MemoryError) as error:
@@ -77,7 +90,8 @@ def told(exit_with: Callable[[int], BaseException]) -> Iterator[None]:
 
 
 def _of_exit(error: SystemExit) -> tuple[str, int]:
-    """Libraries for command lines end the process without a word where standard output is a closed pipe."""
+    """Libraries for command lines end the process without a word where standard output is a closed
+    pipe."""
     if isinstance(error.__context__, OSError):
         return explained(error.__context__)
     return "", error.code if isinstance(error.code, int) else FAILED
@@ -86,7 +100,11 @@ def _of_exit(error: SystemExit) -> tuple[str, int]:
 def _shortage(error: BaseException) -> str:
     if isinstance(error, OSError):
         return _of_file(error)
-    return "not enough memory" if isinstance(error, MemoryError) else "the system starts no further threads"
+    return (
+        "not enough memory"
+        if isinstance(error, MemoryError)
+        else "the system starts no further threads"
+    )
 
 
 def _of_file(error: OSError) -> str:
@@ -95,7 +113,8 @@ def _of_file(error: OSError) -> str:
 
 
 def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
-    """An interrupt that came in a finalizer or a callback from compiled code ends nothing: another one follows, once that is over."""
+    """An interrupt that came in a finalizer or a callback from compiled code ends nothing: another
+    one follows, once that is over."""
 
     def later() -> None:
         time.sleep(AGAIN_S)  # sooner it would count as the same signal

@@ -1,11 +1,14 @@
-"""Runs a command in a child process and watches it: whatever ends the child, the user gets one line,
+"""Runs a command in a child process and watches it: whatever ends the child, the user gets one
+line,
 a documented exit status and a clean temporary folder, and no process stays behind.
 
 SUMO and compiled code can do what no exception handler survives: crash, or never return.
 The parent imports nothing heavy, so that it answers signals from the first moment on.
 
-    parent  blocks signals, forks, waits       signals -> child       kills a child that does not heed them
-    child   runs the command                   lines -> parent: "!" heeds a signal; "=N" has status N, only the end is missing
+    parent  blocks signals, forks, waits       signals -> child       kills a child that does not
+    heed them
+    child   runs the command                   lines -> parent: "!" heeds a signal; "=N" has status
+    N, only the end is missing
 """
 
 import ctypes
@@ -22,7 +25,8 @@ from typing import NoReturn
 
 FAILED = 1  # exit status
 
-# What each signal that asks for the end is called; the exit status is 128 + its number, as in a shell.
+# What each signal that asks for the end is called; the exit status is 128 + its number, as in a
+# shell.
 WORDS: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 if hasattr(signal, "SIGHUP"):  # not on Windows
     WORDS[signal.SIGHUP] = "hung up"
@@ -30,14 +34,17 @@ TICK_S = 0.5  # between two looks at the child
 UNHEARD_S = 2.0  # for a child to begin to heed a signal: in compiled code it cannot
 HEEDED_S = 20.0  # for a child that heeds one, to keep its rows and end its workers
 CLOSING_S = 5.0  # for a child whose results are out: SUMO's window may never close
-AGAIN_S = 0.5  # a terminal sends a signal to parent and child alike: within this time it is the same one
+AGAIN_S = (
+    0.5  # a terminal sends a signal to parent and child alike: within this time it is the same one
+)
 DEBUG = "SUMO_MCTS_DEBUG"  # environment variable: run in this process, and show tracebacks
 _DOING = "doing.txt"  # in the child's temporary folder
 Command = Callable[[], int]
 
 
 def supervised(command: Command) -> int:
-    """The exit status of a command that runs in a child process, or in this one where that is impossible or DEBUG is set."""
+    """The exit status of a command that runs in a child process, or in this one where that is
+    impossible or DEBUG is set."""
     _open_standard_files()
     if not hasattr(signal, "sigtimedwait") or os.environ.get(DEBUG):
         return command()
@@ -83,20 +90,23 @@ class _Child:
 
 
 def doing(what: str) -> None:
-    """Note what is going on, so that the parent can tell it where that kills this process; "": nothing special."""
+    """Note what is going on, so that the parent can tell it where that kills this process; "":
+    nothing special."""
     if _Child.scratch is not None:
         with suppress(OSError):
             (_Child.scratch / _DOING).write_text(what, encoding="utf-8", errors="backslashreplace")
 
 
 def results_are_out(status: int) -> None:
-    """Tell the parent that nothing but the end is missing: after CLOSING_S it ends this process with this status."""
+    """Tell the parent that nothing but the end is missing: after CLOSING_S it ends this process
+    with this status."""
     _report(f"={status}")
 
 
 @contextmanager
 def heeding(act: Callable[[int], None]) -> Iterator[None]:
-    """Have `act` called with the number of each signal that asks for the end; the parent learns that it is being heeded."""
+    """Have `act` called with the number of each signal that asks for the end; the parent learns
+    that it is being heeded."""
 
     def heed(number: int, _: object) -> None:
         _report("!")
@@ -114,7 +124,11 @@ def heeding(act: Callable[[int], None]) -> Iterator[None]:
 
 def _watched() -> list[int]:
     """The signals that ask for the end, without those that `nohup` has us ignore."""
-    return [number for number in WORDS if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN]
+    return [
+        number
+        for number in WORDS
+        if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN
+    ]
 
 
 def _report(text: str) -> None:
@@ -148,9 +162,14 @@ def _leave(number: int) -> NoReturn:
 
 
 def _open_standard_files() -> None:
-    """Open those that are closed: else another file would get their number, and be written to by mistake. Reading finds nothing, what is written to standard
-    error is lost, and writing to standard output fails, as its reader is to know."""
-    for number, name, mode in ((0, "stdin", os.O_RDWR), (1, "stdout", os.O_RDONLY), (2, "stderr", os.O_RDWR)):
+    """Open those that are closed: else another file would get their number, and be written to by
+    mistake. Reading finds nothing, what is written to standard error is lost, and writing to
+    standard output fails, as its reader is to know."""
+    for number, name, mode in (
+        (0, "stdin", os.O_RDWR),
+        (1, "stdout", os.O_RDONLY),
+        (2, "stderr", os.O_RDWR),
+    ):
         try:
             os.fstat(number)
         except OSError:
@@ -158,11 +177,16 @@ def _open_standard_files() -> None:
             setattr(sys, name, os.fdopen(number, "r" if number == 0 else "w", closefd=False))
 
 
-def _forked(command: Command, scratch: Path, watched: set[int], mask: set[int | signal.Signals]) -> int:
-    """The exit status of a command in a child; the signals `watched` are blocked here, as `mask` tells they were before."""
+def _forked(
+    command: Command, scratch: Path, watched: set[int], mask: set[int | signal.Signals]
+) -> int:
+    """The exit status of a command in a child; the signals `watched` are blocked here, as `mask`
+    tells they were before."""
     reading, writing = os.pipe()
     os.set_blocking(reading, False)
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # else a caller that ignores it would cost us the child's status
+    signal.signal(
+        signal.SIGCHLD, signal.SIG_DFL
+    )  # else a caller that ignores it would cost us the child's status
     child = os.fork()
     if child == 0:
         os.close(reading)
@@ -182,7 +206,9 @@ class _Watch:
         self._asked: int | None = None  # the signal that asked for the end, and
         self._asked_at = 0.0  # when, s
         self._kill_at = float("inf")  # s
-        self._result: int | None = None  # the status of a child of which nothing but the end is missing
+        self._result: int | None = (
+            None  # the status of a child of which nothing but the end is missing
+        )
 
     def status(self, watched: set[int]) -> int:
         """Wait for the child's end; the exit status for ours. Says what the child could not say."""
@@ -214,7 +240,11 @@ class _Watch:
         except BlockingIOError:
             return
         for line in lines:
-            if line == "!" and self._asked is not None and self._kill_at == self._asked_at + UNHEARD_S:
+            if (
+                line == "!"
+                and self._asked is not None
+                and self._kill_at == self._asked_at + UNHEARD_S
+            ):
                 self._kill_at = self._asked_at + HEEDED_S
             elif line.startswith("="):
                 self._result, self._kill_at = int(line[1:]), time.monotonic() + CLOSING_S

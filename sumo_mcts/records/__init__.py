@@ -1,4 +1,12 @@
-from sumo_mcts.records.codec import _COARSE, _FORMAT, Columns, TraceError, _decode, _encode, _without_alias
+from sumo_mcts.records.codec import (
+    _COARSE,
+    _FORMAT,
+    Columns,
+    TraceError,
+    _decode,
+    _encode,
+    _without_alias,
+)
 from sumo_mcts.records.manifest import (
     FIGURES,
     MANIFEST,

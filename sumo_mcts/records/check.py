@@ -1,8 +1,11 @@
-"""What a trace and a map have to hold before anything is computed from them: the shape of every field, and the bounds of its numbers.
+"""What a trace and a map have to hold before anything is computed from them: the shape of every
+field, and the bounds of its numbers.
 
-Compiled code checks no index, so a damaged number would make it read beyond an array. RULES says field by field what scene.py and records.py say in words.
-A shape names sizes: the first field with a size sets it, and all others have to agree. Sizes with a capital letter hold for a whole decision or map, those with
-a small one for one tuple; `lanes`, `edges` and so on are those of the map, and bound nothing while the map is not known.
+Compiled code checks no index, so a damaged number would make it read beyond an array. RULES says
+field by field what scene.py and records.py say in words. A shape names sizes: the first field with
+a size sets it, and all others have to agree. Sizes with a capital letter hold for a whole decision
+or map, those with a small one for one tuple; `lanes`, `edges` and so on are those of the map, and
+bound nothing while the map is not known.
 """
 
 import math
@@ -43,7 +46,8 @@ def _index(below: str, *shape: str | int, least: int = -1) -> Rule:
 
 
 def _offsets(size: str, *shape: str, least: int = 0) -> Rule:
-    """Where the shares of an array of that size begin, each of `least` entries or more, and where the last one ends."""
+    """Where the shares of an array of that size begin, each of `least` entries or more, and where
+    the last one ends."""
     return Rule(shape, least, math.inf, rises=size)
 
 
@@ -68,65 +72,91 @@ _SIDE = Rule((), -1, 1)
 _COUNT = Rule((), 0, math.inf)
 RULES: Mapping[str, Mapping[str, Rule]] = {
     "RoadMap": {
-        "lane_ids": Rule(("lanes",)), "edge_ids": Rule(("edges",)), "junction_ids": Rule(("junctions",)), "signal_ids": Rule(("signals",)),
-        "edge": _index("edges", "lanes", least=0), "index": _index("lanes", "lanes", least=0), "internal": Rule(("lanes",)),
-        "length": _positive("lanes", most=LONGEST), "scale": _positive("lanes"), "width": _positive("lanes"), "speed": _positive("lanes"),
-        "classes": Rule(("lanes",), most=math.inf), "left": _index("lanes", "lanes"), "right": _index("lanes", "lanes"),
-        "points": _place("P", 2), "point_s": _positive("P"), "point_offset": _offsets("P", "lanes+1", least=2),
+        "lane_ids": Rule(("lanes",)), "edge_ids": Rule(("edges",)),
+        "junction_ids": Rule(("junctions",)), "signal_ids": Rule(("signals",)),
+        "edge": _index("edges", "lanes", least=0), "index": _index("lanes", "lanes", least=0),
+        "internal": Rule(("lanes",)),
+        "length": _positive("lanes", most=LONGEST), "scale": _positive("lanes"),
+        "width": _positive("lanes"), "speed": _positive("lanes"),
+        "classes": Rule(("lanes",), most=math.inf), "left": _index("lanes", "lanes"),
+        "right": _index("lanes", "lanes"),
+        "points": _place("P", 2), "point_s": _positive("P"),
+        "point_offset": _offsets("P", "lanes+1", least=2),
         "successor": _index("lanes", "S", least=0), "successor_offset": _offsets("S", "lanes+1"),
-        "exit": _index("lanes", "lanes", least=0), "direction": Rule(("lanes",), 0, 3), "junction": _index("junctions", "lanes"),
+        "exit": _index("lanes", "lanes", least=0), "direction": Rule(("lanes",), 0, 3),
+        "junction": _index("junctions", "lanes"),
         "knot": Rule(("lanes",), -1), "begins": Rule(("lanes",), -1), "ends": Rule(("lanes",), -1),
-        "rule": Rule(("lanes",), 0, 4), "signal": _index("signals", "lanes"), "link": Rule(("lanes",), -1),
+        "rule": Rule(("lanes",), 0, 4), "signal": _index("signals", "lanes"),
+        "link": Rule(("lanes",), -1),
         "conflict_lane": _index("lanes", "C", least=0), "conflict_offset": _offsets("C", "lanes+1"),
-        "conflict_begin": Rule(("C",)), "conflict_end": Rule(("C",)), "conflict_other_begin": Rule(("C",)), "conflict_other_end": Rule(("C",)),
+        "conflict_begin": Rule(("C",)), "conflict_end": Rule(("C",)),
+        "conflict_other_begin": Rule(("C",)), "conflict_other_end": Rule(("C",)),
         "conflict_merge": Rule(("C",)), "conflict_yields": Rule(("C",)),
     },
     "Trace": {"cycles": Rule(("cycles",))},
     "Lanes": {
-        "lane_ids": Rule(("l",)), "points": _place("p", 2), "offset": _offsets("p", "l+1"), "width": _positive("l", most=1e3), "internal": Rule(("l",)),
+        "lane_ids": Rule(("l",)), "points": _place("p", 2), "offset": _offsets("p", "l+1"),
+        "width": _positive("l", most=1e3), "internal": Rule(("l",)),
         "route": Rule(("l",)), "stop_lines": _place("s", 4),
     },
     "Setting": {
-        "seed": _COUNT, "step": _STEP._replace(unknown=True), "change_duration": Rule((), 0.0, LARGE, unknown=True),
+        "seed": _COUNT, "step": _STEP._replace(unknown=True),
+        "change_duration": Rule((), 0.0, LARGE, unknown=True),
     },
     "CycleRecord": {
-        "time": Rule(), "step": _STEP, "plan_ms": Rule((), unknown=True), "commanded_speed": Rule((), unknown=True),
-        "executed_speed": Rule((), unknown=True), "commanded_lane": _index("lanes"), "executed_lane": _index("lanes"),
+        "time": Rule(), "step": _STEP, "plan_ms": Rule((), unknown=True),
+        "commanded_speed": Rule((), unknown=True),
+        "executed_speed": Rule((), unknown=True), "commanded_lane": _index("lanes"),
+        "executed_lane": _index("lanes"),
     },
     "EgoState": {
-        "x": _place(), "y": _place(), "heading": Rule(), "v": Rule(), "a": Rule(), "lane": _index("lanes"), "s": Rule(), "d": Rule(),
-        "length": _positive(most=1e4), "width": _positive(most=1e3), "max_accel": Rule(), "comfort_decel": Rule(), "emergency_decel": Rule(),
-        "max_speed": Rule(), "speed_factor": Rule(), "vclass": _CLASS._replace(shape=()), "route": _index("edges", "e"), "changing": Rule(),
+        "x": _place(), "y": _place(), "heading": Rule(), "v": Rule(), "a": Rule(),
+        "lane": _index("lanes"), "s": Rule(), "d": Rule(),
+        "length": _positive(most=1e4), "width": _positive(most=1e3), "max_accel": Rule(),
+        "comfort_decel": Rule(), "emergency_decel": Rule(),
+        "max_speed": Rule(), "speed_factor": Rule(), "vclass": _CLASS._replace(shape=()),
+        "route": _index("edges", "e"), "changing": Rule(),
         "change_to": _index("lanes"), "change_from": _index("lanes"),
     },
     "Agents": {
-        "ids": Rule(("N",)), "x": _place("N"), "y": _place("N"), "heading": Rule(("N",)), "v": Rule(("N",)), "a": Rule(("N",)), "trend": Rule(("N",)),
-        "length": _positive("N", most=1e4), "width": _positive("N", most=1e3), "lane": _index("lanes", "N"), "s": Rule(("N",)), "d": Rule(("N",)),
-        "blinker": Rule(("N",), -1, 1), "standing_s": Rule(("N",)), "person": Rule(("N",)), "vclass": _CLASS,
+        "ids": Rule(("N",)), "x": _place("N"), "y": _place("N"), "heading": Rule(("N",)),
+        "v": Rule(("N",)), "a": Rule(("N",)), "trend": Rule(("N",)),
+        "length": _positive("N", most=1e4), "width": _positive("N", most=1e3),
+        "lane": _index("lanes", "N"), "s": Rule(("N",)), "d": Rule(("N",)),
+        "blinker": Rule(("N",), -1, 1), "standing_s": Rule(("N",)), "person": Rule(("N",)),
+        "vclass": _CLASS,
     },
     "Signals": {
-        "state": Rule(("links", "K"), 0, 2), "offset": _offsets("links", "Q+1"), "until": Rule(("Q", "K"), endless=True),
+        "state": Rule(("links", "K"), 0, 2), "offset": _offsets("links", "Q+1"),
+        "until": Rule(("Q", "K"), endless=True),
     },
     "Forecast": {
-        "dt": _STEP, "weight": Rule(("H",), 0.0, 1.0 + 1e-6), "pose": _place("H", "T", "F", 4), "v": Rule(("H", "T", "F")),
-        "lane": _index("lanes", "H", "T", "F"), "s": Rule(("H", "T", "F")), "valid": Rule(("H", "T", "F")),
+        "dt": _STEP, "weight": Rule(("H",), 0.0, 1.0 + 1e-6), "pose": _place("H", "T", "F", 4),
+        "v": Rule(("H", "T", "F")),
+        "lane": _index("lanes", "H", "T", "F"), "s": Rule(("H", "T", "F")),
+        "valid": Rule(("H", "T", "F")),
         "half_length": _positive("F", most=1e4), "half_width": _positive("F", most=1e3),
         "reacts": Rule(("F",)), "yields": Rule(("H", "F")), "intents": Rule(("I",)),
     },
     "Intent": {"agent": _index("F"), "does": Rule((), 0, 4), "way": _index("lanes", "w", least=0)},
-    "Decision": {"children": Rule(("c",)), "chosen": _index("c"), "iterations": _COUNT, "known": _COUNT},
+    "Decision": {"children": Rule(("c",)), "chosen": _index("c"), "iterations": _COUNT,
+    "known": _COUNT},
     "Follow": {"speeds": Rule(("m",)), "lane_change": _SIDE},
     "Release": {},
-    "Plan": {"time": Rule(("m",)), "v": Rule(("m",)), "lane": _index("lanes", "m"), "s": Rule(("m",)), "pose": _place("m", 4)},
+    "Plan": {"time": Rule(("m",)), "v": Rule(("m",)), "lane": _index("lanes", "m"),
+    "s": Rule(("m",)), "pose": _place("m", 4)},
     "RootChild": {
-        "accel": Rule(), "lane_change": _SIDE, "visits": _COUNT, "mean": _any(), "best": _any(), "terms": _any(5), "poses": _place("m", 4),
+        "accel": Rule(), "lane_change": _SIDE, "visits": _COUNT, "mean": _any(), "best": _any(),
+        "terms": _any(5), "poses": _place("m", 4),
         "hypotheses": _any("h", 5),
     },
     "Manoeuvre": {"time": Rule()},
     "PlannerMemory": {"numbers": Rule(("n",)), "generator": Rule(("g",), most=math.inf)},
-    "Memory": {"edges": _index("edges", "e"), "stood": _COUNT._replace(shape=("s",)), "stood_since": Rule(("s",)), "failures": _COUNT},
+    "Memory": {"edges": _index("edges", "e"), "stood": _COUNT._replace(shape=("s",)),
+    "stood_since": Rule(("s",)), "failures": _COUNT},
     "Answers": {
-        "ways": Rule(("W",)), "agent": _index("N", "a", least=0), "scripted": Rule(("a",)), "pose": _place("a", "t", 4), "v": Rule(("a", "t")),
+        "ways": Rule(("W",)), "agent": _index("N", "a", least=0), "scripted": Rule(("a",)),
+        "pose": _place("a", "t", 4), "v": Rule(("a", "t")),
         "lane": _index("lanes", "a", "t"), "s": Rule(("a", "t")), "valid": Rule(("a", "t")),
     },
 }  # fmt: skip
@@ -144,18 +174,32 @@ def trace_problem(trace: Any) -> str:
 
 
 def fit_problem(trace: Any, road: RoadMap, numbers: Iterable[int]) -> str:
-    """What is wrong with these decisions of a trace beside its map, which is sound: lanes, edges and signals that it does not have, too. "": nothing."""
-    return next((problem for i in numbers for problem in _beside_wrong(trace.cycles[i], f"trace.cycles[{i}]", road)), "")
+    """What is wrong with these decisions of a trace beside its map, which is sound: lanes, edges
+    and signals that it does not have, too. "": nothing."""
+    return next(
+        (
+            problem
+            for i in numbers
+            for problem in _beside_wrong(trace.cycles[i], f"trace.cycles[{i}]", road)
+        ),
+        "",
+    )
 
 
 # --- by the table ---
 
 
 def _wrong(value: Any, name: str, sizes: Sizes) -> Iterator[str]:
-    """What is wrong with a tuple of the language and all that it holds; `sizes` are those known so far, to which it adds its own."""
+    """What is wrong with a tuple of the language and all that it holds;
+
+    `sizes` are those known so far, to which it adds its own.
+    """
     rules = RULES[type(value).__name__]
     inside = dict(sizes)
-    for field in (*rules, *(each for each in value._fields if each not in rules)):  # rules first, in their order: they set the sizes
+    for field in (
+        *rules,
+        *(each for each in value._fields if each not in rules),
+    ):  # rules first, in their order: they set the sizes
         part, where = getattr(value, field), f"{name}.{field}"
         if field in rules:
             yield from _field_wrong(part, rules[field], where, inside)
@@ -177,7 +221,13 @@ def _parts_wrong(part: Any, where: str, sizes: Sizes) -> Iterator[str]:
 
 def _field_wrong(value: Any, rule: Rule, where: str, sizes: Sizes) -> Iterator[str]:
     """What is wrong with one field: its shape, then its numbers."""
-    shape = value.shape if isinstance(value, np.ndarray) else (len(value),) if isinstance(value, tuple) else ()
+    shape = (
+        value.shape
+        if isinstance(value, np.ndarray)
+        else (len(value),)
+        if isinstance(value, tuple)
+        else ()
+    )
     if len(shape) != len(rule.shape):
         yield f"{where}: has {len(shape)} dimensions, not {len(rule.shape)}"
         return
@@ -188,12 +238,15 @@ def _field_wrong(value: Any, rule: Rule, where: str, sizes: Sizes) -> Iterator[s
             return
     if rule.rises:
         yield from _rises_wrong(value, rule, where, sizes[rule.rises])
-    elif not _all_within(value, rule.least, most := sizes[rule.below] - 1 if rule.below in sizes else rule.most):
+    elif not _all_within(
+        value, rule.least, most := sizes[rule.below] - 1 if rule.below in sizes else rule.most
+    ):
         yield from _numbers_wrong(np.asarray(value), rule, most, where)
 
 
 def _size(size: str | int, number: int, sizes: Sizes) -> int:
-    """How many entries there have to be; a size that is not known yet is set to what there is, a number."""
+    """How many entries there have to be; a size that is not known yet is set to what there is, a
+    number."""
     if isinstance(size, int):
         return size
     name, _, more = size.partition("+")
@@ -201,10 +254,18 @@ def _size(size: str | int, number: int, sizes: Sizes) -> int:
 
 
 def _all_within(value: Any, least: float, most: float) -> bool:
-    """Whether there is nothing but numbers within bounds, or no number at all: the quick answer, which is the usual one."""
+    """Whether there is nothing but numbers within bounds, or no number at all: the quick answer,
+    which is the usual one."""
     if isinstance(value, np.ndarray):
-        return value.dtype.kind not in "iuf" or not value.size or bool(value.min() >= least and value.max() <= most)
-    return all(not isinstance(item, int | float) or least <= item <= most for item in (value if isinstance(value, tuple) else (value,)))
+        return (
+            value.dtype.kind not in "iuf"
+            or not value.size
+            or bool(value.min() >= least and value.max() <= most)
+        )
+    return all(
+        not isinstance(item, int | float) or least <= item <= most
+        for item in (value if isinstance(value, tuple) else (value,))
+    )
 
 
 def _numbers_wrong(values: NDArray[Any], rule: Rule, most: float, where: str) -> Iterator[str]:
@@ -217,8 +278,15 @@ def _numbers_wrong(values: NDArray[Any], rule: Rule, most: float, where: str) ->
 
 def _rises_wrong(values: NDArray[Any], rule: Rule, where: str, end: int) -> Iterator[str]:
     steps = np.diff(values.astype(np.int64))  # wide enough for the difference of any two
-    if not len(values) or values[0] != 0 or values[-1] != end or steps.min(initial=rule.least) < rule.least:
-        yield f"{where}: has to rise from 0 to {end}" + (f" by {rule.least:g} at least" if rule.least else "")
+    if (
+        not len(values)
+        or values[0] != 0
+        or values[-1] != end
+        or steps.min(initial=rule.least) < rule.least
+    ):
+        yield f"{where}: has to rise from 0 to {end}" + (
+            f" by {rule.least:g} at least" if rule.least else ""
+        )
 
 
 def _range(least: float, most: float) -> str:
@@ -229,11 +297,14 @@ def _range(least: float, most: float) -> str:
 
 
 def _ways_wrong(road: RoadMap) -> Iterator[str]:
-    """Lanes beside each other, and ways through a junction: whoever follows them has to come to an end."""
+    """Lanes beside each other, and ways through a junction: whoever follows them has to come to an
+    end."""
     place = road.index
     for name, side, step in (("left", road.left, 1), ("right", road.right, -1)):
         has = np.flatnonzero(side >= 0)
-        if ((road.edge[side[has]] != road.edge[has]) | (place[side[has]] != place[has] + step)).any():
+        if (
+            (road.edge[side[has]] != road.edge[has]) | (place[side[has]] != place[has] + step)
+        ).any():
             yield f"map.{name}: has to name the next lane of the same edge"
     origin = np.repeat(np.arange(len(road.edge)), np.diff(road.successor_offset))
     inside = road.internal[origin] & road.internal[road.successor]
@@ -250,7 +321,8 @@ def _ways_wrong(road: RoadMap) -> Iterator[str]:
 
 
 def _circles(origin: NDArray[Any], target: NDArray[Any]) -> bool:
-    """Whether the arrows from origin [K] to target [K] lead round in a circle, or on and on: some are left when the last ones were taken off INSIDE times."""
+    """Whether the arrows from origin [K] to target [K] lead round in a circle, or on and on: some
+    are left when the last ones were taken off INSIDE times."""
     for _ in range(INSIDE):
         goes_on = np.isin(target, origin)
         origin, target = origin[goes_on], target[goes_on]
@@ -258,7 +330,8 @@ def _circles(origin: NDArray[Any], target: NDArray[Any]) -> bool:
 
 
 def _trace_wrong(trace: Any) -> Iterator[str]:
-    """The order of the decisions, the lanes to draw, and what depends on how many agents there are."""
+    """The order of the decisions, the lanes to draw, and what depends on how many agents there
+    are."""
     times = [cycle.time for cycle in trace.cycles]
     if any(after <= before for before, after in pairwise(times)):
         yield "trace.cycles.time: has to grow from one decision to the next"
@@ -278,7 +351,10 @@ def _cycle_wrong(cycle: Any, name: str) -> Iterator[str]:
     if not forecast.pose.shape[0] or not forecast.pose.shape[1]:
         yield f"{name}.forecast: has to hold one hypothesis and one time at least"
     if len(forecast.intents) not in (0, len(forecast.weight)):
-        yield f"{name}.forecast.intents: has {len(forecast.intents)} entries, not {len(forecast.weight)}"
+        yield (
+            f"{name}.forecast.intents: has {len(forecast.intents)} entries, not "
+            f"{len(forecast.weight)}"
+        )
     if len(cycle.answers.ways) not in (0, agents):
         yield f"{name}.answers.ways: has {len(cycle.answers.ways)} entries, not {agents}"
     if len(cycle.signals.until) and not cycle.signals.until.shape[1]:
@@ -286,7 +362,8 @@ def _cycle_wrong(cycle: Any, name: str) -> Iterator[str]:
 
 
 def _beside_wrong(cycle: Any, name: str, road: RoadMap) -> Iterator[str]:
-    """A decision beside its map: by the table, its signals, and routes over edges without a lane, or too long to be laid out."""
+    """A decision beside its map: by the table, its signals, and routes over edges without a lane,
+    or too long to be laid out."""
     yield from _wrong(cycle, name, {"lanes": len(road.lane_ids), "edges": len(road.edge_ids)})
     yield from _cycle_wrong(cycle, name)
     links, lit = np.diff(cycle.signals.offset), np.flatnonzero(road.signal >= 0)
@@ -296,6 +373,10 @@ def _beside_wrong(cycle: Any, name: str, road: RoadMap) -> Iterator[str]:
         yield f"{name}.signals.offset: has fewer links than the map names"
     per_edge = np.bincount(road.edge, weights=road.length, minlength=len(road.edge_ids))
     for field, edges in (("ego.route", cycle.ego.route), ("memory.edges", cycle.memory.edges)):
-        yield from (f"{name}.{field}: no lane of the map belongs to edge {edge}" for edge in edges if edge >= 0 and not per_edge[edge])
+        yield from (
+            f"{name}.{field}: no lane of the map belongs to edge {edge}"
+            for edge in edges
+            if edge >= 0 and not per_edge[edge]
+        )
         if sum(per_edge[edge] for edge in edges if edge >= 0) > ROUTE:
             yield f"{name}.{field}: has to be {ROUTE / 1000:,.0f} km of lanes at most"

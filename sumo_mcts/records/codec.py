@@ -43,16 +43,23 @@ def packed(columns: Columns) -> bytes:
 
 
 def load_columns(path: Path, kind: type, what: str, problem_of: Callable[[Any], str]) -> Any:
-    """The value of this kind in a file; `what` it is in messages, `problem_of` says what is wrong with its numbers."""
+    """The value of this kind in a file;
+
+    `what` it is in messages, `problem_of` says what is wrong with its numbers.
+    """
     try:
         columns = _unpacked(path)
         if int(columns["format"]) != _FORMAT:
-            raise TraceError(f"{path}: written in {what} format {int(columns['format'])}, this version reads {_FORMAT}")
+            raise TraceError(
+                f"{path}: written in {what} format {int(columns['format'])}, this version reads "
+                f"{_FORMAT}"
+            )
         value = _decode(kind, 1, kind.__name__.lower(), columns)[0]
         problem = problem_of(value)
     except (TraceError, OSError):
         raise
-    except Exception as error:  # whatever unpacking damaged bytes may do: zipfile and numpy alone raise a dozen kinds
+    # whatever unpacking damaged bytes may do: zipfile and numpy alone raise a dozen kinds
+    except Exception as error:
         raise TraceError(f"{path}: not a whole {what}: {' '.join(str(error).split())}") from None
     if problem:
         raise TraceError(f"{path}: {problem}")
@@ -60,19 +67,27 @@ def load_columns(path: Path, kind: type, what: str, problem_of: Callable[[Any], 
 
 
 def _unpacked(path: Path) -> Columns:
-    """The columns of a file. What it says of its sizes is looked at before room is made for them."""
+    """The columns of a file.
+
+    What it says of its sizes is looked at before room is made for them.
+    """
     with files.opened(path) as file, zipfile.ZipFile(file) as archive:
         members = archive.infolist()
         if sum(member.file_size for member in members) > MOST_BYTES:
             raise ValueError(f"unpacked it has more than {MOST_BYTES:,} bytes")
-        return {member.filename.removesuffix(".npy"): _array(archive.read(member)) for member in members}
+        return {
+            member.filename.removesuffix(".npy"): _array(archive.read(member)) for member in members
+        }
 
 
 def _array(content: bytes) -> NDArray[Any]:
     """The array in the bytes of an .npy file."""
     file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
-    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+    read_header = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }[version]
     shape, _, dtype = read_header(file)
     if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(content) - file.tell():
         raise ValueError(f"an array of {dtype} {shape} in {len(content) - file.tell()} bytes")
@@ -93,13 +108,23 @@ def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> No
         columns[path + "#count"] = np.array([len(value) for value in values], dtype=np.int32)
         _encode(args[0], [item for value in values for item in value], path, columns)
     elif origin in (Union, UnionType):
-        tags = [next(i for i, member in enumerate(args) if isinstance(value, member)) for value in values]
+        tags = [
+            next(i for i, member in enumerate(args) if isinstance(value, member))
+            for value in values
+        ]
         columns[path + "#tag"] = np.array(tags, dtype=np.int8)
         for i, member in _members(args):
-            _encode(member, [value for value, tag in zip(values, tags, strict=True) if tag == i], f"{path}/{member.__name__}", columns)
+            _encode(
+                member,
+                [value for value, tag in zip(values, tags, strict=True) if tag == i],
+                f"{path}/{member.__name__}",
+                columns,
+            )
     else:
         for field, annotation in get_type_hints(kind).items():
-            _encode(annotation, [getattr(value, field) for value in values], f"{path}/{field}", columns)
+            _encode(
+                annotation, [getattr(value, field) for value in values], f"{path}/{field}", columns
+            )
 
 
 def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]:
@@ -111,20 +136,45 @@ def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]
     if origin is np.ndarray:
         shapes = _decode(tuple[int, ...], count, path + "#shape", columns)
         whole: NDArray[Any] = _column(columns, path, _stored(kind, path)).astype(_element(kind))
-        return [part.reshape(shape) for part, shape in zip(_split(whole, [math.prod(_lengths(shape, path)) for shape in shapes], path), shapes, strict=True)]
+        return [
+            part.reshape(shape)
+            for part, shape in zip(
+                _split(whole, [math.prod(_lengths(shape, path)) for shape in shapes], path),
+                shapes,
+                strict=True,
+            )
+        ]
     if origin is tuple:
-        lengths = _exactly(_lengths(_column(columns, path + "#count", np.int32).tolist(), path), count, path)
-        return [tuple(part) for part in _split(_decode(args[0], sum(lengths), path, columns), lengths, path)]
+        lengths = _exactly(
+            _lengths(_column(columns, path + "#count", np.int32).tolist(), path), count, path
+        )
+        return [
+            tuple(part)
+            for part in _split(_decode(args[0], sum(lengths), path, columns), lengths, path)
+        ]
     if origin in (Union, UnionType):
         tags = _exactly(_column(columns, path + "#tag", np.int8).tolist(), count, path)
-        values = {i: iter(_decode(member, tags.count(i), f"{path}/{member.__name__}", columns)) for i, member in _members(args)}
-        return [None if args[tag] is type(None) else next(values[tag]) for tag in _lengths(tags, path)]
-    fields = [_decode(annotation, count, f"{path}/{field}", columns) for field, annotation in get_type_hints(kind).items()]
-    return [kind(*value) for value in zip(*fields, strict=True)] if fields else [kind() for _ in range(count)]
+        values = {
+            i: iter(_decode(member, tags.count(i), f"{path}/{member.__name__}", columns))
+            for i, member in _members(args)
+        }
+        return [
+            None if args[tag] is type(None) else next(values[tag]) for tag in _lengths(tags, path)
+        ]
+    fields = [
+        _decode(annotation, count, f"{path}/{field}", columns)
+        for field, annotation in get_type_hints(kind).items()
+    ]
+    return (
+        [kind(*value) for value in zip(*fields, strict=True)]
+        if fields
+        else [kind() for _ in range(count)]
+    )
 
 
 def _without_alias(kind: Any) -> Any:
-    """The type that an alias of the `type` statement stands for, as NDArray is one from numpy 2.5 on; any other type as it is."""
+    """The type that an alias of the `type` statement stands for, as NDArray is one from numpy 2.5
+    on; any other type as it is."""
     alias = get_origin(kind) or kind
     if not hasattr(alias, "__value__"):
         return kind
@@ -152,7 +202,9 @@ def _column(columns: Columns, path: str, kind: type) -> NDArray[Any]:
     if column is None:
         raise ValueError(f"{path} is missing")
     wanted, there = np.dtype(kind), column.dtype.newbyteorder("=")
-    if column.ndim != 1 or (there.kind if wanted.kind == "U" else there) != (wanted.kind if wanted.kind == "U" else wanted):
+    if column.ndim != 1 or (there.kind if wanted.kind == "U" else there) != (
+        wanted.kind if wanted.kind == "U" else wanted
+    ):
         raise ValueError(f"{path} is {column.dtype} {column.shape}, not a row of {wanted.name}")
     return column
 

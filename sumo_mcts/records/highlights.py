@@ -1,5 +1,6 @@
-"""Which episodes are worth a look: what went wrong, and of each scenario and variant the hardest moments, else its first episode. Of these a batch keeps the
-traces, and of these a report shows some."""
+"""Which episodes are worth a look: what went wrong, and of each scenario and variant the hardest
+moments, else its first episode. Of these a batch keeps the traces, and of these a report shows
+some."""
 
 import bisect
 import math
@@ -10,7 +11,10 @@ from sumo_mcts.records.rows import Row
 from sumo_mcts.records.statistics import TWIN, arrived, at_fault, collided
 
 HARDEST = 5  # of each scenario, variant and kind of hard moment a batch keeps so many
-KINDS, WRONG = 7, 3  # kinds of reasons; up to this one something went wrong, beyond it are hard moments
+KINDS, WRONG = (
+    7,
+    3,
+)  # kinds of reasons; up to this one something went wrong, beyond it are hard moments
 Order = tuple[float, str, str]  # of the episodes of a variant: seed, ego, key
 _FIRST, _LAST = (-math.inf, "", ""), (math.inf, "", "")
 
@@ -24,7 +28,10 @@ class Reason(NamedTuple):
 
 
 class Bar(NamedTuple):
-    """What a trace has to reach to be worth keeping, as known when its episode began. It only rises, so no trace is missed."""
+    """What a trace has to reach to be worth keeping, as known when its episode began.
+
+    It only rises, so no trace is missed.
+    """
 
     twins: bool  # whether those of SUMO's own driver are, which no report shows
     wrong: bool  # whether those of episodes in which something went wrong are,
@@ -36,11 +43,17 @@ def reasons(row: Row) -> list[Reason]:
     """Why an episode may be worth a look."""
     found: list[Reason] = []
     if collided(row):
-        found.append(Reason(0, 0.0, "collision at fault") if at_fault(row) else Reason(1, 0.0, "collision, not at fault"))
+        found.append(
+            Reason(0, 0.0, "collision at fault")
+            if at_fault(row)
+            else Reason(1, 0.0, "collision, not at fault")
+        )
     elif not arrived(row):
         found.append(Reason(2, 0.0, row["outcome"].replace("_", " ")))
     if count := row["failsafe_interventions"]:
-        found.append(Reason(3, -count, f"{count:g} fail-safe intervention{'s' if count > 1 else ''}"))
+        found.append(
+            Reason(3, -count, f"{count:g} fail-safe intervention{'s' if count > 1 else ''}")
+        )
     ttc, pet, imposed = row["min_ttc_s"], row["min_pet_s"], row["imposed_max_decel_mps2"]
     if ttc is not None and not collided(row):
         found.append(Reason(4, ttc, f"TTC {ttc:.2f} s"))
@@ -61,17 +74,31 @@ def is_worth(row: Row, bar: Bar) -> bool:
     if row["planner"] == TWIN:
         return bar.twins
     found = reasons(row)
-    return any(bar.wrong if each.kind <= WRONG else each.gravity <= bar.hard[each.kind - WRONG - 1] for each in found) if found else order(row) < bar.quiet
+    return (
+        any(
+            bar.wrong if each.kind <= WRONG else each.gravity <= bar.hard[each.kind - WRONG - 1]
+            for each in found
+        )
+        if found
+        else order(row) < bar.quiet
+    )
 
 
 class Worth:
-    """Follows a batch: the traces of which rows are worth keeping so far. The choice in the end does not depend on the order of the rows."""
+    """Follows a batch: the traces of which rows are worth keeping so far.
+
+    The choice in the end does not depend on the order of the rows.
+    """
 
     def __init__(self, rule: str) -> None:
         """`rule`: the key `traces` of the experiment, worth, all or none."""
         self._rule = rule
-        self._hardest: dict[tuple[str, str], list[list[tuple[float, str]]]] = defaultdict(lambda: [[] for _ in range(WRONG + 1, KINDS)])
-        self._quiet: dict[tuple[str, str], Order] = defaultdict(lambda: _LAST)  # the first of those in which nothing happened; _FIRST: something did
+        self._hardest: dict[tuple[str, str], list[list[tuple[float, str]]]] = defaultdict(
+            lambda: [[] for _ in range(WRONG + 1, KINDS)]
+        )
+        self._quiet: dict[tuple[str, str], Order] = defaultdict(
+            lambda: _LAST
+        )  # the first of those in which nothing happened; _FIRST: something did
         self._wrong: set[str] = set()
 
     def bar(self, scenario: str, variant: str) -> Bar:
@@ -82,7 +109,12 @@ class Worth:
                 return Bar(True, True, (math.inf,) * len(hardest), _LAST)
             case "none":
                 return Bar(False, False, (-math.inf,) * len(hardest), _FIRST)
-        return Bar(False, True, tuple(best[-1][0] if len(best) == HARDEST else math.inf for best in hardest), self._quiet[scenario, variant])
+        return Bar(
+            False,
+            True,
+            tuple(best[-1][0] if len(best) == HARDEST else math.inf for best in hardest),
+            self._quiet[scenario, variant],
+        )
 
     def add(self, row: Row) -> set[str]:
         """Count a row; returns the keys whose traces are not worth it any more, perhaps its own."""
@@ -104,4 +136,8 @@ class Worth:
         return {key for key in lost if not self._holds(group, key)}
 
     def _holds(self, group: tuple[str, str], key: str) -> bool:
-        return key in self._wrong or self._quiet[group][2] == key or any(key == held for best in self._hardest[group] for _, held in best)
+        return (
+            key in self._wrong
+            or self._quiet[group][2] == key
+            or any(key == held for best in self._hardest[group] for _, held in best)
+        )

@@ -1,4 +1,7 @@
-"""Rates, pairs and their differences, as docs/measures.md counts them. Plain functions over rows; the same rows give the same intervals."""
+"""Rates, pairs and their differences, as docs/measures.md counts them.
+
+Plain functions over rows; the same rows give the same intervals.
+"""
 
 import math
 from collections import Counter
@@ -12,12 +15,19 @@ from sumo_mcts.scene import Floats
 Z = 1.96  # of the 95 % interval
 RESAMPLES = 2000  # of a bootstrap interval
 SEED = 0  # of the resampling
-LEAST = 6  # values from which on they have an interval: of fewer even the range from smallest to largest misses the median more often than once in twenty
-TWIN = "sumo"  # the planner whose episodes are the others' twins, and their variant where `twins` adds it
-TRAFFIC_DIGEST = "traffic_digest"  # a key beyond those of every row: what everybody but the planner goes by
+# values from which on they have an interval: of fewer even the range from smallest to largest
+# misses the median more often than once in twenty
+LEAST = 6
+# the planner whose episodes are the others' twins, and their variant where `twins` adds it
+TWIN = "sumo"
+TRAFFIC_DIGEST = (
+    "traffic_digest"  # a key beyond those of every row: what everybody but the planner goes by
+)
 REDRAWN = "redrawn"  # likewise: how often the drawn scene was thrown away
 Row = dict[str, Any]
-Place = tuple[str, int | None, str | None, str | None, int | None]  # scenario, seed, ego, traffic, how often it was redrawn: what a pair has in common
+Place = tuple[
+    str, int | None, str | None, str | None, int | None
+]  # scenario, seed, ego, traffic, how often it was redrawn: what a pair has in common
 
 
 class Rate(NamedTuple):
@@ -29,7 +39,10 @@ class Rate(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """A number with its 95 % bootstrap interval, if it has one. Infinite where an episode without an end decides it."""
+    """A number with its 95 % bootstrap interval, if it has one.
+
+    Infinite where an episode without an end decides it.
+    """
 
     value: float
     interval: tuple[float, float] | None
@@ -37,7 +50,8 @@ class Estimate(NamedTuple):
 
 
 class Contrast(NamedTuple):
-    """In how many of n pairs something happened to each of the two, and the difference in episodes per hundred with its 95 % bootstrap interval, if any."""
+    """In how many of n pairs something happened to each of the two, and the difference in episodes
+    per hundred with its 95 % bootstrap interval, if any."""
 
     k: int
     other: int
@@ -81,12 +95,16 @@ def arrived(row: Row) -> bool:
 
 
 def collided(row: Row) -> bool | None:
-    """Whether the episode ended in a collision, at fault or not; None: it could not go on, so that nobody knows."""
+    """Whether the episode ended in a collision, at fault or not;
+
+    None: it could not go on, so that nobody knows.
+    """
     return None if row["outcome"] == "error" else bool(row["outcome"] == "collision")
 
 
 def at_fault(row: Row) -> bool | None:
-    """Whether the episode ended in a collision that is the ego's fault, where what is unclear counts; None: likewise."""
+    """Whether the episode ended in a collision that is the ego's fault, where what is unclear
+    counts; None: likewise."""
     return collided(row) and row["at_fault"] is not False
 
 
@@ -104,7 +122,8 @@ def place(row: Row) -> Place:
 
 
 def pairs(ones: Iterable[Row], others: Iterable[Row]) -> list[Pair]:
-    """Each of `ones` with its counterpart among `others`, where there is one; the first of several."""
+    """Each of `ones` with its counterpart among `others`, where there is one; the first of
+    several."""
     known: dict[Place, Row] = {}
     for row in others:
         known.setdefault(place(row), row)
@@ -112,19 +131,31 @@ def pairs(ones: Iterable[Row], others: Iterable[Row]) -> list[Pair]:
 
 
 def contrast(both: Iterable[Pair], happened: Callable[[Row], bool | None]) -> Contrast | None:
-    """The paired difference of how often something happened, over the pairs of which it is known for both; None without any."""
+    """The paired difference of how often something happened, over the pairs of which it is known
+    for both; None without any."""
     judged = [(happened(pair.one), happened(pair.other)) for pair in both]
     known = np.array([each for each in judged if None not in each], dtype=np.float64).reshape(-1, 2)
     if not len(known):
         return None
     difference = 100 * (known[:, 0] - known[:, 1])
     k, other = (int(count) for count in known.sum(axis=0))
-    return Contrast(k, other, len(known), float(difference.mean()), _interval_of(difference, resampled_means))
+    return Contrast(
+        k, other, len(known), float(difference.mean()), _interval_of(difference, resampled_means)
+    )
 
 
 def time_ratio(both: Sequence[Pair]) -> Estimate | None:
-    """The median travel time of the one over the other's, over the pairs whose other arrived; None without any. Who did not arrive took for ever."""
-    ratios = np.array([_travelled(pair.one) / pair.other["travel_time_s"] for pair in both if arrived(pair.other) and pair.other["travel_time_s"]])
+    """The median travel time of the one over the other's, over the pairs whose other arrived;
+
+    None without any. Who did not arrive took for ever.
+    """
+    ratios = np.array(
+        [
+            _travelled(pair.one) / pair.other["travel_time_s"]
+            for pair in both
+            if arrived(pair.other) and pair.other["travel_time_s"]
+        ]
+    )
     return median(ratios)
 
 
@@ -133,42 +164,69 @@ def median(values: Floats) -> Estimate | None:
     if not len(values):
         return None
     ordered, n = np.sort(values), len(values)
-    return Estimate(float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2, _interval_of(values, resampled_medians), n)
+    return Estimate(
+        float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2,
+        _interval_of(values, resampled_medians),
+        n,
+    )
 
 
 def _travelled(row: Row) -> float:
-    return float(row["travel_time_s"]) if arrived(row) and row["travel_time_s"] is not None else math.inf
+    return (
+        float(row["travel_time_s"])
+        if arrived(row) and row["travel_time_s"] is not None
+        else math.inf
+    )
 
 
-# --- the bootstrap (Efron 1979): the statistic of RESAMPLES samples, each of n values drawn from the n with replacement ---
+# --- the bootstrap (Efron 1979): the statistic of RESAMPLES samples, each of n values drawn from
+# the n with replacement ---
 
 
-def _interval_of(values: Floats, resampled: Callable[[Floats], Floats]) -> tuple[float, float] | None:
-    """The interval of a statistic of [n] values; None of fewer than LEAST, and where all are the same, since resampling those knows no spread."""
-    return None if len(values) < LEAST or bool((values == values[0]).all()) else interval(resampled(values))
+def _interval_of(
+    values: Floats, resampled: Callable[[Floats], Floats]
+) -> tuple[float, float] | None:
+    """The interval of a statistic of [n] values;
+
+    None of fewer than LEAST, and where all are the same, since resampling those knows no spread.
+    """
+    return (
+        None
+        if len(values) < LEAST or bool((values == values[0]).all())
+        else interval(resampled(values))
+    )
 
 
 def interval(statistics: Floats) -> tuple[float, float]:
     """The middle 95 % of a statistic's resamples."""
-    low, high = np.percentile(statistics, [2.5, 97.5], method="nearest")  # between a finite and an infinite one there is nothing
+    low, high = np.percentile(
+        statistics, [2.5, 97.5], method="nearest"
+    )  # between a finite and an infinite one there is nothing
     return float(low), float(high)
 
 
 def resampled_means(values: Floats) -> Floats:
     """[RESAMPLES] means. To draw values is to draw how often each distinct one occurs."""
     levels, counts = np.unique(values, return_counts=True)
-    drawn = np.random.default_rng(SEED).multinomial(len(values), counts / len(values), size=RESAMPLES)
+    drawn = np.random.default_rng(SEED).multinomial(
+        len(values), counts / len(values), size=RESAMPLES
+    )
     means: Floats = drawn @ levels / len(values)
     return means
 
 
 def resampled_medians(values: Floats) -> Floats:
-    """[RESAMPLES] medians. The k-th smallest of n draws lies where the k-th smallest of n uniform numbers does, which has a beta distribution; so nothing
-    but the middle one is drawn, or the middle two."""
+    """[RESAMPLES] medians.
+
+    The k-th smallest of n draws lies where the k-th smallest of n uniform numbers does, which has a
+    beta distribution; so nothing but the middle one is drawn, or the middle two.
+    """
     ordered, n, rng = np.sort(values), len(values), np.random.default_rng(SEED)
     k = (n + 1) // 2
     lower = rng.beta(k, n - k + 1, RESAMPLES)
     upper = lower if n % 2 else lower + (1 - lower) * rng.beta(1, n - k, RESAMPLES)
-    one, other = (ordered[np.minimum((n * share).astype(np.int64), n - 1)] for share in (lower, upper))
+    one, other = (
+        ordered[np.minimum((n * share).astype(np.int64), n - 1)] for share in (lower, upper)
+    )
     medians: Floats = (one + other) / 2
     return medians

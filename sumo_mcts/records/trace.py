@@ -1,4 +1,5 @@
-"""Traces: what was known, decided and executed in each cycle of an episode, and the maps beside them."""
+"""Traces: what was known, decided and executed in each cycle of an episode, and the maps beside
+them."""
 
 import hashlib
 import json
@@ -13,7 +14,19 @@ from sumo_mcts.records import check
 from sumo_mcts.records.codec import TraceError, columns_of, load_columns, packed
 from sumo_mcts.records.manifest import MAPS
 from sumo_mcts.records.writing import write_whole
-from sumo_mcts.scene import Agents, Answers, Bools, Decision, EgoState, Floats, Forecast, Ints, Memory, RoadMap, Signals
+from sumo_mcts.scene import (
+    Agents,
+    Answers,
+    Bools,
+    Decision,
+    EgoState,
+    Floats,
+    Forecast,
+    Ints,
+    Memory,
+    RoadMap,
+    Signals,
+)
 
 
 class CycleRecord(NamedTuple):
@@ -32,7 +45,9 @@ class CycleRecord(NamedTuple):
     commanded_lane: int  # global lane index at the end of this period; -1: none
     executed_lane: int  # -1 for the last cycle
     deviation: str  # why the executed state differs from the commanded one; "" it does not
-    intervened: bool = False  # the fail-safe manoeuvre in place of what the planner decided; why: decision.reason
+    intervened: bool = (
+        False  # the fail-safe manoeuvre in place of what the planner decided; why: decision.reason
+    )
     memory: Memory = Memory()  # of earlier decisions, beside the last one
     answers: Answers = Answers()  # of oracles
 
@@ -82,19 +97,28 @@ def trace_bytes(trace: Trace) -> bytes:
 
 
 def load_trace(path: Path) -> Trace:
-    """Read a trace. Raises TraceError where the file is broken, of another format or holds numbers that make no sense, OSError where it cannot be read."""
+    """Read a trace.
+
+    Raises TraceError where the file is broken, of another format or holds numbers that make no
+    sense, OSError where it cannot be read.
+    """
     trace: Trace = load_columns(path, Trace, "trace", check.trace_problem)
     return trace
 
 
 def scenario_of(setting: Setting) -> dict[str, Any]:
-    """The resolved scenario of an episode; empty: unknown. Raises TraceError where the text is none."""
+    """The resolved scenario of an episode; empty: unknown.
+
+    Raises TraceError where the text is none.
+    """
     if not setting.config:
         return {}
     try:
         scenario: dict[str, Any] = json.loads(setting.config)
         names = scenario["planner"]["name"], scenario["prediction"]["name"]
-        resolved = all(isinstance(name, str) for name in names) and scenario["planner"]["period_s"] > 0.0
+        resolved = (
+            all(isinstance(name, str) for name in names) and scenario["planner"]["period_s"] > 0.0
+        )
     except (ValueError, RecursionError, TypeError, KeyError):
         resolved = False
     if not resolved:
@@ -105,11 +129,14 @@ def scenario_of(setting: Setting) -> dict[str, Any]:
 def same(kind: type, one: Any, other: Any) -> bool:
     """Whether two values of this kind leave the same record, to the last bit that is kept."""
     before, after = columns_of(kind, one), columns_of(kind, other)
-    return before.keys() == after.keys() and all(column.tobytes() == after[name].tobytes() for name, column in before.items())
+    return before.keys() == after.keys() and all(
+        column.tobytes() == after[name].tobytes() for name, column in before.items()
+    )
 
 
 def map_name(road: RoadMap) -> str:
-    """What the file of a network is called in maps/: a digest of its roads, whatever file they come from."""
+    """What the file of a network is called in maps/: a digest of its roads, whatever file they come
+    from."""
     content = hashlib.sha256()
     for name, column in columns_of(RoadMap, road).items():
         content.update(name.encode())
@@ -118,7 +145,8 @@ def map_name(road: RoadMap) -> str:
 
 
 def save_map(folder: Path, road: RoadMap) -> Path:
-    """Write the roads that traces refer to into the maps/ of a folder, once a network, and again where they are damaged there. Raises OSError."""
+    """Write the roads that traces refer to into the maps/ of a folder, once a network, and again
+    where they are damaged there. Raises OSError."""
     name = map_name(road)
     try:
         whole = map_name(load_map(folder, name)) == name
@@ -136,14 +164,20 @@ def map_bytes(road: RoadMap) -> bytes:
 
 
 def load_map(folder: Path, name: str) -> RoadMap:
-    """Read roads from the maps/ of a folder. Raises TraceError where the file is broken or holds numbers that make no sense, OSError where it cannot be
-    read."""
+    """Read roads from the maps/ of a folder.
+
+    Raises TraceError where the file is broken or holds numbers that make no sense, OSError where it
+    cannot be read.
+    """
     road: RoadMap = load_columns(folder / MAPS / f"{name}.npz", RoadMap, "map", check.map_problem)
     return road
 
 
 def require_fit(trace: Trace, road: RoadMap, numbers: Iterable[int] | None = None) -> None:
-    """Raise TraceError where decisions of a trace (default: all) hold numbers that make no sense, or lanes, edges or signals that the map does not have."""
-    problem = check.fit_problem(trace, road, range(len(trace.cycles)) if numbers is None else numbers)
+    """Raise TraceError where decisions of a trace (default: all) hold numbers that make no sense,
+    or lanes, edges or signals that the map does not have."""
+    problem = check.fit_problem(
+        trace, road, range(len(trace.cycles)) if numbers is None else numbers
+    )
     if problem:
         raise TraceError(f"{problem}; its map is {MAPS}/{trace.setting.map}.npz")

@@ -26,7 +26,8 @@ def write_whole(path: Path, content: bytes) -> None:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Names a file to write, which in the end takes the place of `path`, unless something was raised; creates the folder. Raises OSError that names `path`."""
+    """Names a file to write, which in the end takes the place of `path`, unless something was
+    raised; creates the folder. Raises OSError that names `path`."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     with files.naming(path, temporary):
         path.parent.mkdir(parents=True, exist_ok=True)

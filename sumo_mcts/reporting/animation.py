@@ -37,18 +37,30 @@ from sumo_mcts.reporting.words import action_words
 from sumo_mcts.scene import Floats
 
 FPS = 10
-REAL_TIME_S = 30.0  # a drive up to so long is shown in real time; a longer one so many times faster,
+REAL_TIME_S = (
+    30.0  # a drive up to so long is shown in real time; a longer one so many times faster,
+)
 FAST_S = 16.0  # ... a whole number, that it takes at most so long
-GIF_BYTES = 1_500_000  # in real time, for up to 20 s, in proportion beyond; faster twice as much. Else every second frame is left out
+# in real time, for up to 20 s, in proportion beyond; faster twice as much. Else every second frame
+# is left out
+GIF_BYTES = 1_500_000
 HOLD_MS = 1500  # the last frame stays
 
 
 def animation(trace: Trace, path: Path, width: int = 720, note: Note = silent) -> None:
-    """Write a GIF of the whole episode, a long one faster than real time. Raises ValueError where there is no cycle, OSError where it cannot be written."""
+    """Write a GIF of the whole episode, a long one faster than real time.
+
+    Raises ValueError where there is no cycle, OSError where it cannot be written.
+    """
     speed = film_speed(trace)
-    drawn = [frame.quantize(palette=_palette(), dither=Image.Dither.NONE) for frame in frames(trace, width, note)]
+    drawn = [
+        frame.quantize(palette=_palette(), dither=Image.Dither.NONE)
+        for frame in frames(trace, width, note)
+    ]
     content = _gif(drawn, FPS)
-    if len(content) > GIF_BYTES * (2.0 if speed > 1 else max(1.0, _duration(trace) / 20.0)):  # a moving camera leaves no pixel as it was
+    if len(content) > GIF_BYTES * (
+        2.0 if speed > 1 else max(1.0, _duration(trace) / 20.0)
+    ):  # a moving camera leaves no pixel as it was
         content = _gif([*drawn[:-1:2], drawn[-1]], FPS // 2)
     write_whole(path, content)
 
@@ -59,7 +71,8 @@ _BAND = 44  # px: the line of text below the scene
 
 
 def film_speed(trace: Trace) -> int:
-    """How many times faster than real time an episode is shown, so that no film has more frames than REAL_TIME_S."""
+    """How many times faster than real time an episode is shown, so that no film has more frames
+    than REAL_TIME_S."""
     duration = _duration(trace)
     return 1 if duration <= REAL_TIME_S else math.ceil(duration / FAST_S)
 
@@ -72,9 +85,12 @@ def _duration(trace: Trace) -> float:
 
 
 def frame_times(trace: Trace) -> Floats:
-    """[F] simulation times of the frames, s: from the first decision to the last, FPS of them a second of the film."""
+    """[F] simulation times of the frames, s: from the first decision to the last, FPS of them a
+    second of the film."""
     apart, duration = film_speed(trace) / FPS, _duration(trace)
-    elapsed: Floats = np.minimum(apart * np.arange(math.ceil(duration / apart - 1e-6) + 1), duration)
+    elapsed: Floats = np.minimum(
+        apart * np.arange(math.ceil(duration / apart - 1e-6) + 1), duration
+    )
     return trace.cycles[0].time + elapsed
 
 
@@ -83,18 +99,34 @@ def frames(trace: Trace, width: int, note: Note = silent) -> Iterator[Image.Imag
     shots, speed = [shot_at(trace, float(time)) for time in frame_times(trace)], film_speed(trace)
     _, aspect = arrangement(shots)
     height = round(width / (0.75 * STRIP if aspect == STRIP else 1.5))
-    views = views_of(shots, (width, height), largest=145.0)  # a camera that stays is worth smaller vehicles
+    views = views_of(
+        shots, (width, height), largest=145.0
+    )  # a camera that stays is worth smaller vehicles
     ground = Ground(roads_of(trace.lanes), views[0])
     for number, (shot, view) in enumerate(zip(shots, views, strict=True), 1):
         note(f"drawing the film  frame {number} of {len(shots)}")
-        yield _frame(draw_panel(ground.under(view), shot, view), shot, trace.outcome if number == len(shots) else "", speed)
+        yield _frame(
+            draw_panel(ground.under(view), shot, view),
+            shot,
+            trace.outcome if number == len(shots) else "",
+            speed,
+        )
 
 
 def _gif(drawn: list[Image.Image], fps: int) -> bytes:
     """The encoded animation."""
     durations = [1000 // fps] * (len(drawn) - 1) + [HOLD_MS]
     buffer = io.BytesIO()
-    drawn[0].save(buffer, format="GIF", save_all=True, append_images=drawn[1:], duration=durations, loop=0, disposal=1, optimize=False)
+    drawn[0].save(
+        buffer,
+        format="GIF",
+        save_all=True,
+        append_images=drawn[1:],
+        duration=durations,
+        loop=0,
+        disposal=1,
+        optimize=False,
+    )
     return buffer.getvalue()
 
 
@@ -111,17 +143,47 @@ def _frame(panel: Image.Image, shot: Shot, ended: str, speed: int) -> Image.Imag
         end = write_text(draw, (end + 14, 29), f"{speed}\u00d7 speed", 15, FAINT)
     text = ended.replace("_", " ") if ended else action_words(shot.cycle)
     colour = EGO if ended in ("", "arrived") else BRAKE
-    write_text(draw, (scene.width - 14, 29), fitted(draw, text, 15, scene.width - 34 - end), 15, colour, bold=bool(ended), anchor="rs")
+    write_text(
+        draw,
+        (scene.width - 14, 29),
+        fitted(draw, text, 15, scene.width - 34 - end),
+        15,
+        colour,
+        bold=bool(ended),
+        anchor="rs",
+    )
     frame.paste(band.reduce(SS), (0, scene.height))
     return frame
 
 
 @cache
 def _palette() -> Image.Image:
-    """The colours that occur and the steps between neighbours: one palette for all frames, so that still pixels stay the same."""
-    pairs = [(LAND, KERB), (KERB, ASPHALT), (ASPHALT, PAINT), (ASPHALT, EGO), (ASPHALT, OTHER), (ROUTE, EGO), (ROUTE, PAINT), (EGO, PAINT), (OTHER, OTHER_DARK)]
-    pairs += [(EGO, EGO_DARK), (ASPHALT, BRAKE), (ASPHALT, BLINK), (PAPER, INK), (PAPER, FAINT), (PAPER, EGO), (PAPER, BRAKE), (ASPHALT, ROUTE)]
-    colours = list(dict.fromkeys(mixed(a, b, share) for a, b in pairs for share in (0.0, 0.25, 0.5, 0.75, 1.0)))
+    """The colours that occur and the steps between neighbours: one palette for all frames, so that
+    still pixels stay the same."""
+    pairs = [
+        (LAND, KERB),
+        (KERB, ASPHALT),
+        (ASPHALT, PAINT),
+        (ASPHALT, EGO),
+        (ASPHALT, OTHER),
+        (ROUTE, EGO),
+        (ROUTE, PAINT),
+        (EGO, PAINT),
+        (OTHER, OTHER_DARK),
+    ]
+    pairs += [
+        (EGO, EGO_DARK),
+        (ASPHALT, BRAKE),
+        (ASPHALT, BLINK),
+        (PAPER, INK),
+        (PAPER, FAINT),
+        (PAPER, EGO),
+        (PAPER, BRAKE),
+        (ASPHALT, ROUTE),
+    ]
+    colours = list(
+        dict.fromkeys(mixed(a, b, share) for a, b in pairs for share in (0.0, 0.25, 0.5, 0.75, 1.0))
+    )
     image = Image.new("P", (1, 1))
     image.putpalette([channel for colour in colours for channel in colour])
     return image

@@ -1,6 +1,9 @@
-"""Drawings of an episode seen from above, north up: a storyboard (PNG) and an animation (GIF). From a trace alone, without SUMO.
+"""Drawings of an episode seen from above, north up: a storyboard (PNG) and an animation (GIF).
 
-Everything is drawn with Pillow at twice the size and scaled down; the roads once, under all frames. Sizes named `px` are those of the finished picture.
+From a trace alone, without SUMO.
+
+Everything is drawn with Pillow at twice the size and scaled down; the roads once, under all frames.
+Sizes named `px` are those of the finished picture.
 """
 
 import math
@@ -38,7 +41,8 @@ STRIP = 4.4  # aspect ratio of a window on a long straight road
 
 
 def picture(trace: Trace, time: float, width: int = 720) -> tuple[Image.Image, View]:
-    """One moment as an image (without text), and its view; an image pixel is SS pixels of the view."""
+    """One moment as an image (without text), and its view; an image pixel is SS pixels of the
+    view."""
     shot = shot_at(trace, time)
     view = views_of([shot], (width, round(width / 1.5)))[0]
     return draw_panel(draw_ground(roads_of(trace.lanes), view), shot, view).reduce(SS), view
@@ -52,7 +56,8 @@ def extent_of(shots: list[Shot]) -> tuple[float, float]:
 
 
 def views_of(shots: list[Shot], size: tuple[int, int], largest: float = 110.0) -> list[View]:
-    """One window for all shots where the ego's way fits into `largest` m; else one of the same scale that goes with it."""
+    """One window for all shots where the ego's way fits into `largest` m; else one of the same
+    scale that goes with it."""
     wide, tall = size
     stretch = min(max(wide / tall / 1.3, 1.0), 1.8)  # a strip may show more of the road
     spans = extent_of(shots)
@@ -63,17 +68,29 @@ def views_of(shots: list[Shot], size: tuple[int, int], largest: float = 110.0) -
     middle = (places.min(axis=0) + places.max(axis=0)) / 2
     centres = [middle if fixed else _ahead(shot, metres, metres * tall / wide) for shot in shots]
     pixel = metres / wide  # the window moves by whole pixels, so that edges do not flicker
-    corners = [np.round((centre + np.array([-metres / 2, metres / 2 * tall / wide])) / pixel) * pixel for centre in centres]
-    return [View(float(west), float(north), SS / pixel, (SS * wide, SS * tall)) for west, north in corners]
+    corners = [
+        np.round((centre + np.array([-metres / 2, metres / 2 * tall / wide])) / pixel) * pixel
+        for centre in centres
+    ]
+    return [
+        View(float(west), float(north), SS / pixel, (SS * wide, SS * tall))
+        for west, north in corners
+    ]
 
 
 def _ahead(shot: Shot, wide: float, tall: float) -> Floats:
     """The point before the ego that a moving window of this size (m) is centred on."""
-    return np.array([shot.ego[0] + 0.2 * wide * math.cos(shot.ego[2]), shot.ego[1] + 0.2 * tall * math.sin(shot.ego[2])])
+    return np.array(
+        [
+            shot.ego[0] + 0.2 * wide * math.cos(shot.ego[2]),
+            shot.ego[1] + 0.2 * tall * math.sin(shot.ego[2]),
+        ]
+    )
 
 
 def shot_at(trace: Trace, time: float) -> Shot:
-    """The moment at a simulation time; between two cycles positions are interpolated, agents told by their ids."""
+    """The moment at a simulation time; between two cycles positions are interpolated, agents told
+    by their ids."""
     times = [cycle.time for cycle in trace.cycles]
     i = int(np.clip(np.searchsorted(times, time + 1e-9, side="right") - 1, 0, len(times) - 1))
     cycle, after = trace.cycles[i], trace.cycles[min(i + 1, len(times) - 1)]
@@ -83,7 +100,10 @@ def shot_at(trace: Trace, time: float) -> Shot:
     then = np.array([after.ego.x, after.ego.y, after.ego.heading])
     ego = np.append(_between(now, then, share), cycle.ego.v + share * (after.ego.v - cycle.ego.v))
     coming = dict(zip(after.agents.ids, _poses(after.agents), strict=True))
-    others = [_between(pose, coming.get(name, pose), share) for name, pose in zip(cycle.agents.ids, _poses(cycle.agents), strict=True)]
+    others = [
+        _between(pose, coming.get(name, pose), share)
+        for name, pose in zip(cycle.agents.ids, _poses(cycle.agents), strict=True)
+    ]
     return Shot(cycle, elapsed, ego, np.array(others).reshape(-1, 3))
 
 
@@ -112,11 +132,17 @@ def draw_forecast(draw: ImageDraw.ImageDraw, view: View, shot: Shot) -> None:
             for n in np.flatnonzero(forecast.valid[h, k]):
                 moved = np.hypot(*(forecast.pose[h, k, n, :2] - forecast.pose[h, 0, n, :2]))
                 if moved > 0.5:
-                    draw_dot(draw, view.pixels(forecast.pose[h, k, n, :2])[0], 0.55 * view.scale, mixed(OTHER, ASPHALT, strength))
+                    draw_dot(
+                        draw,
+                        view.pixels(forecast.pose[h, k, n, :2])[0],
+                        0.55 * view.scale,
+                        mixed(OTHER, ASPHALT, strength),
+                    )
 
 
 def draw_tried(draw: ImageDraw.ImageDraw, view: View, shot: Shot) -> None:
-    """The best continuation of every action at the root, the more visited the stronger, with its end marked."""
+    """The best continuation of every action at the root, the more visited the stronger, with its
+    end marked."""
     most = max((child.visits for child in shot.cycle.decision.children), default=0)
     for i in _by_visits(shot.cycle.decision.children):
         child = shot.cycle.decision.children[i]
@@ -149,7 +175,9 @@ def _by_visits(children: tuple[RootChild, ...]) -> list[int]:
 
 def _marks(elapsed: float, horizon: float) -> list[float]:
     """Times since the decision at which an expected position is marked."""
-    return [float(t) for t in np.arange(MARK_S, min(AHEAD_S, horizon) + 1e-6, MARK_S) if t > elapsed]
+    return [
+        float(t) for t in np.arange(MARK_S, min(AHEAD_S, horizon) + 1e-6, MARK_S) if t > elapsed
+    ]
 
 
 def fade(at: float) -> float:
@@ -166,30 +194,51 @@ def draw_car(
     *,
     halo: bool = False,
 ) -> None:
-    """A vehicle from above: body with a slightly narrower nose, a windscreen that shows its heading, brake lights, a blinker."""
+    """A vehicle from above: body with a slightly narrower nose, a windscreen that shows its
+    heading, brake lights, a blinker."""
     x, y, heading = pose
     half, side = size[0] / 2, size[1] / 2
-    turn = np.array([[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]])
+    turn = np.array(
+        [[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]]
+    )
 
     def place(points: list[tuple[float, float]]) -> Floats:
         return view.pixels(np.array(points) @ turn + (x, y))
 
     corner = min(0.5, 0.25 * size[0])
-    body = [(half, 0.55 * side), (half - corner, side), (-half + 0.4 * corner, side), (-half, 0.75 * side)]
+    body = [
+        (half, 0.55 * side),
+        (half - corner, side),
+        (-half + 0.4 * corner, side),
+        (-half, 0.75 * side),
+    ]
     outline = place(body + [(a, -b) for a, b in reversed(body)])
     if halo:
         draw_polygon(draw, outline, PAINT, outline=0.9 * view.scale)
     draw_polygon(draw, outline, colours[0])
     front = half - min(1.1, 0.25 * size[0])
     back = front - min(0.75, 0.2 * size[0])
-    draw_polygon(draw, place([(front, 0.74 * side), (front, -0.74 * side), (back, -0.62 * side), (back, 0.62 * side)]), colours[1])
+    draw_polygon(
+        draw,
+        place(
+            [(front, 0.74 * side), (front, -0.74 * side), (back, -0.62 * side), (back, 0.62 * side)]
+        ),
+        colours[1],
+    )
     braking, blinker = lights
     lamp = min(0.45, 0.12 * size[0])
     if braking:
         for sign in (1.0, -1.0):
             draw_polygon(
                 draw,
-                place([(-half + lamp, 0.35 * sign * side), (-half + lamp, sign * side), (-half - 0.1, sign * side), (-half - 0.1, 0.35 * sign * side)]),
+                place(
+                    [
+                        (-half + lamp, 0.35 * sign * side),
+                        (-half + lamp, sign * side),
+                        (-half - 0.1, sign * side),
+                        (-half - 0.1, 0.35 * sign * side),
+                    ]
+                ),
                 BRAKE,
             )
     if blinker:
@@ -212,7 +261,22 @@ def draw_panel(image: Image.Image, shot: Shot, view: View) -> Image.Image:
             draw_dot(draw, view.pixels(np.array([x, y]))[0], 0.35 * view.scale, OTHER_DARK)
         else:
             lights = (agents.a[n] < BRAKES, int(agents.blinker[n]))
-            draw_car(draw, view, (x, y, heading), (agents.length[n], agents.width[n]), (OTHER, OTHER_DARK), lights)
+            draw_car(
+                draw,
+                view,
+                (x, y, heading),
+                (agents.length[n], agents.width[n]),
+                (OTHER, OTHER_DARK),
+                lights,
+            )
     ego, state = shot.ego.tolist(), shot.cycle.ego
-    draw_car(draw, view, (ego[0], ego[1], ego[2]), (state.length, state.width), (EGO, EGO_DARK), (state.a < BRAKES, 0), halo=True)
+    draw_car(
+        draw,
+        view,
+        (ego[0], ego[1], ego[2]),
+        (state.length, state.width),
+        (EGO, EGO_DARK),
+        (state.a < BRAKES, 0),
+        halo=True,
+    )
     return image

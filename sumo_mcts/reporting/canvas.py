@@ -40,7 +40,9 @@ class View(NamedTuple):
 
     def pixels(self, points: Floats) -> Floats:
         """[K, 2] pixel positions of world positions [K, 2]."""
-        pixels: Floats = (np.asarray(points, dtype=np.float64).reshape(-1, 2) - (self.west, self.north)) * (self.scale, -self.scale)
+        pixels: Floats = (
+            np.asarray(points, dtype=np.float64).reshape(-1, 2) - (self.west, self.north)
+        ) * (self.scale, -self.scale)
         return pixels.clip(-PIXELS, PIXELS)
 
 
@@ -56,17 +58,28 @@ class Shot(NamedTuple):
 # --- strokes ---
 
 
-def draw_line(draw: ImageDraw.ImageDraw, pixels: Floats, metres: float, colour: Colour, view: View) -> None:
-    draw.line([(x, y) for x, y in pixels.tolist()], fill=colour, width=max(1, round(metres * view.scale)), joint="curve")
+def draw_line(
+    draw: ImageDraw.ImageDraw, pixels: Floats, metres: float, colour: Colour, view: View
+) -> None:
+    draw.line(
+        [(x, y) for x, y in pixels.tolist()],
+        fill=colour,
+        width=max(1, round(metres * view.scale)),
+        joint="curve",
+    )
 
 
-def draw_polygon(draw: ImageDraw.ImageDraw, pixels: Floats, colour: Colour, outline: float = 0.0) -> None:
+def draw_polygon(
+    draw: ImageDraw.ImageDraw, pixels: Floats, colour: Colour, outline: float = 0.0
+) -> None:
     corners = [(x, y) for x, y in pixels.tolist()]
     if len(corners) < 3:
         return
     draw.polygon(corners, fill=colour)
     if outline >= 1:
-        draw.line([*corners, corners[0], corners[1]], fill=colour, width=round(outline), joint="curve")
+        draw.line(
+            [*corners, corners[0], corners[1]], fill=colour, width=round(outline), joint="curve"
+        )
 
 
 def draw_dot(draw: ImageDraw.ImageDraw, centre: Floats, radius: float, colour: Colour) -> None:
@@ -74,7 +87,9 @@ def draw_dot(draw: ImageDraw.ImageDraw, centre: Floats, radius: float, colour: C
     draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour)
 
 
-def draw_tick(draw: ImageDraw.ImageDraw, pixels: Floats, half: float, colour: Colour, view: View) -> None:
+def draw_tick(
+    draw: ImageDraw.ImageDraw, pixels: Floats, half: float, colour: Colour, view: View
+) -> None:
     """A short bar across the end of a line."""
     if len(pixels) < 2 or np.linalg.norm(pixels[-1] - pixels[0]) < half:
         return
@@ -105,7 +120,9 @@ def hull(points: Floats) -> Floats:
     def chain(places: list[Any]) -> list[Any]:
         kept: list[Any] = []
         for p in places:
-            while len(kept) > 1 and (kept[-1][0] - kept[-2][0]) * (p[1] - kept[-2][1]) <= (kept[-1][1] - kept[-2][1]) * (p[0] - kept[-2][0]):
+            while len(kept) > 1 and (kept[-1][0] - kept[-2][0]) * (p[1] - kept[-2][1]) <= (
+                kept[-1][1] - kept[-2][1]
+            ) * (p[0] - kept[-2][0]):
                 kept.pop()
             kept.append(p)
         return kept[:-1]
@@ -125,11 +142,26 @@ def mixed(colour: Colour, ground: Colour, share: float) -> Colour:
 @cache
 def font_of(px: int, bold: bool = False) -> ImageFont.FreeTypeFont:
     """DejaVu Sans, which comes with matplotlib: the same everywhere."""
-    return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")), px * SS)
+    return ImageFont.truetype(
+        str(
+            Path(mpl.get_data_path())
+            / "fonts"
+            / "ttf"
+            / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")
+        ),
+        px * SS,
+    )
 
 
 def write_text(
-    draw: ImageDraw.ImageDraw, at: tuple[float, float], text: str, px: int, colour: Colour = INK, *, bold: bool = False, anchor: str = "ls"
+    draw: ImageDraw.ImageDraw,
+    at: tuple[float, float],
+    text: str,
+    px: int,
+    colour: Colour = INK,
+    *,
+    bold: bool = False,
+    anchor: str = "ls",
 ) -> float:
     """Text at a position of the finished picture; where it ends."""
     font = font_of(px, bold)

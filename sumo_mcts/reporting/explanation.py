@@ -1,4 +1,7 @@
-"""Why the ego did what it did at one moment: from a trace, as plain data. `explanation_text.py` puts it in words."""
+"""Why the ego did what it did at one moment: from a trace, as plain data.
+
+`explanation_text.py` puts it in words.
+"""
 
 import math
 from collections.abc import Sequence
@@ -16,13 +19,28 @@ from sumo_mcts.numerics.geometry import Box, box_distance
 from sumo_mcts.planners.failsafe import coming
 from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Setting, Trace, same, scenario_of
 from sumo_mcts.reporting.words import action_words
-from sumo_mcts.scene import BRAKES, FORCES, STARTS, TERMS, TURNS, Decision, Floats, Follow, Intent, RoadMap, RootChild
+from sumo_mcts.scene import (
+    BRAKES,
+    FORCES,
+    STARTS,
+    TERMS,
+    TURNS,
+    Decision,
+    Floats,
+    Follow,
+    Intent,
+    RoadMap,
+    RootChild,
+)
 
 COLOURS = ("green", "yellow", "red")  # as scene.py numbers them
 
 
 def explain(trace: Trace, road: RoadMap | None, number: int) -> dict[str, Any]:
-    """What the ego knew, weighed and did in a cycle, and what came of it. Without `road` lanes go by their numbers."""
+    """What the ego knew, weighed and did in a cycle, and what came of it.
+
+    Without `road` lanes go by their numbers.
+    """
     cycle = trace.cycles[number]
     after = trace.cycles[number + 1] if number + 1 < len(trace.cycles) else None
     scenario = scenario_of(trace.setting)
@@ -48,12 +66,27 @@ def explain(trace: Trace, road: RoadMap | None, number: int) -> dict[str, Any]:
     }
 
 
-def explain_again(trace: Trace, road: RoadMap, number: int, overrides: Sequence[str], *, allow_plugins: bool = False) -> dict[str, Any]:
-    """The same of the decision taken again, from what is recorded, with some keys set otherwise. Raises ConfigError."""
-    cycle, config = trace.cycles[number], recorded_config(trace.setting, overrides, allow_plugins=allow_plugins)
+def explain_again(
+    trace: Trace,
+    road: RoadMap,
+    number: int,
+    overrides: Sequence[str],
+    *,
+    allow_plugins: bool = False,
+) -> dict[str, Any]:
+    """The same of the decision taken again, from what is recorded, with some keys set otherwise.
+
+    Raises ConfigError.
+    """
+    cycle, config = (
+        trace.cycles[number],
+        recorded_config(trace.setting, overrides, allow_plugins=allow_plugins),
+    )
     thought = replan(trace, road, number, config)
     forecast = thought.forecast if thought.forecast is not None else no_forecast(cycle.step)
-    again = cycle._replace(decision=thought.decision, forecast=forecast, intervened=thought.intervened)
+    again = cycle._replace(
+        decision=thought.decision, forecast=forecast, intervened=thought.intervened
+    )
     setting = trace.setting._replace(config=config.model_dump_json())
     return {
         "set": list(overrides),
@@ -72,19 +105,25 @@ def _thought(cycle: CycleRecord, road: RoadMap | None, setting: Setting) -> dict
     order = sorted(range(len(children)), key=lambda i: (children[i].best, i))
     return {
         "ego": {
-            "id": ego.id, "lane": _lane(road, ego.lane), "s_m": ego.s, "v_mps": ego.v, "a_mps2": ego.a,
+            "id": ego.id, "lane": _lane(road, ego.lane), "s_m": ego.s, "v_mps": ego.v,
+            "a_mps2": ego.a,
             "changing_to": _lane(road, ego.change_to) if 0.0 < ego.changing < 1.0 else None,
             "stop_line": None if road is None else _stop_line(cycle, road),
         },
-        "agents": sorted((_agent(cycle, nearest, i, road) for i in range(len(cycle.agents.ids))), key=_urgency),
-        "hypotheses": [_hypothesis(cycle, nearest, h, road) for h in range(len(cycle.forecast.weight))] if cycle.agents.ids else [],
-        "actions": [{**_action(children, i, setting), "chosen": i == decision.chosen} for i in order],
+        "agents": sorted((_agent(cycle, nearest, i, road) for i in range(len(cycle.agents.ids))),
+        key=_urgency),
+        "hypotheses": [_hypothesis(cycle, nearest, h,
+        road) for h in range(len(cycle.forecast.weight))] if cycle.agents.ids else [],
+        "actions": [{**_action(children, i, setting),
+        "chosen": i == decision.chosen} for i in order],
         "decision": {
             "action": None if chosen is None else _name(children, decision.chosen, setting),
             "words": action_words(cycle),
             "accel_mps2": None if chosen is None else chosen.accel,
-            "lane_change": decision.command.lane_change if isinstance(decision.command, Follow) else 0,
-            "speeds_mps": decision.command.speeds.tolist() if isinstance(decision.command, Follow) else None,
+            "lane_change": decision.command.lane_change if isinstance(decision.command,
+            Follow) else 0,
+            "speeds_mps": decision.command.speeds.tolist() if isinstance(decision.command,
+            Follow) else None,
             "cost": None if chosen is None else _known(chosen.best),
             "reason": decision.reason,
             "fail_safe": cycle.intervened,
@@ -107,41 +146,71 @@ def _stop_line(cycle: CycleRecord, road: RoadMap) -> dict[str, Any] | None:
         edges = ego.route
     if ego.lane < 0 or not edges or -1 in edges:
         return None
-    route = route_map(road, edges, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, ego.comfort_decel)
+    route = route_map(
+        road, edges, ego.vclass, ego.length, ego.speed_factor, ego.max_speed, ego.comfort_decel
+    )
     state = ego_state(route, ego)
     node, distance = (-1, math.inf) if state is None else stop_ahead(route, state.node, ego.s)
     if node < 0:
         return None
     signal, now = int(route.signal[node]), cycle.signals
     if signal < 0:
-        return {"kind": "stop sign", "distance_m": distance, "shows": "stood there" if kept and node in cycle.memory.stood else "to stop", "for_s": None}
+        return {
+            "kind": "stop sign",
+            "distance_m": distance,
+            "shows": "stood there" if kept and node in cycle.memory.stood else "to stop",
+            "for_s": None,
+        }
     shows = COLOURS[int(now.state[now.offset[signal] + int(route.link[node]), 0])]
-    return {"kind": "light", "distance_m": distance, "shows": shows, "for_s": _known(float(now.until[signal, 0]))}
+    return {
+        "kind": "light",
+        "distance_m": distance,
+        "shows": shows,
+        "for_s": _known(float(now.until[signal, 0])),
+    }
 
 
 def closest(cycle: CycleRecord) -> Floats:
-    """[H, N, 2] how near each agent comes to the ego, m between the boxes, if the plan is driven and the hypothesis is true, and when, s from now.
+    """[H, N, 2] how near each agent comes to the ego, m between the boxes, if the plan is driven
+    and the hypothesis is true, and when, s from now.
 
-    Boxes in the plane: on a bridge above the ego somebody comes near too. Without a plan: as it is now.
+    Boxes in the plane: on a bridge above the ego somebody comes near too. Without a plan: as it is
+    now.
     """
     forecast, ego, plan, seen = cycle.forecast, cycle.ego, cycle.decision.plan, cycle.agents
     hypotheses, times, agents = forecast.pose.shape[:3]
     own = np.array([[ego.x, ego.y, math.cos(ego.heading), math.sin(ego.heading)]])
     if plan is not None and len(plan.time):
         last = min(times, int((plan.time[-1] + 1e-6) / forecast.dt) + 1)
-        own = np.concatenate([own, plan.pose[[int(np.argmin(np.abs(plan.time - t * forecast.dt))) for t in range(1, last)]]])
+        own = np.concatenate(
+            [
+                own,
+                plan.pose[
+                    [int(np.argmin(np.abs(plan.time - t * forecast.dt))) for t in range(1, last)]
+                ],
+            ]
+        )
     result = np.full((hypotheses, agents, 2), np.inf)
     for h in range(hypotheses):
         for i in range(agents):
-            size = float(seen.length[i]) / 2, float(seen.width[i]) / 2  # without the room that the forecast leaves
-            gaps = [_gap(own[t], (ego.length / 2, ego.width / 2), forecast.pose[h, t, i], size) for t in range(len(own)) if forecast.valid[h, t, i]]
+            size = (
+                float(seen.length[i]) / 2,
+                float(seen.width[i]) / 2,
+            )  # without the room that the forecast leaves
+            gaps = [
+                _gap(own[t], (ego.length / 2, ego.width / 2), forecast.pose[h, t, i], size)
+                for t in range(len(own))
+                if forecast.valid[h, t, i]
+            ]
             there = np.flatnonzero(forecast.valid[h, : len(own), i])
             if gaps:
                 result[h, i] = min(gaps), there[int(np.argmin(gaps))] * forecast.dt
     return result
 
 
-def _gap(pose: Floats, half: tuple[float, float], other: Floats, other_half: tuple[float, float]) -> float:
+def _gap(
+    pose: Floats, half: tuple[float, float], other: Floats, other_half: tuple[float, float]
+) -> float:
     """m between two boxes, each given by its pose [4] and half its length and width."""
     (x, y, c, s), (ox, oy, oc, os) = pose.tolist(), other.tolist()
     return float(box_distance(Box(x, y, c, s, *half), Box(ox, oy, oc, os, *other_half)))
@@ -149,7 +218,9 @@ def _gap(pose: Floats, half: tuple[float, float], other: Floats, other_half: tup
 
 def _agent(cycle: CycleRecord, nearest: Floats, i: int, road: RoadMap | None) -> dict[str, Any]:
     agents, ego, forecast = cycle.agents, cycle.ego, cycle.forecast
-    known = i < nearest.shape[1] and math.isfinite(nearest[0, i, 0])  # without a forecast nobody has a future
+    known = i < nearest.shape[1] and math.isfinite(
+        nearest[0, i, 0]
+    )  # without a forecast nobody has a future
     away = math.hypot(agents.x[i] - ego.x, agents.y[i] - ego.y)
     worst = int(np.argmin(nearest[:, i, 0])) if known else 0
     return {
@@ -168,7 +239,9 @@ def _agent(cycle: CycleRecord, nearest: Floats, i: int, road: RoadMap | None) ->
     }
 
 
-def _hypothesis(cycle: CycleRecord, nearest: Floats, h: int, road: RoadMap | None) -> dict[str, Any]:
+def _hypothesis(
+    cycle: CycleRecord, nearest: Floats, h: int, road: RoadMap | None
+) -> dict[str, Any]:
     forecast = cycle.forecast
     intent = forecast.intents[h] if h < len(forecast.intents) else None
     searched = max((len(child.hypotheses) for child in cycle.decision.children), default=0)
@@ -178,16 +251,24 @@ def _hypothesis(cycle: CycleRecord, nearest: Floats, h: int, road: RoadMap | Non
         "weight": float(forecast.weight[h]),
         "about": about,
         "words": _intent_words(intent, about, walks, road),
-        "closest_m": None if intent is None or about is None else _known(float(nearest[h, intent.agent, 0])),
+        "closest_m": None
+        if intent is None or about is None
+        else _known(float(nearest[h, intent.agent, 0])),
         "searched": h < max(searched, 1),
     }
 
 
-def _intent_words(intent: Intent | None, about: str | None, walks: bool, road: RoadMap | None) -> str:
+def _intent_words(
+    intent: Intent | None, about: str | None, walks: bool, road: RoadMap | None
+) -> str:
     does = 0 if intent is None else intent.does
     if intent is not None and does == TURNS:
         return f"{about} takes another way, to {_lane(road, intent.way[-1])}"
-    words = {FORCES: "does not let the ego pass", BRAKES: "stops" if walks else "brakes hard, to a stand", STARTS: "starts, though it has stood for a while"}
+    words = {
+        FORCES: "does not let the ego pass",
+        BRAKES: "stops" if walks else "brakes hard, to a stand",
+        STARTS: "starts, though it has stood for a while",
+    }
     return f"{about} {words[does]}" if does in words else "everybody does what is likeliest"
 
 
@@ -200,13 +281,22 @@ def _action(children: Sequence[RootChild], i: int, setting: Setting) -> dict[str
         "visits": child.visits,
         "mean": _known(child.mean),
         "best": _known(child.best),
-        "terms": {name: _known(float(value)) for name, value in zip(TERMS, child.terms, strict=True)},
-        "hypotheses": [{name: _known(float(value)) for name, value in zip(TERMS, terms, strict=True)} for terms in child.hypotheses],
+        "terms": {
+            name: _known(float(value)) for name, value in zip(TERMS, child.terms, strict=True)
+        },
+        "hypotheses": [
+            {name: _known(float(value)) for name, value in zip(TERMS, terms, strict=True)}
+            for terms in child.hypotheses
+        ],
     }
 
 
 def _name(children: Sequence[RootChild], i: int, setting: Setting) -> str:
-    """What kind of action it is. In the search of `mcts` car following is always the first, and the last plan carried on comes last and was not visited."""
+    """What kind of action it is.
+
+    In the search of `mcts` car following is always the first, and the last plan carried on comes
+    last and was not visited.
+    """
     if scenario_of(setting).get("planner", {}).get("name") != "mcts":
         return "acceleration"
     if children[i].visits == 0:
@@ -220,12 +310,21 @@ def _command(decision: Decision) -> tuple[Any, ...]:
 
 
 def _prediction(trace: Trace) -> str | None:
-    """What the forecast is called that the planner read; None: it read none. Code that the trace names is not run: whether a plugin reads a forecast, and
-    whether one is an oracle, is seen by what was recorded."""
+    """What the forecast is called that the planner read;
+
+    None: it read none. Code that the trace names is not run: whether a plugin reads a forecast, and
+    whether one is an oracle, is seen by what was recorded.
+    """
     scenario = scenario_of(trace.setting)
     planner, name = (scenario.get(section, {}).get("name") for section in ("planner", "prediction"))
-    read = planner in FORECASTING if planner in PLANNERS or planner is None else any(cycle.forecast.pose.size for cycle in trace.cycles)
-    oracle = name not in PREDICTORS and any(cycle.answers.ways or len(cycle.answers.agent) for cycle in trace.cycles)
+    read = (
+        planner in FORECASTING
+        if planner in PLANNERS or planner is None
+        else any(cycle.forecast.pose.size for cycle in trace.cycles)
+    )
+    oracle = name not in PREDICTORS and any(
+        cycle.answers.ways or len(cycle.answers.agent) for cycle in trace.cycles
+    )
     return None if not read else f"{name}{ORACLE_MARK}" if oracle else name
 
 

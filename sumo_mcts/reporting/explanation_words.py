@@ -22,9 +22,24 @@ LOST = "every sequence ends in a contact: the one that loses least"
 def text(told: dict[str, Any]) -> str:
     """The explanation for a person."""
     oracle = " (an oracle)" if is_oracle(told["prediction"]) else ""
-    forecast = "" if told["prediction"] is None else f", forecast {told['prediction'].removesuffix(ORACLE_MARK)}{oracle}"
-    head = f"{told['key']}: decision {told['cycle']} of {told['cycles']}, at {told['time_s']:.1f} s; planner {told['planner'] or 'unknown'}{forecast}"
-    parts = [[head], _ego_lines(told["ego"]), _agent_lines(told), _hypothesis_lines(told), _action_lines(told), _decision_lines(told), _executed_lines(told)]
+    forecast = (
+        ""
+        if told["prediction"] is None
+        else f", forecast {told['prediction'].removesuffix(ORACLE_MARK)}{oracle}"
+    )
+    head = (
+        f"{told['key']}: decision {told['cycle']} of {told['cycles']}, at {told['time_s']:.1f} "
+        f"s; planner {told['planner'] or 'unknown'}{forecast}"
+    )
+    parts = [
+        [head],
+        _ego_lines(told["ego"]),
+        _agent_lines(told),
+        _hypothesis_lines(told),
+        _action_lines(told),
+        _decision_lines(told),
+        _executed_lines(told),
+    ]
     if "replan" in told:
         parts.append(_again_lines(told, told["replan"]))
     return "\n\n".join("\n".join(part) for part in parts if part)
@@ -32,7 +47,10 @@ def text(told: dict[str, Any]) -> str:
 
 def _ego_lines(ego: dict[str, Any]) -> list[str]:
     changing = "" if ego["changing_to"] is None else f", changing to {ego['changing_to']}"
-    line = f"ego {ego['id']}: {ego['v_mps']:.1f} m/s, {ego['a_mps2']:+.1f} m/s2, on {ego['lane'] or 'no lane'} at {ego['s_m']:.1f} m{changing}"
+    line = (
+        f"ego {ego['id']}: {ego['v_mps']:.1f} m/s, {ego['a_mps2']:+.1f} m/s2, on "
+        f"{ego['lane'] or 'no lane'} at {ego['s_m']:.1f} m{changing}"
+    )
     ahead = ego["stop_line"]
     if ahead is None:
         return [line]
@@ -44,10 +62,25 @@ def _agent_lines(told: dict[str, Any]) -> list[str]:
     agents = told["agents"]
     if not agents:
         return ["others: nobody in sight"]
-    shown = [agent for agent in agents if min(agent["closest_m"], agent["worst_m"], agent["away_m"]) <= MATTERS][:SHOWN]
+    shown = [
+        agent
+        for agent in agents
+        if min(agent["closest_m"], agent["worst_m"], agent["away_m"]) <= MATTERS
+    ][:SHOWN]
     rest = f" ({len(agents) - len(shown)} more)" if len(agents) > len(shown) else ""
     rows = [["", "comes", "away, m", "m/s", "nearest, m", "after, s", ""]]
-    rows += [[a["id"], a["comes"], f"{a['away_m']:.0f}", f"{a['v_mps']:.1f}", f"{a['closest_m']:.1f}", f"{a['closest_s']:.1f}", _marks(a)] for a in shown]
+    rows += [
+        [
+            a["id"],
+            a["comes"],
+            f"{a['away_m']:.0f}",
+            f"{a['v_mps']:.1f}",
+            f"{a['closest_m']:.1f}",
+            f"{a['closest_s']:.1f}",
+            _marks(a),
+        ]
+        for a in shown
+    ]
     return [f"others, by how near they may come to the plan{rest}:", *_table(rows)]
 
 
@@ -66,7 +99,14 @@ def _hypothesis_lines(told: dict[str, Any]) -> list[str]:
         return []
     rows = [["", "weight", ""]]
     for h, each in enumerate(hypotheses, 1):
-        rows.append([str(h), f"{each['weight']:.3f}", each["words"] + ("" if each["searched"] else " (too unlikely for the iterations: not searched)")])
+        rows.append(
+            [
+                str(h),
+                f"{each['weight']:.3f}",
+                each["words"]
+                + ("" if each["searched"] else " (too unlikely for the iterations: not searched)"),
+            ]
+        )
     return ["hypotheses about the others:", *_table(rows)]
 
 
@@ -79,14 +119,30 @@ def _action_lines(told: dict[str, Any]) -> list[str]:
     rows = [["", "action", "m/s2", "lane", "visits", "mean J", "best J", *TERMS, *beyond]]
     for action in actions:
         totals = [_number(_total(terms)) for terms in action["hypotheses"]]
-        costs = [_number(action["mean"]), _number(action["best"]), *(_number(action["terms"][name]) for name in TERMS)]
-        rows.append([">" if action["chosen"] else "", *_label(action), str(action["visits"]), *costs, *totals])
+        costs = [
+            _number(action["mean"]),
+            _number(action["best"]),
+            *(_number(action["terms"][name]) for name in TERMS),
+        ]
+        rows.append(
+            [
+                ">" if action["chosen"] else "",
+                *_label(action),
+                str(action["visits"]),
+                *costs,
+                *totals,
+            ]
+        )
     of = ", terms in hypothesis 1" if several else ""
     return [f"actions, the cheapest first{of}:", *_table(rows)]
 
 
 def _label(action: dict[str, Any]) -> list[str]:
-    return [action["action"], f"{action['accel_mps2']:+.1f}", {1: "left", -1: "right"}.get(action["lane_change"], "")]
+    return [
+        action["action"],
+        f"{action['accel_mps2']:+.1f}",
+        {1: "left", -1: "right"}.get(action["lane_change"], ""),
+    ]
 
 
 def _total(terms: dict[str, float | None]) -> float | None:
@@ -98,7 +154,10 @@ def _decision_lines(told: dict[str, Any]) -> list[str]:
     decision = told["decision"]
     reason = decision["reason"]
     if decision["fail_safe"]:
-        return [f"decision: {decision['words']}", f"  in place of what the planner decided; {reason}"]
+        return [
+            f"decision: {decision['words']}",
+            f"  in place of what the planner decided; {reason}",
+        ]
     why = REASONS.get(reason, LOST if reason == "brake" else reason)
     effort = f", after {decision['iterations']} iterations" if decision["iterations"] else ""
     return [f"decision: {decision['words']}", f"  {why}{effort}"]
@@ -108,7 +167,11 @@ def _executed_lines(told: dict[str, Any]) -> list[str]:
     executed = told["executed"]
     if executed["until_s"] is None:
         return [f"in SUMO: {executed['outcome'].replace('_', ' ')} before the next decision"]
-    commanded = "nothing commanded" if executed["commanded_mps"] is None else f"commanded {executed['commanded_mps']:.2f} m/s on {executed['commanded_lane']}"
+    commanded = (
+        "nothing commanded"
+        if executed["commanded_mps"] is None
+        else f"commanded {executed['commanded_mps']:.2f} m/s on {executed['commanded_lane']}"
+    )
     came = f"{executed['executed_mps']:.2f} m/s on {executed['executed_lane'] or 'no lane'}"
     deviation = f" ({executed['deviation']})" if executed["deviation"] else ""
     return [f"in SUMO at {executed['until_s']:.1f} s: {commanded}, was {came}{deviation}"]
@@ -119,12 +182,25 @@ def _again_lines(told: dict[str, Any], again: dict[str, Any]) -> list[str]:
     settings = f"with {', '.join(again['set'])}" if again["set"] else "with the same settings"
     if again["identical"]:
         return [f"taken again {settings}: the identical decision"]
-    doubt = "" if again["set"] or again["reproducible"] else "; a decision that a clock has a say in is not reproducible"
+    doubt = (
+        ""
+        if again["set"] or again["reproducible"]
+        else "; a decision that a clock has a say in is not reproducible"
+    )
     rows = [["", "recorded", "again"]]
-    for name, of in (("decision", "words"), ("reason", "reason"), ("iterations", "iterations"), ("best J", "cost")):
+    for name, of in (
+        ("decision", "words"),
+        ("reason", "reason"),
+        ("iterations", "iterations"),
+        ("best J", "cost"),
+    ):
         rows.append([name, *(_shown(each["decision"][of]) for each in (told, again))])
     verdict = "the same command" if again["same_command"] else "another command"
-    return [f"taken again {settings}: {verdict}{doubt}", *_table(rows), *_beside(told["actions"], again["actions"])]
+    return [
+        f"taken again {settings}: {verdict}{doubt}",
+        *_table(rows),
+        *_beside(told["actions"], again["actions"]),
+    ]
 
 
 def _beside(recorded: list[dict[str, Any]], again: list[dict[str, Any]]) -> list[str]:
@@ -132,7 +208,21 @@ def _beside(recorded: list[dict[str, Any]], again: list[dict[str, Any]]) -> list
     kinds = {_kind(action): _label(action) for action in (*again, *recorded)}
     if not kinds:
         return []
-    rows = [["action", "m/s2", "lane", "", "visits", "mean J", "best J", "", "again: visits", "mean J", "best J"]]
+    rows = [
+        [
+            "action",
+            "m/s2",
+            "lane",
+            "",
+            "visits",
+            "mean J",
+            "best J",
+            "",
+            "again: visits",
+            "mean J",
+            "best J",
+        ]
+    ]
     for kind in dict.fromkeys(_kind(action) for action in (*recorded, *again)):
         cells = kinds[kind]
         for actions in (recorded, again):
@@ -140,14 +230,24 @@ def _beside(recorded: list[dict[str, Any]], again: list[dict[str, Any]]) -> list
             if found is None:
                 cells += ["", "", "", ""]
             else:
-                cells += [">" if found["chosen"] else "", str(found["visits"]), _number(found["mean"]), _number(found["best"])]
+                cells += [
+                    ">" if found["chosen"] else "",
+                    str(found["visits"]),
+                    _number(found["mean"]),
+                    _number(found["best"]),
+                ]
         rows.append(cells)
     return ["", *_table(rows)]
 
 
 def _kind(action: dict[str, Any]) -> tuple[Any, ...]:
-    """What makes it the same action in two searches: car following may come to another acceleration."""
-    return action["action"], action["accel_mps2"] if action["action"] == "acceleration" else None, action["lane_change"]
+    """What makes it the same action in two searches: car following may come to another
+    acceleration."""
+    return (
+        action["action"],
+        action["accel_mps2"] if action["action"] == "acceleration" else None,
+        action["lane_change"],
+    )
 
 
 def _shown(value: object) -> str:
@@ -165,7 +265,10 @@ def _table(rows: list[list[str]]) -> list[str]:
     numeric = [all(_is_number(cell) for cell in column[1:]) for column in columns]
     lines = []
     for row in rows:
-        cells = [cell.rjust(width) if right else cell.ljust(width) for cell, width, right in zip(row, widths, numeric, strict=True)]
+        cells = [
+            cell.rjust(width) if right else cell.ljust(width)
+            for cell, width, right in zip(row, widths, numeric, strict=True)
+        ]
         lines.append(("  " + "  ".join(cells)).rstrip())
     return lines
 

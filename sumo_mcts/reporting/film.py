@@ -1,4 +1,7 @@
-"""The animation of an episode as a video file (MP4, H.264). Needs the extra `video`, which brings an encoder along."""
+"""The animation of an episode as a video file (MP4, H.264).
+
+Needs the extra `video`, which brings an encoder along.
+"""
 
 import errno
 import os
@@ -23,18 +26,24 @@ class EncoderError(Exception):
 
 
 def film(trace: Trace, path: Path, note: Note = silent) -> None:
-    """Write the whole episode, a long one faster than real time. Raises EncoderError, ValueError where there is no cycle, OSError where it cannot be
-    written."""
+    """Write the whole episode, a long one faster than real time.
+
+    Raises EncoderError, ValueError where there is no cycle, OSError where it cannot be written.
+    """
     try:
         import imageio_ffmpeg as encoders
     except ImportError:
-        raise EncoderError("needs an encoder that is not installed: pip install 'sumo-mcts[video]'; png and gif need none") from None
+        raise EncoderError(
+            "needs an encoder that is not installed: pip install 'sumo-mcts[video]'; png and gif "
+            "need none"
+        ) from None
     drawn = map(_even, frames(trace, WIDTH, note))
     first = next(drawn)
     with written_whole(path) as unfinished:
         unfinished.touch()  # where nothing can be written this says so
         encoder = encoders.write_frames(
-            str(unfinished), first.size, fps=FPS, quality=QUALITY, codec="libx264", macro_block_size=2, ffmpeg_log_level="quiet",
+            str(unfinished), first.size, fps=FPS, quality=QUALITY, codec="libx264",
+            macro_block_size=2, ffmpeg_log_level="quiet",
             output_params=["-f", "mp4"],
         )  # fmt: skip
         try:
@@ -47,14 +56,21 @@ def film(trace: Trace, path: Path, note: Note = silent) -> None:
             encoder.close()
         except OSError:
             raise _failed(path) from None
-        if not _is_whole(unfinished.read_bytes()):  # the encoder says nothing of what fails in the end
+        if not _is_whole(
+            unfinished.read_bytes()
+        ):  # the encoder says nothing of what fails in the end
             raise _failed(path)
 
 
 def _failed(path: Path) -> OSError:
-    """What to raise where the encoder ended by itself: in a pipe the reason is lost, but a full disk can be seen."""
+    """What to raise where the encoder ended by itself: in a pipe the reason is lost, but a full
+    disk can be seen."""
     full = shutil.disk_usage(path.parent).free < ROOM
-    return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) if full else OSError(errno.EIO, "the video encoder failed", str(path))
+    return (
+        OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        if full
+        else OSError(errno.EIO, "the video encoder failed", str(path))
+    )
 
 
 def _is_whole(content: bytes) -> bool:

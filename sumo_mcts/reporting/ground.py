@@ -9,7 +9,19 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from sumo_mcts.records import Lanes
-from sumo_mcts.reporting.canvas import ASPHALT, KERB, LAND, PAINT, ROUTE, View, beside, draw_dashes, draw_line, draw_polygon, hull
+from sumo_mcts.reporting.canvas import (
+    ASPHALT,
+    KERB,
+    LAND,
+    PAINT,
+    ROUTE,
+    View,
+    beside,
+    draw_dashes,
+    draw_line,
+    draw_polygon,
+    hull,
+)
 from sumo_mcts.scene import Floats
 
 TILES = 8  # pieces of the ground that are kept while the camera moves
@@ -46,7 +58,10 @@ def roads_of(lanes: Lanes) -> Roads:
         _strokes([shapes[i] for i in drawn], lanes.width[drawn]),
         _strokes([shapes[i] for i in on_route], lanes.width[on_route]),
         _strokes(hulls, np.zeros(len(hulls))),
-        _strokes([*borders, *lanes.stop_lines.reshape(-1, 2, 2)], np.repeat([0.16, 0.45], [len(borders), len(lanes.stop_lines)])),
+        _strokes(
+            [*borders, *lanes.stop_lines.reshape(-1, 2, 2)],
+            np.repeat([0.16, 0.45], [len(borders), len(lanes.stop_lines)]),
+        ),
     )
 
 
@@ -71,16 +86,25 @@ def draw_ground(roads: Roads, view: View) -> Image.Image:
 
 
 def _seen(strokes: Strokes, view: View) -> Iterator[tuple[Floats, float]]:
-    """In whole pixels, which tiles agree about, those that reach into the window, or nearly; with their width in m."""
+    """In whole pixels, which tiles agree about, those that reach into the window, or nearly; with
+    their width in m."""
     margin = 5.0  # m
-    west, south, east, north = view.west, view.north - view.size[1] / view.scale, view.west + view.size[0] / view.scale, view.north
-    inside = (strokes.high > (west - margin, south - margin)) & (strokes.low < (east + margin, north + margin))
+    west, south, east, north = (
+        view.west,
+        view.north - view.size[1] / view.scale,
+        view.west + view.size[0] / view.scale,
+        view.north,
+    )
+    inside = (strokes.high > (west - margin, south - margin)) & (
+        strokes.low < (east + margin, north + margin)
+    )
     for i in np.flatnonzero(inside.all(axis=1)).tolist():
         yield np.floor(view.pixels(strokes.shapes[i]) + 1e-6), float(strokes.width[i])
 
 
 class Ground:
-    """The roads under a camera that moves by whole pixels: drawn once, in tiles of the window's size, as far as they are seen."""
+    """The roads under a camera that moves by whole pixels: drawn once, in tiles of the window's
+    size, as far as they are seen."""
 
     def __init__(self, roads: Roads, view: View) -> None:
         self._roads, self._origin = roads, view
@@ -89,7 +113,10 @@ class Ground:
     def under(self, view: View) -> Image.Image:
         """The image of a view of the same scale and size."""
         wide, tall = view.size
-        x, y = round((view.west - self._origin.west) * view.scale), round((self._origin.north - view.north) * view.scale)
+        x, y = (
+            round((view.west - self._origin.west) * view.scale),
+            round((self._origin.north - view.north) * view.scale),
+        )
         image = Image.new("RGB", view.size)
         for column in range(x // wide, -(-(x + wide) // wide)):
             for row in range(y // tall, -(-(y + tall) // tall)):
@@ -100,7 +127,10 @@ class Ground:
         here = column, row
         if here not in self._tiles:
             west, north, scale, size = self._origin
-            self._tiles[here] = draw_ground(self._roads, View(west + column * size[0] / scale, north - row * size[1] / scale, scale, size))
+            self._tiles[here] = draw_ground(
+                self._roads,
+                View(west + column * size[0] / scale, north - row * size[1] / scale, scale, size),
+            )
         self._tiles[here] = self._tiles.pop(here)  # the one used last stands last
         if len(self._tiles) > TILES:
             del self._tiles[next(iter(self._tiles))]
@@ -113,7 +143,10 @@ def _junctions(lanes: Lanes, shapes: list[Floats]) -> list[Floats]:
     for i, shape in enumerate(shapes):
         if lanes.internal[i] and len(shape):
             half = lanes.width[i] / 2
-            inside[lanes.lane_ids[i].rsplit("_", 2)[0]] += [beside(shape, half), beside(shape, -half)]
+            inside[lanes.lane_ids[i].rsplit("_", 2)[0]] += [
+                beside(shape, half),
+                beside(shape, -half),
+            ]
     return [hull(np.concatenate(sides)) for sides in inside.values()]
 
 

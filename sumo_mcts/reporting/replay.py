@@ -1,7 +1,9 @@
-"""A trace as the report's page replays it: what is drawn and what is told, in whole numbers, packed small.
+"""A trace as the report's page replays it: what is drawn and what is told, in whole numbers, packed
+small.
 
-Lengths are centimetres (of the tried ways and the forecast decimetres), angles milliradians, speeds cm/s, costs thousandths. What changes slowly is
-written as differences, which pack well: `delta` once, `bends` twice. The page's script (template/page.js) is the mirror of this file.
+Lengths are centimetres (of the tried ways and the forecast decimetres), angles milliradians, speeds
+cm/s, costs thousandths. What changes slowly is written as differences, which pack well: `delta`
+once, `bends` twice. The page's script (template/page.js) is the mirror of this file.
 """
 
 import base64
@@ -58,7 +60,8 @@ def delta(values: Iterable[float], unit: float = 100) -> list[int]:
 
 
 def bends(points: Floats, unit: float = 10) -> list[int]:
-    """A way [K, 2] as x and y of its first point, of the first step, and of the changes of step, in turn and in whole units."""
+    """A way [K, 2] as x and y of its first point, of the first step, and of the changes of step, in
+    turn and in whole units."""
     return _whole(bent(np.asarray(points, dtype=np.float64).reshape(-1, 2), unit).ravel())
 
 
@@ -79,16 +82,29 @@ def _whole(values: NDArray[Any]) -> list[int]:
 
 
 def _lanes(lanes: Lanes, origin: Floats) -> list[Packed]:
-    """Each lane's middle, width and what it is: inside a junction, on the route, which line is on its left."""
+    """Each lane's middle, width and what it is: inside a junction, on the route, which line is on
+    its left."""
     shapes = [lanes.points[begin:end] - origin for begin, end in pairwise(lanes.offset.tolist())]
     edges = [name.rpartition("_") for name in lanes.lane_ids]
     top: dict[str, int] = {}
     for edge, _, index in edges:
         top[edge] = max(top.get(edge, 0), int(index) if index.isdigit() else 0)
-    borders = [NONE if inside else SOLID if index == str(top[edge]) else BROKEN for (edge, _, index), inside in zip(edges, lanes.internal, strict=True)]
+    borders = [
+        NONE if inside else SOLID if index == str(top[edge]) else BROKEN
+        for (edge, _, index), inside in zip(edges, lanes.internal, strict=True)
+    ]
     return [
-        {"p": bends(shape, 100), "w": round(100 * width), "i": int(inside), "r": int(route), "b": border, "j": edge.rpartition("_")[0] if inside else ""}
-        for shape, width, inside, route, border, (edge, _, _) in zip(shapes, lanes.width, lanes.internal, lanes.route, borders, edges, strict=True)
+        {
+            "p": bends(shape, 100),
+            "w": round(100 * width),
+            "i": int(inside),
+            "r": int(route),
+            "b": border,
+            "j": edge.rpartition("_")[0] if inside else "",
+        }
+        for shape, width, inside, route, border, (edge, _, _) in zip(
+            shapes, lanes.width, lanes.internal, lanes.route, borders, edges, strict=True
+        )
     ] + [{"p": bends(line.reshape(2, 2) - origin, 100), "s": 1} for line in lanes.stop_lines]
 
 
@@ -112,7 +128,11 @@ def _others(cycles: Sequence[CycleRecord], origin: Floats) -> list[Packed]:
     for k, cycle in enumerate(cycles):
         for n, name in enumerate(cycle.agents.ids):
             seen.setdefault(name, []).append((k, n))
-    return [_other(name, stretch, cycles, origin) for name, rows in seen.items() for stretch in _stretches(rows)]
+    return [
+        _other(name, stretch, cycles, origin)
+        for name, rows in seen.items()
+        for stretch in _stretches(rows)
+    ]
 
 
 def _stretches(rows: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
@@ -120,7 +140,9 @@ def _stretches(rows: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
     return [rows[begin:end] for begin, end in pairwise(cuts)]
 
 
-def _other(name: str, stretch: list[tuple[int, int]], cycles: Sequence[CycleRecord], origin: Floats) -> Packed:
+def _other(
+    name: str, stretch: list[tuple[int, int]], cycles: Sequence[CycleRecord], origin: Floats
+) -> Packed:
     def column(field: str) -> list[float]:
         return [float(getattr(cycles[k].agents, field)[n]) for k, n in stretch]
 
@@ -129,13 +151,19 @@ def _other(name: str, stretch: list[tuple[int, int]], cycles: Sequence[CycleReco
     return {
         "id": name,
         "from": k,
-        "size": [round(100 * float(cycles[k].agents.length[n])), round(100 * float(cycles[k].agents.width[n]))],
+        "size": [
+            round(100 * float(cycles[k].agents.length[n])),
+            round(100 * float(cycles[k].agents.width[n])),
+        ],
         "person": int(cycles[k].agents.person[n]),
         "x": delta(x - origin[0] for x in column("x")),
         "y": delta(y - origin[1] for y in column("y")),
         "h": delta(np.unwrap(column("heading")), 1000),
         "v": delta(column("v")),
-        "lamps": [(a < BRAKES) + 2 * (blink > 0) + 4 * (blink < 0) for a, blink in zip(brakes, blinks, strict=True)],
+        "lamps": [
+            (a < BRAKES) + 2 * (blink > 0) + 4 * (blink < 0)
+            for a, blink in zip(brakes, blinks, strict=True)
+        ],
     }
 
 
@@ -165,7 +193,11 @@ def _plan(decision: Decision, origin: Floats) -> list[int]:
     if plan is None or not len(plan.time):
         return []
     marks = np.arange(MARK_S, plan.time[-1] + 1e-6, MARK_S)
-    return bends(plan.pose[np.searchsorted(plan.time, marks - 1e-6).clip(max=len(plan.time) - 1), :2] - origin, 100)
+    return bends(
+        plan.pose[np.searchsorted(plan.time, marks - 1e-6).clip(max=len(plan.time) - 1), :2]
+        - origin,
+        100,
+    )
 
 
 def _tried(child: RootChild, step: float, origin: Floats) -> list[Any]:
@@ -173,7 +205,14 @@ def _tried(child: RootChild, step: float, origin: Floats) -> list[Any]:
     every = max(1, round(MARK_S / step))
     way = child.poses[every - 1 :: every, :2]
     costs = [_thousandths(value) for value in (child.mean, child.best)]
-    return [round(100 * child.accel), child.lane_change, child.visits, *costs, [_thousandths(term) for term in child.terms.tolist()], bends(way - origin)]
+    return [
+        round(100 * child.accel),
+        child.lane_change,
+        child.visits,
+        *costs,
+        [_thousandths(term) for term in child.terms.tolist()],
+        bends(way - origin),
+    ]
 
 
 def _thousandths(value: float) -> int | None:
@@ -181,13 +220,29 @@ def _thousandths(value: float) -> int | None:
 
 
 def _forecast(forecast: Forecast, origin: Floats) -> list[list[Any]]:
-    """[share of the hypothesis in percent, way] of everybody who is expected to move: in the likeliest hypothesis, and where another one differs from it."""
+    """[share of the hypothesis in percent, way] of everybody who is expected to move: in the
+    likeliest hypothesis, and where another one differs from it."""
     until, every = round(AHEAD_S / forecast.dt) + 1, max(1, round(FORECAST_S / forecast.dt))
-    pose, there = forecast.pose[:, :until:every, :, :2], forecast.valid[:, :until:every].cumprod(axis=1)
+    pose, there = (
+        forecast.pose[:, :until:every, :, :2],
+        forecast.valid[:, :until:every].cumprod(axis=1),
+    )
     if not pose.size:
         return []
     usual = int(np.argmax(forecast.weight))
-    moves, differs = (np.hypot(off[..., 0], off[..., 1]).max(axis=1) for off in (pose - pose[:, :1], pose - pose[usual]))  # [H, N]
-    drawn = np.where(np.arange(len(pose))[:, None] == usual, moves > MOVES_M, differs > DIFFERS_M) & (there[:, 0] > 0)
-    ways, lasts, shares = bent(np.moveaxis(pose, 1, 2) - origin), there.sum(axis=1), np.round(100 * forecast.weight)
-    return [[int(shares[h]), ways[h, n, : lasts[h, n]].ravel().tolist()] for h, n in np.argwhere(drawn).tolist()]
+    moves, differs = (
+        np.hypot(off[..., 0], off[..., 1]).max(axis=1)
+        for off in (pose - pose[:, :1], pose - pose[usual])
+    )  # [H, N]
+    drawn = np.where(
+        np.arange(len(pose))[:, None] == usual, moves > MOVES_M, differs > DIFFERS_M
+    ) & (there[:, 0] > 0)
+    ways, lasts, shares = (
+        bent(np.moveaxis(pose, 1, 2) - origin),
+        there.sum(axis=1),
+        np.round(100 * forecast.weight),
+    )
+    return [
+        [int(shares[h]), ways[h, n, : lasts[h, n]].ravel().tolist()]
+        for h, n in np.argwhere(drawn).tolist()
+    ]

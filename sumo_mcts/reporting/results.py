@@ -1,4 +1,5 @@
-"""What folders of results hold, merged: the rows, where their traces lie, and what is wrong with them."""
+"""What folders of results hold, merged: the rows, where their traces lie, and what is wrong with
+them."""
 
 import re
 from collections import Counter
@@ -13,18 +14,36 @@ from sumo_mcts.records import ROW_KEYS, Row
 from sumo_mcts.records.highlights import order
 from sumo_mcts.records.statistics import REDRAWN, TRAFFIC_DIGEST, TWIN, place
 
-_TEXTS = ("key", "scenario", "variant", "planner", "prediction", "ego", "outcome", "error", "trace_digest", "config_digest", TRAFFIC_DIGEST)
+_TEXTS = (
+    "key",
+    "scenario",
+    "variant",
+    "planner",
+    "prediction",
+    "ego",
+    "outcome",
+    "error",
+    "trace_digest",
+    "config_digest",
+    TRAFFIC_DIGEST,
+)
 _TRUTHS = ("at_fault", "inevitable", "in_time")
 _COUNTS = (
-    "seed", "collisions", "hard_brakes", "lane_changes", "decision_flips", "red_lights_run", "yellow_run", "imposed_brakes_2", "imposed_brakes_3",
-    "imposed_brakes_4", "failsafe_interventions", "iterations_per_decision", "iterations", "cycles", "deadline_misses", REDRAWN,
+    "seed", "collisions", "hard_brakes", "lane_changes", "decision_flips", "red_lights_run",
+    "yellow_run", "imposed_brakes_2", "imposed_brakes_3",
+    "imposed_brakes_4", "failsafe_interventions", "iterations_per_decision", "iterations",
+    "cycles", "deadline_misses", REDRAWN,
 )  # fmt: skip
 _SHARES = ("comfortable_share", "speeding_share")
 _FURTHER = (TRAFFIC_DIGEST, REDRAWN)  # keys that rows have beyond those of ROW_KEYS
 _MOST = 1e12  # of any number
 _SHARDS = 1_000_000  # that an experiment may have been cut into
 _TOLD = 8  # names in a note
-_ORDER = ("mcts", "paper", "exhaustive")  # planners in the order in which they are shown; then all others,
+_ORDER = (
+    "mcts",
+    "paper",
+    "exhaustive",
+)  # planners in the order in which they are shown; then all others,
 _LAST = ("idm", "random", "constant", TWIN)  # and these at the end
 
 
@@ -33,14 +52,19 @@ class Results(NamedTuple):
 
     name: str  # of the experiment or the only scenario, else of the folder
     description: str
-    rows: tuple[Row, ...]  # every key of ROW_KEYS, and what tells pairs; by scenario, variant, seed, ego
+    rows: tuple[
+        Row, ...
+    ]  # every key of ROW_KEYS, and what tells pairs; by scenario, variant, seed, ego
     traces: dict[str, Path]  # by the key of the row; only those that exist
     versions: dict[str, str]  # of the first folder that tells
     notes: tuple[str, ...]  # what a reader has to know about missing or broken things
 
 
 def gather(folders: Sequence[Path]) -> Results:
-    """All episodes of the folders; of those with the same key the last. Raises ConfigError where there is none; what cannot be read is a note."""
+    """All episodes of the folders; of those with the same key the last.
+
+    Raises ConfigError where there is none; what cannot be read is a note.
+    """
     rows: dict[str, Row] = {}
     traces: dict[str, Path] = {}
     notes: list[str] = []
@@ -50,32 +74,52 @@ def gather(folders: Sequence[Path]) -> Results:
         counts.append(len(found))
         notes += [*problems, *_replaced(folder, rows, found)]
         rows |= found
-        traces = {key: path for key, path in traces.items() if key not in found} | _traces_of(folder, found)
+        traces = {key: path for key, path in traces.items() if key not in found} | _traces_of(
+            folder, found
+        )
     if not rows:
         raise ConfigError(notes[0] if notes else f"{folders[0]}: {records.ROWS}: no episode in it")
     manifests = [_manifest_of(folder, notes) for folder in folders]
     notes += [*_unfinished(folders, counts, manifests), *_other_shards(manifests)]
     scenarios, variants = (_order_in(manifests, key) for key in ("scenarios", "variants"))
     ordered = tuple(sorted(rows.values(), key=lambda row: _order(row, scenarios, variants)))
-    return Results(*_title(folders, manifests, ordered), ordered, traces, _versions(manifests), (*notes, *_doubts(ordered, manifests)))
+    return Results(
+        *_title(folders, manifests, ordered),
+        ordered,
+        traces,
+        _versions(manifests),
+        (*notes, *_doubts(ordered, manifests)),
+    )
 
 
 def planner_rank(planner: str | None) -> int:
     """Where a planner stands in tables and figures."""
     name = planner or ""
-    return _ORDER.index(name) if name in _ORDER else len(_ORDER) + 1 + _LAST.index(name) if name in _LAST else len(_ORDER)
+    return (
+        _ORDER.index(name)
+        if name in _ORDER
+        else len(_ORDER) + 1 + _LAST.index(name)
+        if name in _LAST
+        else len(_ORDER)
+    )
 
 
 def _order(row: Row, scenarios: Mapping[str, int], variants: Mapping[str, int]) -> tuple[Any, ...]:
     """As the experiment names them; what no experiment names comes after, by planner and name."""
-    place_of = scenarios.get(row["scenario"], len(scenarios)), row["scenario"], variants.get(row["variant"], len(variants))
+    place_of = (
+        scenarios.get(row["scenario"], len(scenarios)),
+        row["scenario"],
+        variants.get(row["variant"], len(variants)),
+    )
     who = planner_rank(row["planner"]), _natural(row["variant"])
     return *place_of, *who, *order(row)
 
 
 def _natural(text: str) -> tuple[Any, ...]:
     """So that mcts-50 comes before mcts-1000."""
-    return tuple((part.isdecimal(), int(part) if part.isdecimal() else part) for part in text.split("-"))
+    return tuple(
+        (part.isdecimal(), int(part) if part.isdecimal() else part) for part in text.split("-")
+    )
 
 
 # --- rows ---
@@ -91,18 +135,39 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
     except OSError as error:
         return {}, [f"{named}: cannot be read: {error.strerror}"]
     if not lines and not torn and not (folder / records.ROWS).exists():
-        return {}, [f"{named}: no such file; `sumo-mcts run` and `sumo-mcts batch` write one with --out"]
+        return {}, [
+            f"{named}: no such file; `sumo-mcts run` and `sumo-mcts batch` write one with --out"
+        ]
     missing = Counter(key for line in lines for key in ROW_KEYS if key not in line)
     notes = []
     if torn:
-        notes.append(f"{named}: {torn} of its lines {'is' if torn == 1 else 'are'} not a whole row, and left out")
+        notes.append(
+            f"{named}: {torn} of its lines {'is' if torn == 1 else 'are'} not a whole row, and "
+            "left out"
+        )
     if missing:
-        notes.append(f"{named}: up to {max(missing.values())} of {len(lines)} rows are of another version, without {_some(list(missing))}")
+        notes.append(
+            f"{named}: up to {max(missing.values())} of {len(lines)} rows are of another version, "
+            f"without {_some(list(missing))}"
+        )
     told = {line["key"]: line for line in lines}  # of the same key the last
-    rows = {name: {key: _kind(key, line.get(key)) for key in (*ROW_KEYS, *(key for key in _FURTHER if key in line))} for name, line in told.items()}
-    strange = dict.fromkeys(key for name, row in rows.items() for key, value in row.items() if value is None and told[name].get(key) is not None)
+    rows = {
+        name: {
+            key: _kind(key, line.get(key))
+            for key in (*ROW_KEYS, *(key for key in _FURTHER if key in line))
+        }
+        for name, line in told.items()
+    }
+    strange = dict.fromkeys(
+        key
+        for name, row in rows.items()
+        for key, value in row.items()
+        if value is None and told[name].get(key) is not None
+    )
     if strange:
-        notes.append(f"{named}: values that their keys do not allow are left out: {_some(list(strange))}")
+        notes.append(
+            f"{named}: values that their keys do not allow are left out: {_some(list(strange))}"
+        )
     if not rows:
         notes.append(f"{named}: no episode in it")
     return {str(row["key"]): row for row in rows.values()}, notes
@@ -127,23 +192,40 @@ def _kind(key: str, value: Any) -> Any:
 
 def printable(text: str) -> str:
     """The text with line breaks and control characters written out."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return (
+        text
+        if text.isprintable()
+        else "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    )
 
 
 def _replaced(folder: Path, before: Mapping[str, Row], found: Mapping[str, Row]) -> list[str]:
-    """A word about rows that take the place of the rows of other scenarios, which were of the same name."""
-    digests = [(before[key]["config_digest"], row["config_digest"]) for key, row in found.items() if key in before]
+    """A word about rows that take the place of the rows of other scenarios, which were of the same
+    name."""
+    digests = [
+        (before[key]["config_digest"], row["config_digest"])
+        for key, row in found.items()
+        if key in before
+    ]
     others = sum(one is not None and other is not None and one != other for one, other in digests)
-    return [f"{folder}: {others} of its episodes replace those of the same key that were driven with other settings"] if others else []
+    if not others:
+        return []
+    said = "of its episodes replace those of the same key that were driven with other settings"
+    return [f"{folder}: {others} {said}"]
 
 
-def _unfinished(folders: Sequence[Path], counts: Sequence[int], manifests: Sequence[Mapping[str, Any]]) -> list[str]:
+def _unfinished(
+    folders: Sequence[Path], counts: Sequence[int], manifests: Sequence[Mapping[str, Any]]
+) -> list[str]:
     """A word about each batch that has not ended; `counts`: of the rows in its folder."""
     notes = []
     for folder, there, manifest in zip(folders, counts, manifests, strict=True):
         wanted = manifest.get("rows")
         if isinstance(wanted, int) and there < wanted <= _MOST:
-            notes.append(f"{folder}: {there} of the {wanted} rows of its batch are there; the command that began it goes on")
+            notes.append(
+                f"{folder}: {there} of the {wanted} rows of its batch are there; the command that "
+                "began it goes on"
+            )
     return notes
 
 
@@ -154,8 +236,14 @@ def _other_shards(manifests: Sequence[Mapping[str, Any]]) -> list[str]:
         number, count = _shard_of(manifest)
         if 1 <= number <= count <= _SHARDS:
             there.setdefault((str(manifest.get("experiment_digest")), count), set()).add(number)
-    missing = {count: sorted(set(range(1, count + 1)) - found) for (_, count), found in there.items()}
-    return [f"shard {_some([f'{k}/{count}' for k in those])} of the experiment is not here" for count, those in missing.items() if those]
+    missing = {
+        count: sorted(set(range(1, count + 1)) - found) for (_, count), found in there.items()
+    }
+    return [
+        f"shard {_some([f'{k}/{count}' for k in those])} of the experiment is not here"
+        for count, those in missing.items()
+        if those
+    ]
 
 
 def _shard_of(manifest: Mapping[str, Any]) -> tuple[int, int]:
@@ -168,12 +256,21 @@ def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list
     """What makes numbers doubtful."""
     of_twins = Counter(place(row) for row in rows if row["planner"] == TWIN)
     several = sum(count > 1 for count in of_twins.values())
-    doubts = [f"{several} episodes have several twins (planner {TWIN}); the first of them is the one compared with"] if several else []
-    told = [manifest["versions"] for manifest in manifests if isinstance(manifest.get("versions"), dict)]
+    doubts = []
+    if several:
+        said = f"episodes have several twins (planner {TWIN}); the first is the one compared with"
+        doubts.append(f"{several} {said}")
+    told = [
+        manifest["versions"] for manifest in manifests if isinstance(manifest.get("versions"), dict)
+    ]
     for name in DECIDING:
-        found = list(dict.fromkeys(printable(str(versions[name])) for versions in told if versions.get(name)))
+        found = list(
+            dict.fromkeys(printable(str(versions[name])) for versions in told if versions.get(name))
+        )
         if len(found) > 1:
-            doubts.append(f"the folders were written with different versions of {name}: {_some(found)}")
+            doubts.append(
+                f"the folders were written with different versions of {name}: {_some(found)}"
+            )
     return doubts
 
 
@@ -181,7 +278,8 @@ def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list
 
 
 def _manifest_of(folder: Path, notes: list[str]) -> dict[str, Any]:
-    """The manifest, empty where there is none that can be read; a word in `notes` where it is broken."""
+    """The manifest, empty where there is none that can be read; a word in `notes` where it is
+    broken."""
     try:
         manifest = records.read_manifest(folder)
     except FileNotFoundError:
@@ -195,26 +293,47 @@ def _manifest_of(folder: Path, notes: list[str]) -> dict[str, Any]:
 
 
 def _order_in(manifests: Iterable[dict[str, Any]], key: str) -> dict[str, int]:
-    """The number of each name under a key of the manifests, in the order in which they stand there."""
-    names = dict.fromkeys(name for manifest in manifests if isinstance(manifest.get(key), dict) for name in manifest[key])
+    """The number of each name under a key of the manifests, in the order in which they stand
+    there."""
+    names = dict.fromkeys(
+        name
+        for manifest in manifests
+        if isinstance(manifest.get(key), dict)
+        for name in manifest[key]
+    )
     return {name: i for i, name in enumerate(names)}
 
 
-def _title(folders: Sequence[Path], manifests: Iterable[dict[str, Any]], rows: Iterable[Row]) -> tuple[str, str]:
+def _title(
+    folders: Sequence[Path], manifests: Iterable[dict[str, Any]], rows: Iterable[Row]
+) -> tuple[str, str]:
     """Name and description: of the experiment, of the only scenario, else the folder's name."""
     scenarios = {row["scenario"] for row in rows}
     for manifest in manifests:
         for key in ("experiment", "scenario"):
             told = manifest.get(key)
-            if isinstance(told, dict) and isinstance(told.get("name"), str) and (key == "experiment" or scenarios == {told["name"]}):
+            if (
+                isinstance(told, dict)
+                and isinstance(told.get("name"), str)
+                and (key == "experiment" or scenarios == {told["name"]})
+            ):
                 return printable(told["name"]), printable(str(told.get("description") or ""))
     return ", ".join(dict.fromkeys(folder.resolve().name for folder in folders)), ""
 
 
 def _versions(manifests: Iterable[dict[str, Any]]) -> dict[str, str]:
     """What it ran on, by the first manifest that says so."""
-    told: dict[Any, Any] = next((manifest["versions"] for manifest in manifests if isinstance(manifest.get("versions"), dict)), {})
-    return {printable(str(name)): printable(str(version)) for name, version in told.items() if version}
+    told: dict[Any, Any] = next(
+        (
+            manifest["versions"]
+            for manifest in manifests
+            if isinstance(manifest.get("versions"), dict)
+        ),
+        {},
+    )
+    return {
+        printable(str(name)): printable(str(version)) for name, version in told.items() if version
+    }
 
 
 def _traces_of(folder: Path, keys: Iterable[str]) -> dict[str, Path]:

@@ -9,7 +9,15 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from sumo_mcts.records import CycleRecord, Trace, write_whole
-from sumo_mcts.reporting.birdseye import STRIP, draw_car, draw_panel, extent_of, fade, shot_at, views_of
+from sumo_mcts.reporting.birdseye import (
+    STRIP,
+    draw_car,
+    draw_panel,
+    extent_of,
+    fade,
+    shot_at,
+    views_of,
+)
 from sumo_mcts.reporting.canvas import (
     BRAKE,
     EGO,
@@ -44,14 +52,20 @@ def silent(text: str) -> None:
 
 
 def storyboard(trace: Trace, path: Path, moments: int = 6) -> None:
-    """Write a PNG of some moments of the episode. Raises ValueError where there is no cycle, OSError where it cannot be written."""
+    """Write a PNG of some moments of the episode.
+
+    Raises ValueError where there is no cycle, OSError where it cannot be written.
+    """
     shots = [shot_at(trace, trace.cycles[i].time) for i in choose_moments(trace, moments)]
     columns, aspect = arrangement(shots)
     columns = min(columns, len(shots))
     width = (1840 - 24 * (columns - 1)) // columns
     views = views_of(shots, (width, round(width / aspect)))
     roads = roads_of(trace.lanes)
-    panels = [draw_panel(draw_ground(roads, view), shot, view) for shot, view in zip(shots, views, strict=True)]
+    panels = [
+        draw_panel(draw_ground(roads, view), shot, view)
+        for shot, view in zip(shots, views, strict=True)
+    ]
     page = _page(trace, shots, panels, columns, views[0].scale)
     write_whole(path, _png(page.reduce(SS)))
 
@@ -60,7 +74,8 @@ def storyboard(trace: Trace, path: Path, moments: int = 6) -> None:
 
 
 def choose_moments(trace: Trace, count: int) -> list[int]:
-    """Cycles spread evenly over the episode, each moved a little to where the decision changes or somebody is near."""
+    """Cycles spread evenly over the episode, each moved a little to where the decision changes or
+    somebody is near."""
     total = len(trace.cycles)
     if total == 0:
         raise ValueError(f"{trace.key}: the trace holds no cycle to draw")
@@ -73,7 +88,11 @@ def choose_moments(trace: Trace, count: int) -> list[int]:
     for target in targets:
         within = [i for i in range(total) if abs(i - target) < reach]
         at_an_end = target in (0, total - 1)
-        chosen.append(round(target) if at_an_end or not within else max(within, key=lambda i: interest[i] - 1.2 * abs(i - target) / reach))
+        chosen.append(
+            round(target)
+            if at_an_end or not within
+            else max(within, key=lambda i: interest[i] - 1.2 * abs(i - target) / reach)
+        )
     return chosen
 
 
@@ -81,12 +100,15 @@ def _interest(cycles: tuple[CycleRecord, ...], i: int) -> float:
     """How much a cycle is worth showing, about 0 to 2."""
     changed = i > 0 and verb_of(cycles[i]) != verb_of(cycles[i - 1])
     ego, agents = cycles[i].ego, cycles[i].agents
-    nearest = float(np.hypot(agents.x - ego.x, agents.y - ego.y).min()) if len(agents.ids) else math.inf
+    nearest = (
+        float(np.hypot(agents.x - ego.x, agents.y - ego.y).min()) if len(agents.ids) else math.inf
+    )
     return float(changed) + 8.0 / max(nearest, 8.0)
 
 
 def arrangement(shots: list[Shot]) -> tuple[int, float]:
-    """Number of columns and aspect ratio of a panel, after the shape of what the ego drives through."""
+    """Number of columns and aspect ratio of a panel, after the shape of what the ego drives
+    through."""
     wide, tall = extent_of(shots)
     if wide > 100 and wide > 3 * tall:
         return 2, STRIP
@@ -95,12 +117,17 @@ def arrangement(shots: list[Shot]) -> tuple[int, float]:
     return 3, 1.3
 
 
-def _page(trace: Trace, shots: list[Shot], panels: list[Image.Image], columns: int, scale: float) -> Image.Image:
+def _page(
+    trace: Trace, shots: list[Shot], panels: list[Image.Image], columns: int, scale: float
+) -> Image.Image:
     """Heading, panels with captions, legend; enlarged."""
     margin, gap, caption, top, bottom = 40, 24, 62, 104, 96
     width, height = panels[0].width // SS, panels[0].height // SS
     rows = math.ceil(len(panels) / columns)
-    total = (2 * margin + columns * width + (columns - 1) * gap, top + rows * (caption + height) + (rows - 1) * gap + bottom)
+    total = (
+        2 * margin + columns * width + (columns - 1) * gap,
+        top + rows * (caption + height) + (rows - 1) * gap + bottom,
+    )
     page = Image.new("RGB", (total[0] * SS, total[1] * SS), PAPER)
     draw = ImageDraw.Draw(page)
     _heading(draw, trace, margin, total[0] - margin)
@@ -115,9 +142,23 @@ def _page(trace: Trace, shots: list[Shot], panels: list[Image.Image], columns: i
 
 def _heading(draw: ImageDraw.ImageDraw, trace: Trace, left: float, right: float) -> None:
     words = trace.scenario.replace("-", " ").replace("_", " ")
-    write_text(draw, (left, 62), fitted(draw, words[:1].upper() + words[1:], 36, right - left - 260), 30, bold=True)  # 36: bold is wider
+    write_text(
+        draw,
+        (left, 62),
+        fitted(draw, words[:1].upper() + words[1:], 36, right - left - 260),
+        30,
+        bold=True,
+    )  # 36: bold is wider
     good = trace.outcome == "arrived"
-    write_text(draw, (right, 54), trace.outcome.replace("_", " "), 22, INK if good else BRAKE, bold=True, anchor="rs")
+    write_text(
+        draw,
+        (right, 54),
+        trace.outcome.replace("_", " "),
+        22,
+        INK if good else BRAKE,
+        bold=True,
+        anchor="rs",
+    )
     write_text(draw, (right, 78), fitted(draw, trace.key, 13, right - left), 13, FAINT, anchor="rs")
 
 
@@ -146,13 +187,19 @@ def _rounded(size: tuple[int, int], radius: int) -> Image.Image:
 def _legend(draw: ImageDraw.ImageDraw, left: float, right: float, y: float, scale: float) -> None:
     """The signs that the panels use, the scale and north."""
     view = View(0.0, 0.0, 7.0 * SS, (0, 0))
-    cars = (((EGO, EGO_DARK), False, "ego"), ((OTHER, OTHER_DARK), False, "others"), ((OTHER, OTHER_DARK), True, "braking"))
+    cars = (
+        ((EGO, EGO_DARK), False, "ego"),
+        ((OTHER, OTHER_DARK), False, "others"),
+        ((OTHER, OTHER_DARK), True, "braking"),
+    )
     x = left
     for colours, braking, text in cars:
         draw_car(draw, view, ((x + 17) / 7.0, -y / 7.0, 0.0), (4.8, 1.9), colours, (braking, 0))
         x = write_text(draw, (x + 44, y + 5), text, 15) + 30
     for k in range(4):
-        draw_dot(draw, np.array([x + 6 + 14 * k, y]) * SS, 4.5 * SS, mixed(OTHER, PAPER, fade(k + 1.0)))
+        draw_dot(
+            draw, np.array([x + 6 + 14 * k, y]) * SS, 4.5 * SS, mixed(OTHER, PAPER, fade(k + 1.0))
+        )
     x = write_text(draw, (x + 64, y + 5), "expected, every second", 15) + 30
     ahead = np.array([[x, y], [x + 44, y]]) * SS
     draw_line(draw, ahead, 0.5, EGO, view)
@@ -172,7 +219,15 @@ def _scale_bar(draw: ImageDraw.ImageDraw, right: float, y: float, scale: float) 
     metres = max((m for m in (5, 10, 20, 50) if m * scale / SS <= 150), default=5)
     long = metres * scale / SS
     north = (right - 8) * SS
-    draw.polygon([(north, (y - 22) * SS), (north - 7 * SS, (y - 4) * SS), (north, (y - 9) * SS), (north + 7 * SS, (y - 4) * SS)], fill=INK)
+    draw.polygon(
+        [
+            (north, (y - 22) * SS),
+            (north - 7 * SS, (y - 4) * SS),
+            (north, (y - 9) * SS),
+            (north + 7 * SS, (y - 4) * SS),
+        ],
+        fill=INK,
+    )
     write_text(draw, (right - 8, y + 12), "N", 13, bold=True, anchor="ms")
     bar = [
         ((right - 36 - long) * SS, (y - 4) * SS),

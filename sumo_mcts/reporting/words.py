@@ -21,8 +21,13 @@ def action_words(cycle: CycleRecord) -> str:
     if change:
         words.append("change to the " + ("left" if change > 0 else "right"))
     elif 0 < cycle.ego.changing < 1:
-        words.append("changing to the " + ("left" if cycle.ego.change_to > cycle.ego.change_from else "right"))
-    reason = cycle.decision.reason.partition(":")[0]  # in the fail-safe's reason an explanation follows
+        words.append(
+            "changing to the "
+            + ("left" if cycle.ego.change_to > cycle.ego.change_from else "right")
+        )
+    reason = cycle.decision.reason.partition(":")[
+        0
+    ]  # in the fail-safe's reason an explanation follows
     if reason not in ("", "search", words[0].split()[0]):
         words.append(reason)
     return ", ".join(words)
@@ -48,4 +53,6 @@ def _action(decision: Decision, v: float) -> tuple[float | None, int]:
     speeds, plan = decision.command.speeds, decision.plan
     if plan is None or len(speeds) == 0 or plan.time[min(len(speeds), len(plan.time)) - 1] <= 0:
         return 0.0, decision.command.lane_change
-    return float((speeds[-1] - v) / plan.time[min(len(speeds), len(plan.time)) - 1]), decision.command.lane_change
+    return float(
+        (speeds[-1] - v) / plan.time[min(len(speeds), len(plan.time)) - 1]
+    ), decision.command.lane_change

@@ -1,4 +1,7 @@
-"""How fast this machine plans, against the budgets of docs/measures.md. Nothing here is random but the traffic, which has a fixed seed."""
+"""How fast this machine plans, against the budgets of docs/measures.md.
+
+Nothing here is random but the traffic, which has a fixed seed.
+"""
 
 import os
 import subprocess
@@ -28,15 +31,21 @@ Row = dict[str, Any]
 
 # Setting a: car following, seven accelerations, two on each of two sides are twelve actions.
 SETTING_A = (
-    "planner.accelerations_mps2=[-8, -4.5, -2, -1, 0, 1, 2.6]", "planner.lane_change_accelerations_mps2=[-1, 1]", "planner.look_ahead_steps=4",
-    "planner.rollout_steps=4", "planner.step_s=1", "planner.check_s=0.2", "planner.reactive=0", "prediction.step_s=0.2", "planner.adaptive=false",
+    "planner.accelerations_mps2=[-8, -4.5, -2, -1, 0, 1, 2.6]",
+    "planner.lane_change_accelerations_mps2=[-1, 1]", "planner.look_ahead_steps=4",
+    "planner.rollout_steps=4", "planner.step_s=1", "planner.check_s=0.2", "planner.reactive=0",
+    "prediction.step_s=0.2", "planner.adaptive=false",
     "prediction.hypotheses=1",
 )  # fmt: skip
 SCENE = "unprotected-left-turn"  # whose network is filled with agents
 EGO_EDGES = ("from_west", "to_north")
 EGO_S, EGO_SPEED = 100.0, 8.0
 CLEAR = 15.0  # m kept free around the ego
-VEHICLES, SETTLE_S, CYCLES = 300, 60.0, 120  # in the grid: vehicles, seconds before the ego starts, decisions
+VEHICLES, SETTLE_S, CYCLES = (
+    300,
+    60.0,
+    120,
+)  # in the grid: vehicles, seconds before the ego starts, decisions
 BUDGET_RANGE = 120.0  # m within which about as many of them are as the budget says, 60
 PHYSICS = Physics(0.1, False, 3.0)
 FIRST_DECISION = """
@@ -66,7 +75,11 @@ class Budget(NamedTuple):
 
 
 def run(share: float, note: Note) -> list[Row]:
-    """Measure. `share` of the usual repetitions; below 1 without the first compilation. `note` is told what is being measured. Raises ConfigError."""
+    """Measure.
+
+    `share` of the usual repetitions; below 1 without the first compilation. `note` is told what is
+    being measured. Raises ConfigError.
+    """
     note("starting new processes")
     rows = _starts(share, note)
     with announced(note):
@@ -78,45 +91,97 @@ def _plans(share: float, note: Note) -> list[Row]:
     rows: list[Row] = []
     for agents, limit in ((5, 100_000.0), (10, None), (50, None)):
         note(f"searching among {agents} agents")
-        budget = Budget(f"iterations/s, {agents} tabulated agents, 12 actions, 4 + 4 steps of 1 s (setting a)", "1/s", limit, at_least=True)
+        budget = Budget(
+            f"iterations/s, {agents} tabulated agents, 12 actions, 4 + 4 steps of 1 s (setting a)",
+            "1/s",
+            limit,
+            at_least=True,
+        )
         rows.append(_row(budget, _iterations_per_second(agents, 0, share)))
     note("searching among agents that react")
-    rows.append(_row(Budget("iterations/s, 10 reactive agents (setting a otherwise)", "1/s", 20_000.0, at_least=True), _iterations_per_second(10, 10, share)))
+    rows.append(
+        _row(
+            Budget(
+                "iterations/s, 10 reactive agents (setting a otherwise)",
+                "1/s",
+                20_000.0,
+                at_least=True,
+            ),
+            _iterations_per_second(10, 10, share),
+        )
+    )
     note("deciding with 3000 iterations")
-    rows += _quantiles("one decision of 3000 iterations, 10 tabulated agents", _decisions(10, 0, 3000, share), (20.0, 40.0))
-    rows += _quantiles("one decision of 3000 iterations, 10 reactive agents", _decisions(10, 10, 3000, share), (150.0, 300.0))
+    rows += _quantiles(
+        "one decision of 3000 iterations, 10 tabulated agents",
+        _decisions(10, 0, 3000, share),
+        (20.0, 40.0),
+    )
+    rows += _quantiles(
+        "one decision of 3000 iterations, 10 reactive agents",
+        _decisions(10, 10, 3000, share),
+        (150.0, 300.0),
+    )
     note("driving through a grid of streets")
     for range_m, limits in ((BUDGET_RANGE, (25.0, 50.0)), (SensorConfig().range_m, (None, None))):
         times, in_range = _cycles(share, range_m)
-        quantity = f"a cycle among {VEHICLES} vehicles, up to {in_range} in range ({range_m:.0f} m), 1000 iterations, all in"
+        quantity = (
+            f"a cycle among {VEHICLES} vehicles, up to {in_range} in range ({range_m:.0f} "
+            "m), 1000 iterations, all in"
+        )
         rows += _quantiles(quantity, times, limits)
     return rows
 
 
 def _row(budget: Budget, value: float) -> Row:
-    ok = None if budget.limit is None else bool(value >= budget.limit if budget.at_least else value <= budget.limit)
+    ok = (
+        None
+        if budget.limit is None
+        else bool(value >= budget.limit if budget.at_least else value <= budget.limit)
+    )
     digits = 0 if value >= 1000 else 2
-    return {"quantity": budget.quantity, "value": round(value, digits), "unit": budget.unit, "budget": budget.limit, "ok": ok}
+    return {
+        "quantity": budget.quantity,
+        "value": round(value, digits),
+        "unit": budget.unit,
+        "budget": budget.limit,
+        "ok": ok,
+    }
 
 
-def _quantiles(quantity: str, times: Sequence[float], limits: tuple[float | None, float | None]) -> list[Row]:
+def _quantiles(
+    quantity: str, times: Sequence[float], limits: tuple[float | None, float | None]
+) -> list[Row]:
     """Rows for the median and the 99th percentile of times in s."""
     both = zip(("p50", "p99"), (50, 99), limits, strict=True)
-    return [_row(Budget(f"{quantity}, {name}", "ms", limit), float(np.percentile(times, q)) * 1000.0) for name, q, limit in both]
+    return [
+        _row(Budget(f"{quantity}, {name}", "ms", limit), float(np.percentile(times, q)) * 1000.0)
+        for name, q, limit in both
+    ]
 
 
 # --- new processes ---
 
 
 def _starts(share: float, note: Note) -> list[Row]:
-    """--help, warm start, and with an empty cache the first compilation. The warm start comes last: it finds what was compiled."""
+    """--help, warm start, and with an empty cache the first compilation.
+
+    The warm start comes last: it finds what was compiled.
+    """
     rows = [_row(Budget("--help", "s", 0.3), _fastest(["-m", "sumo_mcts", "--help"], 3))]
     if share >= 1.0:
         note(f"{COMPILING}, with an empty cache")
         with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as empty:
-            rows.append(_row(Budget("first compilation", "s", 15.0), _seconds(["-c", FIRST_DECISION], {"XDG_CACHE_HOME": empty})))
+            rows.append(
+                _row(
+                    Budget("first compilation", "s", 15.0),
+                    _seconds(["-c", FIRST_DECISION], {"XDG_CACHE_HOME": empty}),
+                )
+            )
     _seconds(["-c", FIRST_DECISION], {})  # compiles, where that is still to be done
-    return [*rows, _row(Budget("warm start to first decision", "s", 4.0), _fastest(["-c", FIRST_DECISION], 3))]
+    return [
+        *rows,
+        _row(Budget("warm start to first decision", "s", 4.0), _fastest(["-c", FIRST_DECISION], 3)),
+    ]
 
 
 def _fastest(words: list[str], count: int) -> float:
@@ -126,9 +191,18 @@ def _fastest(words: list[str], count: int) -> float:
 def _seconds(words: list[str], environment: dict[str, str]) -> float:
     """Wall time of a new Python process."""
     began = time.perf_counter()
-    done = subprocess.run([sys.executable, *words], env={**os.environ, **environment}, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, *words],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if done.returncode != 0:
-        raise ConfigError(f"bench: {' '.join(words)[:40]}: {done.stderr.strip().splitlines()[-1] if done.stderr.strip() else 'failed'}")
+        raise ConfigError(
+            f"bench: {' '.join(words)[:40]}: "
+            f"{done.stderr.strip().splitlines()[-1] if done.stderr.strip() else 'failed'}"
+        )
     return time.perf_counter() - began
 
 
@@ -166,12 +240,35 @@ def _scenario(*overrides: str) -> tuple[ScenarioConfig, RoadMap]:
 
 
 def _scene(road: RoadMap, count: int, seed: int, near: bool = False) -> Scene:
-    """`count` agents anywhere on the arms of the crossing, or `near`: on those that the ego drives on, and the ego on its way there."""
+    """`count` agents anywhere on the arms of the crossing, or `near`: on those that the ego drives
+    on, and the ego on its way there."""
     rng = np.random.default_rng(seed)
     route = tuple(road.edge_ids.index(edge) for edge in EGO_EDGES)
     own = int(np.flatnonzero(road.edge == route[0])[-1])
     x, y, heading = _pose(road, own, EGO_S)
-    ego = EgoState("ego", x, y, heading, EGO_SPEED, 0.0, own, EGO_S, 0.0, 5.0, 1.8, 2.6, 4.5, 9.0, 50.0, 1.0, 0, route, 0.0, -1, -1)
+    ego = EgoState(
+        "ego",
+        x,
+        y,
+        heading,
+        EGO_SPEED,
+        0.0,
+        own,
+        EGO_S,
+        0.0,
+        5.0,
+        1.8,
+        2.6,
+        4.5,
+        9.0,
+        50.0,
+        1.0,
+        0,
+        route,
+        0.0,
+        -1,
+        -1,
+    )
     places: list[tuple[int, float]] = []
     lanes = np.flatnonzero(np.isin(road.edge, route) if near else ~road.internal)
     while len(places) < count:
@@ -179,7 +276,13 @@ def _scene(road: RoadMap, count: int, seed: int, near: bool = False) -> Scene:
         s = float(rng.uniform(6.0, road.length[lane]))
         if all(lane != other or abs(s - there) > CLEAR for other, there in [*places, (own, EGO_S)]):
             places.append((lane, s))
-    return Scene(0.0, PHYSICS.step, ego, _agents(road, places, rng), Signals(np.zeros(1, np.int32), np.full((0, 1), GREEN, np.int32), np.zeros((0, 1))))
+    return Scene(
+        0.0,
+        PHYSICS.step,
+        ego,
+        _agents(road, places, rng),
+        Signals(np.zeros(1, np.int32), np.full((0, 1), GREEN, np.int32), np.zeros((0, 1))),
+    )
 
 
 def _agents(road: RoadMap, places: Sequence[tuple[int, float]], rng: np.random.Generator) -> Agents:
@@ -189,7 +292,22 @@ def _agents(road: RoadMap, places: Sequence[tuple[int, float]], rng: np.random.G
     lane, s = np.array([lane for lane, _ in places], np.int32), np.array([s for _, s in places])
     v, zero, none = rng.uniform(0.0, 12.0, n), np.zeros(n), np.zeros(n, np.int32)
     return Agents(
-        tuple(f"agent{i}" for i in range(n)), x, y, heading, v, zero, zero, zero + 5.0, zero + 1.8, lane, s, zero, none, zero, np.zeros(n, np.bool_), none
+        tuple(f"agent{i}" for i in range(n)),
+        x,
+        y,
+        heading,
+        v,
+        zero,
+        zero,
+        zero + 5.0,
+        zero + 1.8,
+        lane,
+        s,
+        zero,
+        none,
+        zero,
+        np.zeros(n, np.bool_),
+        none,
     )
 
 
@@ -205,13 +323,18 @@ def _pose(road: RoadMap, lane: int, s: float) -> tuple[float, float, float]:
 
 
 def _cycles(share: float, range_m: float) -> tuple[list[float], int]:
-    """Times in s that the program, not SUMO, spends on a decision period in dense city traffic, and how many vehicles were in range at most."""
+    """Times in s that the program, not SUMO, spends on a decision period in dense city traffic, and
+    how many vehicles were in range at most."""
     times: list[float] = []
     in_range = 0
     with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as folder:
         arguments = write_grid(Path(folder), VEHICLES, SETTLE_S)
-        with Simulation([*arguments, "--step-length", "0.1", "--time-to-teleport", "-1", "--seed", "1"]) as simulation:
-            controller = Controller("ego", {"planner": {"iterations": 1000}, "sensor": {"range_m": range_m}})
+        with Simulation(
+            [*arguments, "--step-length", "0.1", "--time-to-teleport", "-1", "--seed", "1"]
+        ) as simulation:
+            controller = Controller(
+                "ego", {"planner": {"iterations": 1000}, "sensor": {"range_m": range_m}}
+            )
             while len(times) < max(20, round(CYCLES * share)) and not simulation.finished:
                 spent = 0.0
                 for _ in range(5):
@@ -219,7 +342,11 @@ def _cycles(share: float, range_m: float) -> tuple[list[float], int]:
                     controller.step()
                     spent += time.perf_counter() - began
                     simulation.step()
-                if controller.driving and controller.thought is not None and controller.thought.forecast is not None:
+                if (
+                    controller.driving
+                    and controller.thought is not None
+                    and controller.thought.forecast is not None
+                ):
                     times.append(spent)
                     in_range = max(in_range, len(controller.thought.forecast.half_length))
     return times[1:], in_range  # the first lays out the route

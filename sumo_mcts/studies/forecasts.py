@@ -1,4 +1,5 @@
-"""Every predictor beside the one that drives: what each forecasts in the same cycles of the same episodes, and how far it was off."""
+"""Every predictor beside the one that drives: what each forecasts in the same cycles of the same
+episodes, and how far it was off."""
 
 import time
 from collections import Counter, defaultdict
@@ -26,8 +27,14 @@ OURS = ("constant_velocity", "idm", "routes", "script", "clone")
 Note = Callable[[str], None]
 
 
-def compare(configs: Sequence[ScenarioConfig], seeds: Sequence[int | None], sumo_options: Sequence[str], note: Note) -> dict[str, Any]:
-    """An episode for each of these (one scenario with different egos) and seed; every predictor judged in all of their cycles. Raises ConfigError."""
+def compare(
+    configs: Sequence[ScenarioConfig],
+    seeds: Sequence[int | None],
+    sumo_options: Sequence[str],
+    note: Note,
+) -> dict[str, Any]:
+    """An episode for each of these (one scenario with different egos) and seed; every predictor
+    judged in all of their cycles. Raises ConfigError."""
     require_possible(gui=False)
     judge, config = _Judge(configs[0]), configs[0]
     rows: list[records.Row] = []
@@ -36,14 +43,20 @@ def compare(configs: Sequence[ScenarioConfig], seeds: Sequence[int | None], sumo
         judge.begin()
         news = partial(_tell, note, f"episode {k + 1} of {len(episodes)}")
         options = [*sumo_options, *without_outputs(episode.sumo, sumo_options)]
-        rows += run_episode(episode, seed, sumo_options=options, progress=news, watch=judge.watch).rows
+        rows += run_episode(
+            episode, seed, sumo_options=options, progress=news, watch=judge.watch
+        ).rows
     return {
         "schema_version": records.SCHEMA_VERSION,
         "scenario": config.name,
         "variant": default_variant(config),
         "seeds": list(seeds),
         "outcomes": dict(Counter(row["outcome"] for row in rows)),
-        "problems": [f"{row['scenario']}: ego {row['ego']}: {row['error']}" for row in rows if row["outcome"] == "error"],
+        "problems": [
+            f"{row['scenario']}: ego {row['ego']}: {row['error']}"
+            for row in rows
+            if row["outcome"] == "error"
+        ],
         "cycles": judge.cycles,
         "forecasts": judge.table(),
     }
@@ -67,7 +80,9 @@ class _Judge:
     def __init__(self, config: ScenarioConfig) -> None:
         scripted = any(actor.driver == "script" for actor in config.traffic.actors)
         own = config.prediction.name
-        self._predictors = {name: name for name in OURS if name != "script" or scripted}  # label -> name
+        self._predictors = {
+            name: name for name in OURS if name != "script" or scripted
+        }  # label -> name
         if own not in PREDICTORS:
             self._predictors[prediction_label(config)] = own
         self._found: defaultdict[tuple[str, float], list[Errors]] = defaultdict(list)
@@ -85,7 +100,12 @@ class _Judge:
         for ego, scene in scenes.items():
             self._judge(loop, ego, scene.time)
             try:
-                forecasts = {label: self._ask(drivers[ego], label, scene, max(HORIZONS) + 0.5 * loop.world.period) for label in self._predictors}
+                forecasts = {
+                    label: self._ask(
+                        drivers[ego], label, scene, max(HORIZONS) + 0.5 * loop.world.period
+                    )
+                    for label in self._predictors
+                }
             except Exception as error:  # as with planners: an outcome, not the end of a batch
                 loop.fail(ego, f"{type(error).__name__}: {error}")
                 continue
@@ -108,12 +128,22 @@ class _Judge:
             for horizon in HORIZONS:
                 if horizon - half <= after - 1e-9 < horizon + half - 2e-9:
                     self._compare(loop, said, horizon, after)
-        self._said[ego] = [said for said in self._said[ego] if now - said.scene.time < max(HORIZONS)]
+        self._said[ego] = [
+            said for said in self._said[ego] if now - said.scene.time < max(HORIZONS)
+        ]
 
     def _compare(self, loop: Loop, said: _Said, horizon: float, after: float) -> None:
         states = loop.world.observer.states(said.scene.agents.ids)
         for name, forecast in said.forecasts.items():
-            self._found[name, horizon].append(errors(forecast, after, states[:, :2], states[:, LANE].astype(np.int32), states[:, THERE] > 0.0))
+            self._found[name, horizon].append(
+                errors(
+                    forecast,
+                    after,
+                    states[:, :2],
+                    states[:, LANE].astype(np.int32),
+                    states[:, THERE] > 0.0,
+                )
+            )
 
     def table(self) -> list[dict[str, Any]]:
         """A row for each predictor and horizon."""

@@ -1,4 +1,5 @@
-"""How near planners come to the optimum of the reference problem: states are taken from episodes, and every planner is asked in each of them."""
+"""How near planners come to the optimum of the reference problem: states are taken from episodes,
+and every planner is asked in each of them."""
 
 import math
 from collections import Counter
@@ -14,7 +15,18 @@ from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.reference import CELL, ENDS_S, LABELS, Solution, best_root, problem_of, profile_line, root_lines, scale, solve
+from sumo_mcts.planners.reference import (
+    CELL,
+    ENDS_S,
+    LABELS,
+    Solution,
+    best_root,
+    problem_of,
+    profile_line,
+    root_lines,
+    scale,
+    solve,
+)
 from sumo_mcts.prediction.hypotheses import likeliest
 from sumo_mcts.records.statistics import wilson
 from sumo_mcts.scene import Follow, Scene
@@ -33,7 +45,8 @@ class Standing(NamedTuple):
     """A state, as the reference sees it. Costs in those of the reference."""
 
     optimum: float  # of the actions that can begin there; free of losses if any is
-    spread: float  # between the best and the worst action without a loss; 0 where every action ends in one
+    # between the best and the worst action without a loss; 0 where every action ends in one
+    spread: float
     scale: float
     avoidable: bool  # some action is free of losses
     contested: bool  # the actions differ by more than the scale, or one of them ends in a loss
@@ -58,14 +71,29 @@ class Harvest(NamedTuple):
     problems: tuple[str, ...]
 
 
-def harvest(config: ScenarioConfig, seed: int | None, asked: Asked, every: int, first: int, most: int) -> Harvest:
-    """Drive an episode and ask in every `every`-th cycle of each ego, in at most `most` states; `first` moves the cycles that are asked in. Raises
-    ConfigError."""
-    gathering = _Gathering(both_efforts if asked.converged else Panel(config, asked.planners, asked.iterations).ask, every, first, most)
-    rows = run_episode(config, seed, sumo_options=without_outputs(config.sumo), watch=gathering.watch).rows
+def harvest(
+    config: ScenarioConfig, seed: int | None, asked: Asked, every: int, first: int, most: int
+) -> Harvest:
+    """Drive an episode and ask in every `every`-th cycle of each ego, in at most `most` states;
+
+    `first` moves the cycles that are asked in. Raises ConfigError.
+    """
+    gathering = _Gathering(
+        both_efforts if asked.converged else Panel(config, asked.planners, asked.iterations).ask,
+        every,
+        first,
+        most,
+    )
+    rows = run_episode(
+        config, seed, sumo_options=without_outputs(config.sumo), watch=gathering.watch
+    ).rows
     where = {"scenario": config.name, "prediction": config.prediction.name, "seed": seed}
     states = tuple([{**where, **row} for row in state] for state in gathering.states)
-    problems = tuple(f"{row['scenario']}: ego {row['ego']}: {row['error']}" for row in rows if row["outcome"] == "error")
+    problems = tuple(
+        f"{row['scenario']}: ego {row['ego']}: {row['error']}"
+        for row in rows
+        if row["outcome"] == "error"
+    )
     return Harvest(states, Counter(row["outcome"] for row in rows), problems)
 
 
@@ -82,7 +110,11 @@ class _Gathering:
         for ego, scene in scenes.items():
             question = drivers[ego].question
             self._cycles[ego] += 1
-            if (self._cycles[ego] + self._first) % self._every or question is None or len(self.states) >= self._most:
+            if (
+                (self._cycles[ego] + self._first) % self._every
+                or question is None
+                or len(self.states) >= self._most
+            ):
                 continue
             try:
                 answers = self._ask(*question, len(self.states))
@@ -97,7 +129,8 @@ def check(config: ScenarioConfig, asked: Asked) -> None:
     p = config.planner
     if (p.look_ahead_steps + p.rollout_steps) * p.step_s < ENDS_S[-1] - 1e-9:
         raise ConfigError(
-            f"planner.look_ahead_steps: with planner.rollout_steps and planner.step_s a forecast of {(p.look_ahead_steps + p.rollout_steps) * p.step_s:g} s; "
+            "planner.look_ahead_steps: with planner.rollout_steps and planner.step_s a forecast "
+            f"of {(p.look_ahead_steps + p.rollout_steps) * p.step_s:g} s; "
             f"the reference problem needs {ENDS_S[-1]:g} s or more"
         )
     if not asked.converged:
@@ -108,18 +141,36 @@ def check(config: ScenarioConfig, asked: Asked) -> None:
 
 
 class Panel:
-    """The planners that are asked: each anew in every state, as if it had just taken the ego over."""
+    """The planners that are asked: each anew in every state, as if it had just taken the ego
+    over."""
 
-    def __init__(self, config: ScenarioConfig, planners: Sequence[str], iterations: Sequence[int]) -> None:
-        """Those that search are asked with each number of `iterations`. Raises ConfigError for one that cannot be asked."""
-        unknown = [name for name in planners if name not in ASKED and not is_plugin(name, PLANNER_GROUP)]
+    def __init__(
+        self, config: ScenarioConfig, planners: Sequence[str], iterations: Sequence[int]
+    ) -> None:
+        """Those that search are asked with each number of `iterations`.
+
+        Raises ConfigError for one that cannot be asked.
+        """
+        unknown = [
+            name for name in planners if name not in ASKED and not is_plugin(name, PLANNER_GROUP)
+        ]
         if unknown:
-            raise ConfigError(f"--planners: {unknown[0]}: not one that can be asked for a single decision; allowed: {', '.join(ASKED)}, plugins")
-        self._efforts = list(dict.fromkeys((name, n) for name in planners for n in (iterations if name in SEARCHING else (None,))))
+            raise ConfigError(
+                f"--planners: {unknown[0]}: not one that can be asked for a single decision; "
+                f"allowed: {', '.join(ASKED)}, plugins"
+            )
+        self._efforts = list(
+            dict.fromkeys(
+                (name, n)
+                for name in planners
+                for n in (iterations if name in SEARCHING else (None,))
+            )
+        )
         self._planners = [make_planner(_asked(config, name, n)) for name, n in self._efforts]
 
     def ask(self, task: Task, situation: Situation, seed: int) -> list[Row]:
-        """A row for each planner and number of iterations, all of them in the likeliest hypothesis: the reference problem has one."""
+        """A row for each planner and number of iterations, all of them in the likeliest hypothesis:
+        the reference problem has one."""
         situation = situation._replace(forecast=likeliest(situation.forecast), until=math.inf)
         problem = problem_of(task, situation)
         roots = root_lines(problem)
@@ -132,11 +183,19 @@ class Panel:
         solution = solve(problem, np.concatenate([roots, lines]))
         here = standing(solution, len(roots), scale(problem.task.ego))
         efforts = zip(self._efforts, range(len(roots), len(roots) + len(lines)), strict=True)
-        return [{"planner": name, "iterations": n, **judged(here, solution, i)} for (name, n), i in efforts]
+        return [
+            {"planner": name, "iterations": n, **judged(here, solution, i)}
+            for (name, n), i in efforts
+        ]
 
 
 def _asked(config: ScenarioConfig, name: str, iterations: int | None) -> ScenarioConfig:
-    planner = {"name": name, "time_budget_ms": None, "most_iterations": None, **({} if iterations is None else {"iterations": iterations})}
+    planner = {
+        "name": name,
+        "time_budget_ms": None,
+        "most_iterations": None,
+        **({} if iterations is None else {"iterations": iterations}),
+    }
     return config.model_copy(update={"planner": config.planner.model_copy(update=planner)})
 
 
@@ -146,11 +205,16 @@ def standing(solution: Solution, roots: int, unit: float) -> Standing:
     free = value[~collides]
     spread = float(np.ptp(free)) if len(free) else 0.0
     contested = bool(np.ptp(value) > unit or collides.any())
-    return Standing(float(value[best_root(solution, roots)]), spread, unit, len(free) > 0, contested)
+    return Standing(
+        float(value[best_root(solution, roots)]), spread, unit, len(free) > 0, contested
+    )
 
 
 def judged(here: Standing, solution: Solution, i: int) -> Row:
-    """The i-th beginning against the optimum. Costs in units of the scale; regret is below 0 where a profile is better than all actions."""
+    """The i-th beginning against the optimum.
+
+    Costs in units of the scale; regret is below 0 where a profile is better than all actions.
+    """
     regret = float(solution.value[i]) - here.optimum
     allowed = SHARE * here.spread if here.spread >= here.scale else SMALL * here.scale
     collides = bool(solution.collides[i]) and here.avoidable
@@ -166,12 +230,18 @@ def judged(here: Standing, solution: Solution, i: int) -> Row:
 
 
 def ranking(rows: Sequence[Row]) -> list[Row]:
-    """A row for each planner and number of iterations, over all states and over the contested ones."""
+    """A row for each planner and number of iterations, over all states and over the contested
+    ones."""
     groups: dict[tuple[str, int | None], list[Row]] = {}
     for row in rows:
         groups.setdefault((row["planner"], row["iterations"]), []).append(row)
     return [
-        {"planner": name, "iterations": n, "all": _statistics(those), "contested": _statistics([row for row in those if row["contested"]])}
+        {
+            "planner": name,
+            "iterations": n,
+            "all": _statistics(those),
+            "contested": _statistics([row for row in those if row["contested"]]),
+        }
         for (name, n), those in groups.items()
     ]
 
@@ -195,11 +265,15 @@ def _statistics(rows: Sequence[Row]) -> Row:
 
 
 def both_efforts(task: Task, situation: Situation, _: int) -> list[Row]:
-    """A row for each action that can begin here: its cost with the usual effort, and the lower one of two that take far more: FACTOR times the labels,
-    and FINER times the labels in cells half as wide."""
+    """A row for each action that can begin here: its cost with the usual effort, and the lower one
+    of two that take far more: FACTOR times the labels, and FINER times the labels in cells half as
+    wide."""
     problem = problem_of(task, situation)
     lines = root_lines(problem)
-    usual, finer = solve(problem, lines), solve(problem, lines, FINER * LABELS, tuple(0.5 * width for width in CELL))
+    usual, finer = (
+        solve(problem, lines),
+        solve(problem, lines, FINER * LABELS, tuple(0.5 * width for width in CELL)),
+    )
     more = cheaper(solve(problem, lines, FACTOR * LABELS), finer)
     unit, best, chosen = scale(problem.task.ego), best_root(more), best_root(usual)
     return [
@@ -217,15 +291,22 @@ def both_efforts(task: Task, situation: Situation, _: int) -> list[Row]:
 
 
 def cheaper(one: Solution, other: Solution) -> Solution:
-    """The better of two solutions for each beginning: each value is the cost of a way that was found."""
-    first = (one.collides < other.collides) | ((one.collides == other.collides) & (one.value <= other.value))
+    """The better of two solutions for each beginning: each value is the cost of a way that was
+    found."""
+    first = (one.collides < other.collides) | (
+        (one.collides == other.collides) & (one.value <= other.value)
+    )
     return Solution(
-        np.where(first, one.value, other.value), one.collides & other.collides, np.where(first[:, None], one.way, other.way), one.driven + other.driven
+        np.where(first, one.value, other.value),
+        one.collides & other.collides,
+        np.where(first[:, None], one.way, other.way),
+        one.driven + other.driven,
     )
 
 
 def convergence(rows: Sequence[Row]) -> dict[str, Any]:
-    """How far the usual effort is off, in units of the scale: the costs of all actions, those of the optimum, and what the action costs that it prefers."""
+    """How far the usual effort is off, in units of the scale: the costs of all actions, those of
+    the optimum, and what the action costs that it prefers."""
     same = [row for row in rows if row["collides"] == row["collides_converged"]]
     return {
         "actions": _sizes([row["value"] - row["converged"] for row in same]),
@@ -239,4 +320,9 @@ def _sizes(differences: Sequence[float]) -> Row:
     off = np.abs(differences)
     if not len(off):
         return {"count": 0, "mean": None, "p99": None, "max": None}
-    return {"count": len(off), "mean": float(off.mean()), "p99": float(np.percentile(off, 99)), "max": float(off.max())}
+    return {
+        "count": len(off),
+        "mean": float(off.mean()),
+        "p99": float(np.percentile(off, 99)),
+        "max": float(off.max()),
+    }

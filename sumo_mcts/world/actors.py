@@ -1,7 +1,9 @@
-"""The actors of a scenario, drawn by the seed; the scripts that some of them hold; the events that vehicles are told.
+"""The actors of a scenario, drawn by the seed; the scripts that some of them hold; the events that
+vehicles are told.
 
-Row m of a script is the state m steps after the vehicle appeared. SUMO moves first and inserts afterwards: a vehicle due at time t is there,
-not yet moved, at the end of the first step that begins at t or later.
+Row m of a script is the state m steps after the vehicle appeared. SUMO moves first and inserts
+afterwards: a vehicle due at time t is there, not yet moved, at the end of the first step that
+begins at t or later.
 """
 
 import math
@@ -13,13 +15,25 @@ import numpy as np
 from sumo_mcts.config import Actor, Event, TrafficConfig, VehicleEvent
 from sumo_mcts.scene import Floats, RoadMap
 from sumo_mcts.world.library import import_libsumo
-from sumo_mcts.world.scripts import EPS, SIDES, Drive, Script, check, compile_script, is_due, stood, told, towards
+from sumo_mcts.world.scripts import (
+    EPS,
+    SIDES,
+    Drive,
+    Script,
+    check,
+    compile_script,
+    is_due,
+    stood,
+    told,
+    towards,
+)
 
 CHANGE_WISH_S = 5.0  # how long a vehicle driven by SUMO goes on looking for a gap
 
 
 class Actors:
-    """Lets scripts be held and events happen: call `before_step` before every step of the running simulation."""
+    """Lets scripts be held and events happen: call `before_step` before every step of the running
+    simulation."""
 
     def __init__(
         self,
@@ -32,16 +46,27 @@ class Actors:
         change_s: float = 3.0,
         seconds: float = 600.0,
     ) -> None:
-        """`step` and `change_s` (SUMO's lanechange.duration) in s; `egos` are driven by somebody else; scripts are compiled for `seconds`."""
+        """`step` and `change_s` (SUMO's lanechange.duration) in s;
+
+        `egos` are driven by somebody else; scripts are compiled for `seconds`.
+        """
         self._libsumo: Any = import_libsumo()
         self._step, self._left = step, -1 if road.lefthand else 1
         self._egos = frozenset(egos)
         self._actors = {actor.id: actor for actor in actors}
         for actor in actors:
             check(actor, road)
-        scripted = [actor for actor in actors if actor.driver == "script" and actor.id not in self._egos]
-        self._scripts = {actor.id: compile_script(actor, road, step, seconds, change_s) for actor in scripted}
-        self._events = {actor.id: actor.events for actor in actors if actor.driver == "sumo" and actor.events and actor.id not in self._egos}
+        scripted = [
+            actor for actor in actors if actor.driver == "script" and actor.id not in self._egos
+        ]
+        self._scripts = {
+            actor.id: compile_script(actor, road, step, seconds, change_s) for actor in scripted
+        }
+        self._events = {
+            actor.id: actor.events
+            for actor in actors
+            if actor.driver == "sumo" and actor.events and actor.id not in self._egos
+        }
         for event in events:
             self._events[event.vehicle] = (*self._events.get(event.vehicle, ()), event)
         self._departed: dict[str, float] = {}
@@ -58,14 +83,22 @@ class Actors:
         return tuple(self._scripts)
 
     def only_scripts_beside(self, ego: str) -> bool:
-        """Whether everybody else, on the road or to come, holds a script, and somebody does: nobody reacts."""
+        """Whether everybody else, on the road or to come, holds a script, and somebody does: nobody
+        reacts."""
         present = set(self._libsumo.vehicle.getIDList())
         known = present | (self._scripts.keys() - self._departed.keys())
-        expected = int(self._libsumo.simulation.getMinExpectedNumber())  # persons and vehicles of the route files count too
-        return bool(self._scripts) and present <= self._scripts.keys() | {ego} and expected <= len(known)
+        expected = int(
+            self._libsumo.simulation.getMinExpectedNumber()
+        )  # persons and vehicles of the route files count too
+        return (
+            bool(self._scripts)
+            and present <= self._scripts.keys() | {ego}
+            and expected <= len(known)
+        )
 
     def size(self, vehicle: str) -> tuple[float, float]:
-        """Length and width of an actor, m; where it is not on the road those of its vehicle type."""
+        """Length and width of an actor, m; where it is not on the road those of its vehicle
+        type."""
         sumo = self._libsumo
         if vehicle in sumo.vehicle.getIDList():
             return float(sumo.vehicle.getLength(vehicle)), float(sumo.vehicle.getWidth(vehicle))
@@ -73,7 +106,10 @@ class Actors:
         return float(sumo.vehicletype.getLength(kind)), float(sumo.vehicletype.getWidth(kind))
 
     def departure(self, vehicle: str) -> float | None:
-        """When row 0 of an actor holds, s: as it happened, or as it is due. None for vehicles of the route files that are not there yet."""
+        """When row 0 of an actor holds, s: as it happened, or as it is due.
+
+        None for vehicles of the route files that are not there yet.
+        """
         if vehicle in self._departed:
             return self._departed[vehicle]
         actor = self._actors.get(vehicle)
@@ -87,14 +123,30 @@ class Actors:
             return
         present = frozenset(self._libsumo.vehicle.getIDList())
         self._playing &= present
-        self._orders = {vehicle: orders for vehicle, orders in self._orders.items() if vehicle in present}
+        self._orders = {
+            vehicle: orders for vehicle, orders in self._orders.items() if vehicle in present
+        }
         for vehicle in sorted(self._playing):
-            _play(self._libsumo.vehicle, vehicle, self._scripts[vehicle], round((time - self._departed[vehicle]) / self._step) + 1, self._left)
+            _play(
+                self._libsumo.vehicle,
+                vehicle,
+                self._scripts[vehicle],
+                round((time - self._departed[vehicle]) / self._step) + 1,
+                self._left,
+            )
         for vehicle, orders in sorted(self._orders.items()):
-            self._orders[vehicle] = _command(self._libsumo.vehicle, vehicle, orders, time - self._departed[vehicle], self._step, self._left)
+            self._orders[vehicle] = _command(
+                self._libsumo.vehicle,
+                vehicle,
+                orders,
+                time - self._departed[vehicle],
+                self._step,
+                self._left,
+            )
 
     def limit(self, vehicle: str) -> None:
-        """Give a vehicle on the road the top speed that its actor has; an ego before it is first looked at."""
+        """Give a vehicle on the road the top speed that its actor has; an ego before it is first
+        looked at."""
         actor = self._actors.get(vehicle)
         if actor is not None and actor.max_speed_mps is not None:
             self._libsumo.vehicle.setMaxSpeed(vehicle, actor.max_speed_mps)
@@ -111,12 +163,20 @@ class Actors:
 
 
 def draw(traffic: TrafficConfig, rng: np.random.Generator) -> tuple[Actor, ...]:
-    """The actors of one seed. With traffic.vary = 0 exactly as written. Every actor uses up the same draws whatever its `vary` says."""
-    return tuple(_drawn(actor, traffic.vary * rng.uniform(-1.0, 1.0, 3 + len(actor.events))) for actor in traffic.actors)
+    """The actors of one seed.
+
+    With traffic.vary = 0 exactly as written. Every actor uses up the same draws whatever its `vary`
+    says.
+    """
+    return tuple(
+        _drawn(actor, traffic.vary * rng.uniform(-1.0, 1.0, 3 + len(actor.events)))
+        for actor in traffic.actors
+    )
 
 
 def appears(due: float, step: float) -> float:
-    """When a vehicle that is due at `due` is first on the road, in a simulation that begins at 0; s."""
+    """When a vehicle that is due at `due` is first on the road, in a simulation that begins at 0;
+    s."""
     return (math.ceil(due / step - EPS) + 1) * step
 
 
@@ -124,17 +184,26 @@ def appears(due: float, step: float) -> float:
 
 
 def _drawn(actor: Actor, draws: Floats) -> Actor:
-    """The actor shifted by its `vary` times `draws` [3 + events]: position, speeds, departure, then the time of each event."""
-    pos, speed, time = draws[0] * actor.vary.pos_m, draws[1] * actor.vary.speed_mps, draws[2] * actor.vary.time_s
+    """The actor shifted by its `vary` times `draws` [3 + events]: position, speeds, departure, then
+    the time of each event."""
+    pos, speed, time = (
+        draws[0] * actor.vary.pos_m,
+        draws[1] * actor.vary.speed_mps,
+        draws[2] * actor.vary.time_s,
+    )
     depart = actor.depart.model_copy(
         update={
-            # who is there from the start stays: it would appear out of nothing in the middle of the scene
+            # who is there from the start stays: it would appear out of nothing in the middle of the
+            # scene
             "time_s": _not_negative(actor.depart.time_s + time) if actor.depart.time_s > 0 else 0.0,
             "pos_m": _not_negative(actor.depart.pos_m + pos),
             "speed_mps": _faster(actor.depart.speed_mps, speed),
         }
     )
-    events = tuple(_drawn_event(event, speed, shift * actor.vary.time_s) for event, shift in zip(actor.events, draws[3:], strict=True))
+    events = tuple(
+        _drawn_event(event, speed, shift * actor.vary.time_s)
+        for event, shift in zip(actor.events, draws[3:], strict=True)
+    )
     # its top speed moves along: a vehicle above it would brake as hard as it can
     top = None if actor.max_speed_mps is None else max(0.1, float(actor.max_speed_mps + speed))
     return actor.model_copy(update={"depart": depart, "events": events, "max_speed_mps": top})
@@ -142,7 +211,12 @@ def _drawn(actor: Actor, draws: Floats) -> Actor:
 
 def _drawn_event(event: Event, speed: float, time: float) -> Event:
     at = None if event.at_s is None else _not_negative(event.at_s + time)
-    return event.model_copy(update={"at_s": at, "slow_to_mps": None if event.slow_to_mps is None else _faster(event.slow_to_mps, speed)})
+    return event.model_copy(
+        update={
+            "at_s": at,
+            "slow_to_mps": None if event.slow_to_mps is None else _faster(event.slow_to_mps, speed),
+        }
+    )
 
 
 def _faster(v: float, by: float) -> float:
@@ -156,7 +230,11 @@ def _not_negative(x: float) -> float:
 
 
 def _play(cars: Any, vehicle: str, script: Script, row: int, left: int) -> None:
-    """Have SUMO (its vehicle domain: `cars`) arrive at this row with its next step; after the last one the speed stays. `left`: to the next lane there."""
+    """Have SUMO (its vehicle domain:
+
+    `cars`) arrive at this row with its next step; after the last one the speed stays. `left`: to
+    the next lane there.
+    """
     if row >= len(script.v):
         return
     cars.setSpeed(vehicle, float(script.v[row]))
@@ -174,8 +252,11 @@ class _Orders(NamedTuple):
     drive: Drive
 
 
-def _command(cars: Any, vehicle: str, orders: _Orders, time: float, step: float, left: int) -> _Orders:
-    """Tell a vehicle what is due `time` s after its departure; its driver still keeps its distance."""
+def _command(
+    cars: Any, vehicle: str, orders: _Orders, time: float, step: float, left: int
+) -> _Orders:
+    """Tell a vehicle what is due `time` s after its departure; its driver still keeps its
+    distance."""
     due = [event for event in orders.waiting if is_due(event, time, cars.getDistance(vehicle))]
     drive, v = orders.drive, cars.getSpeed(vehicle)
     for event in due:

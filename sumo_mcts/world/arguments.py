@@ -1,4 +1,5 @@
-"""SUMO's command line for a scenario: the scenario's files and options, the user's further options, and what the referee needs."""
+"""SUMO's command line for a scenario: the scenario's files and options, the user's further options,
+and what the referee needs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -15,12 +16,24 @@ from sumo_mcts.world.simulation import WINDOW_DELAY_MS
 DEFAULT_STEP = 0.1  # s
 
 # What the referee judges by; no scenario may set it otherwise.
-REFEREE_OPTIONS = {"collision.action": "warn", "collision.check-junctions": "true", "collision.mingap-factor": "0"}
+REFEREE_OPTIONS = {
+    "collision.action": "warn",
+    "collision.check-junctions": "true",
+    "collision.mingap-factor": "0",
+}
 
 AFTER_DASHES = "options after --"
 
-_OURS = ("configuration-file", "net-file", "error-log")  # an option may set anything but these and the referee's
-_CONFIGURATIONS = ("configuration", "sumoConfiguration", "sumo-configuration")  # root elements of a .sumocfg
+_OURS = (
+    "configuration-file",
+    "net-file",
+    "error-log",
+)  # an option may set anything but these and the referee's
+_CONFIGURATIONS = (
+    "configuration",
+    "sumoConfiguration",
+    "sumo-configuration",
+)  # root elements of a .sumocfg
 _MOST_BYTES = 10_000_000  # of a .sumocfg
 
 _UNWRITTEN = "/dev/null"  # SUMO's own word for it, on every system
@@ -30,7 +43,8 @@ Options = dict[str, str]
 
 
 def is_sumocfg(name: str) -> bool:
-    """Whether a scenario is a configuration of SUMO: by its name, or by what the file holds, since *.sumo.cfg and others are usual too."""
+    """Whether a scenario is a configuration of SUMO: by its name, or by what the file holds, since
+    *.sumo.cfg and others are usual too."""
     if name.endswith(".sumocfg"):
         return True
     try:
@@ -39,15 +53,29 @@ def is_sumocfg(name: str) -> bool:
         return False
 
 
-def sumo_arguments(config: ScenarioConfig, seed: int | None, cast: Cast, folder: Path, extra: Sequence[str], measured: Iterable[str] = ()) -> list[str]:
-    """The command line, without the program's name. Files that SUMO reads or writes for us lie in `folder`; `extra` is written by the user as it stands.
-    `measured`: vehicles whose TTC, DRAC and PET SUMO tells. A seed of SUMO's own choice is never used: an episode can be driven again.
+def sumo_arguments(
+    config: ScenarioConfig,
+    seed: int | None,
+    cast: Cast,
+    folder: Path,
+    extra: Sequence[str],
+    measured: Iterable[str] = (),
+) -> list[str]:
+    """The command line, without the program's name.
+
+    Files that SUMO reads or writes for us lie in `folder`; `extra` is written by the user as it
+    stands. `measured`: vehicles whose TTC, DRAC and PET SUMO tells. A seed of SUMO's own choice is
+    never used: an episode can be driven again.
 
     Raises ConfigError where a file is missing or an option contradicts what the referee needs.
     """
     sumo = config.sumo
     require_good(sumo, extra)
-    options: Options = {"configuration-file": sumo.sumocfg} if sumo.sumocfg is not None else {"net-file": str(sumo.net), "time-to-teleport": "-1"}
+    options: Options = (
+        {"configuration-file": sumo.sumocfg}
+        if sumo.sumocfg is not None
+        else {"net-file": str(sumo.net), "time-to-teleport": "-1"}
+    )
     if sumo.step_length_s is not None or sumo.sumocfg is None:
         options["step-length"] = str(sumo.step_length_s or DEFAULT_STEP)
     options |= _file_lists(sumo, [str(write_routes(cast, folder))] if cast.actors else [])
@@ -59,7 +87,8 @@ def sumo_arguments(config: ScenarioConfig, seed: int | None, cast: Cast, folder:
 
 
 def sumocfg_arguments(sumocfg: str, seed: int | None, extra: Sequence[str]) -> list[str]:
-    """The command line of a look at a .sumocfg, with SUMO driving, that writes none of its files."""
+    """The command line of a look at a .sumocfg, with SUMO driving, that writes none of its
+    files."""
     sumo = SumoConfig(sumocfg=str(files.absolute(Path(sumocfg))))
     require_good(sumo, extra)
     extra = [*extra, *without_outputs(sumo, extra)]
@@ -69,15 +98,21 @@ def sumocfg_arguments(sumocfg: str, seed: int | None, extra: Sequence[str]) -> l
 
 
 def require_good(sumo: SumoConfig, extra: Sequence[str] = ()) -> None:
-    """Raise ConfigError where a file is missing or no file, or an option is not the user's to set, or would have SUMO do something else than simulate:
-    in the scenario, in its .sumocfg, or in `extra` after the --."""
+    """Raise ConfigError where a file is missing or no file, or an option is not the user's to set,
+    or would have SUMO do something else than simulate: in the scenario, in its .sumocfg, or in
+    `extra` after the --."""
     require_files(sumo)
-    after, own = sumo_options.on_command_line(extra, AFTER_DASHES), [Given(full_name(key), _text(value)) for key, value in sumo.options.items()]
+    after, own = (
+        sumo_options.on_command_line(extra, AFTER_DASHES),
+        [Given(full_name(key), _text(value)) for key, value in sumo.options.items()],
+    )
     _refuse("sumo.options", own)
     _refuse(AFTER_DASHES, after)
     sources = [(own, Path(), "sumo.options"), (after, Path(), AFTER_DASHES)]
     if sumo.sumocfg is not None:
-        sources.append((_entries(sumo.sumocfg), files.absolute(Path(sumo.sumocfg)).parent, sumo.sumocfg))
+        sources.append(
+            (_entries(sumo.sumocfg), files.absolute(Path(sumo.sumocfg)).parent, sumo.sumocfg)
+        )
     for given, folder, where in sources:
         sumo_options.require_bearable(given, where)
         sumo_options.require_readable(given, folder, where)
@@ -97,23 +132,39 @@ def require_files(sumo: SumoConfig) -> None:
 
 def _named_files(sumo: SumoConfig) -> list[tuple[str, str]]:
     """Key and name of each file of a scenario."""
-    named = {"sumocfg": [sumo.sumocfg], "net": [sumo.net], "routes": sumo.routes, "additional": sumo.additional}
+    named = {
+        "sumocfg": [sumo.sumocfg],
+        "net": [sumo.net],
+        "routes": sumo.routes,
+        "additional": sumo.additional,
+    }
     return [(key, path) for key, paths in named.items() for path in paths if path is not None]
 
 
 def window_delay_ms(sumo: SumoConfig) -> float:
-    """How long a simulated second is to take at least in SUMO's window, ms, by the scenario or its .sumocfg."""
-    told = [float(given.value) for given in _own_options(sumo) if given.name == "delay" and sumo_options.is_number(given.value)]
+    """How long a simulated second is to take at least in SUMO's window, ms, by the scenario or its
+    .sumocfg."""
+    told = [
+        float(given.value)
+        for given in _own_options(sumo)
+        if given.name == "delay" and sumo_options.is_number(given.value)
+    ]
     return told[-1] if told else WINDOW_DELAY_MS
 
 
 def draws_seed(sumo: SumoConfig) -> bool:
     """Whether a scenario asks SUMO to choose a seed anew each time."""
-    return any(given.name == "random" and not sumo_options.is_off(given.value) for given in _own_options(sumo))
+    return any(
+        given.name == "random" and not sumo_options.is_off(given.value)
+        for given in _own_options(sumo)
+    )
 
 
 def _own_options(sumo: SumoConfig) -> list[Given]:
-    """The options of a scenario's .sumocfg, and those that the scenario adds. Raises ConfigError where the .sumocfg is none."""
+    """The options of a scenario's .sumocfg, and those that the scenario adds.
+
+    Raises ConfigError where the .sumocfg is none.
+    """
     of_file = _entries(sumo.sumocfg) if sumo.sumocfg is not None else []
     return [*of_file, *(Given(full_name(key), _text(value)) for key, value in sumo.options.items())]
 
@@ -122,17 +173,23 @@ def _seeding(sumo: SumoConfig, seed: int | None) -> Options:
     """The seed is the one that is known, never one of SUMO's choice."""
     if seed is not None and seed > MOST_SEED:
         raise ConfigError(f"seed: at most {MOST_SEED}, got {seed}")
-    return {**({"random": "false"} if draws_seed(sumo) else {}), **({} if seed is None else {"seed": str(seed)})}
+    return {
+        **({"random": "false"} if draws_seed(sumo) else {}),
+        **({} if seed is None else {"seed": str(seed)}),
+    }
 
 
 def without_outputs(sumo: SumoConfig, extra: Sequence[str] = ()) -> list[str]:
-    """Options after which SUMO writes nothing of what its configuration asks for, `extra` left as it is. What additional files ask for (detectors) it
-    does write. Raises ConfigError where the .sumocfg is none."""
+    """Options after which SUMO writes nothing of what its configuration asks for, `extra` left as
+    it is. What additional files ask for (detectors) it does write. Raises ConfigError where the
+    .sumocfg is none."""
     asked = [given.name for given in _own_options(sumo)]
     given = option_names(extra)
     unwritten = {key: _UNWRITTEN for key in asked if sumo_options.writes(key)}
     unsaved = {key: value for key, value in _UNSAVED.items() if key in asked}
-    return _flat({key: value for key, value in {**unwritten, **unsaved}.items() if key not in given})
+    return _flat(
+        {key: value for key, value in {**unwritten, **unsaved}.items() if key not in given}
+    )
 
 
 def network_of(sumocfg: str | None, net: str | None) -> str:
@@ -142,30 +199,45 @@ def network_of(sumocfg: str | None, net: str | None) -> str:
         raise ConfigError(f"{sumocfg}: net-file: not given")
     why = files.problem(named[0])
     if why:
-        raise ConfigError(f"{'sumo.net' if sumocfg is None else f'{sumocfg}: net-file'}: {named[0]}: {why}")
+        raise ConfigError(
+            f"{'sumo.net' if sumocfg is None else f'{sumocfg}: net-file'}: {named[0]}: {why}"
+        )
     return named[0]
 
 
 def files_of(sumo: SumoConfig) -> list[str]:
-    """The files that decide what SUMO simulates: those of the scenario, and those that its .sumocfg names. Raises ConfigError where that is none."""
-    named = [path for name in ("net-file", "route-files", "additional-files") for path in _named_in(sumo.sumocfg, name)]
-    return [path for path in (sumo.sumocfg, sumo.net, *sumo.routes, *sumo.additional, *named) if path is not None]
+    """The files that decide what SUMO simulates: those of the scenario, and those that its .sumocfg
+    names. Raises ConfigError where that is none."""
+    named = [
+        path
+        for name in ("net-file", "route-files", "additional-files")
+        for path in _named_in(sumo.sumocfg, name)
+    ]
+    return [
+        path
+        for path in (sumo.sumocfg, sumo.net, *sumo.routes, *sumo.additional, *named)
+        if path is not None
+    ]
 
 
 def sumo_home() -> str:
-    """The folder of the SUMO that this package comes with, whatever another one the environment names."""
+    """The folder of the SUMO that this package comes with, whatever another one the environment
+    names."""
     import sumo  # type: ignore[import-untyped]
 
     return str(Path(sumo.__file__).parent)
 
 
 def ssm_options(vehicles: Iterable[str], folder: Path) -> Options:
-    """Options that equip vehicles with SUMO's surrogate safety device, as the referee reads it; none for none. In a process SUMO keeps to those that it was
-    first given, whatever later simulations ask for."""
+    """Options that equip vehicles with SUMO's surrogate safety device, as the referee reads it;
+    none for none. In a process SUMO keeps to those that it was first given, whatever later
+    simulations ask for."""
     named = ",".join(sorted(set(vehicles)))
     return {} if not named else {
-        "device.ssm.explicit": named, "device.ssm.measures": "TTC DRAC PET", "device.ssm.thresholds": "3.0 3.0 2.0",
-        "device.ssm.range": "60", "device.ssm.extratime": "5", "device.ssm.file": str(folder / "ssm.xml"),
+        "device.ssm.explicit": named, "device.ssm.measures": "TTC DRAC PET",
+        "device.ssm.thresholds": "3.0 3.0 2.0",
+        "device.ssm.range": "60", "device.ssm.extratime": "5",
+        "device.ssm.file": str(folder / "ssm.xml"),
     }  # fmt: skip
 
 
@@ -173,17 +245,28 @@ def _refuse(where: str, given: Sequence[Given]) -> None:
     """An option that is not the user's to set."""
     for name, value in sorted(given):
         if name in REFEREE_OPTIONS:
-            raise ConfigError(f"{where}: {name}: the referee needs {REFEREE_OPTIONS[name]}; leave it out")
+            raise ConfigError(
+                f"{where}: {name}: the referee needs {REFEREE_OPTIONS[name]}; leave it out"
+            )
         if name in _OURS or name.startswith("device.ssm."):
             raise ConfigError(f"{where}: {name}: set by sumo_mcts itself; leave it out")
         if name == "random" and not sumo_options.is_off(value):
-            raise ConfigError(f"{where}: random: an episode has a seed, so that it can be driven again; leave it out, and give --seed")
+            raise ConfigError(
+                f"{where}: random: an episode has a seed, so that it can be driven again; leave it "
+                "out, and give --seed"
+            )
 
 
 def _file_lists(sumo: SumoConfig, actors: list[str]) -> Options:
-    """Route and additional files. SUMO would forget those that a .sumocfg names where it is given others."""
+    """Route and additional files.
+
+    SUMO would forget those that a .sumocfg names where it is given others.
+    """
     result = {}
-    for name, paths in (("route-files", [*sumo.routes, *actors]), ("additional-files", list(sumo.additional))):
+    for name, paths in (
+        ("route-files", [*sumo.routes, *actors]),
+        ("additional-files", list(sumo.additional)),
+    ):
         if paths:
             result[name] = ",".join([*_named_in(sumo.sumocfg, name), *paths])
     if any("," in path for path in (*sumo.routes, *sumo.additional, *actors)):
@@ -192,7 +275,8 @@ def _file_lists(sumo: SumoConfig, actors: list[str]) -> Options:
 
 
 def key_of_value(sumocfg: str, value: str) -> str:
-    """ " (key)" of the option that a .sumocfg gives this value, which SUMO's complaints leave out; "" where there is none."""
+    """ " (key)" of the option that a .sumocfg gives this value, which SUMO's complaints leave out;
+    "" where there is none."""
     try:
         return next((f" ({given.name})" for given in _entries(sumocfg) if given.value == value), "")
     except ConfigError:
@@ -204,7 +288,12 @@ def _named_in(sumocfg: str | None, name: str) -> list[str]:
     if sumocfg is None:
         return []
     folder = files.absolute(Path(sumocfg)).parent
-    return [str(path) for given in _entries(sumocfg) if given.name == name for path in sumo_options.paths_in(given.value, folder)]
+    return [
+        str(path)
+        for given in _entries(sumocfg)
+        if given.name == name
+        for path in sumo_options.paths_in(given.value, folder)
+    ]
 
 
 def _entries(sumocfg: str) -> list[Given]:
@@ -216,12 +305,21 @@ def _entries(sumocfg: str) -> list[Given]:
         raise ConfigError(f"{sumocfg}: {error.strerror}") from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise ConfigError(f"{sumocfg}: not a SUMO configuration ({error})") from None
-    return [_entry(element.tag, element.get("value") or element.get("v") or "") for element in root.iter() if isinstance(element.tag, str)]
+    return [
+        _entry(element.tag, element.get("value") or element.get("v") or "")
+        for element in root.iter()
+        if isinstance(element.tag, str)
+    ]
 
 
 def _entry(key: str, value: str) -> Given:
     name, value = full_name(key), sumo_options.expanded(value)
-    return Given(name, sumo_options.unescaped(value) if sumo_options.reads(name) or sumo_options.writes(name) else value)
+    return Given(
+        name,
+        sumo_options.unescaped(value)
+        if sumo_options.reads(name) or sumo_options.writes(name)
+        else value,
+    )
 
 
 def _text(value: str | float | bool) -> str:

@@ -1,4 +1,5 @@
-"""Which vehicles of a user's simulation an ego could be: found by running it for a while with SUMO alone. And which it cannot be, by its files."""
+"""Which vehicles of a user's simulation an ego could be: found by running it for a while with SUMO
+alone. And which it cannot be, by its files."""
 
 import math
 import re
@@ -14,7 +15,8 @@ from sumo_mcts.world.library import import_libsumo
 from sumo_mcts.world.simulation import Simulation, named_files, option
 
 ROAD_CLASSES = frozenset(
-    {"passenger", "private", "authority", "army", "vip", "hov", "taxi", "bus", "coach", "delivery", "truck", "trailer", "motorcycle", "moped", "evehicle",
+    {"passenger", "private", "authority", "army", "vip", "hov", "taxi", "bus", "coach", "delivery",
+    "truck", "trailer", "motorcycle", "moped", "evehicle",
      "custom1", "custom2", "emergency"}
 )  # fmt: skip
 LEAST_LENGTH = 50.0  # m of route that make an ego worth watching
@@ -22,9 +24,17 @@ PATIENCE_S = 60.0  # wall time spent on looking
 NAMED = 5  # vehicles that a message names
 MOST_READ = 200_000_000  # bytes of files that are looked through for a name: some 2 s
 
-_SOURCES = ("route-files", "additional-files", "load-state")  # options with the files that name vehicles
+_SOURCES = (
+    "route-files",
+    "additional-files",
+    "load-state",
+)  # options with the files that name vehicles
 _ID = re.compile(rb"""\bid\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-_MADE = re.compile(r"[._]")  # what SUMO puts between an id and the numbers of those that it makes of it: of a flow, of a person's car, by --scale
+_MADE = re.compile(
+    r"[._]"
+    # what SUMO puts between an id and the numbers of those that it makes of it: of a flow, of a
+    # person's car, by --scale
+)
 
 
 class Candidate(NamedTuple):
@@ -40,17 +50,24 @@ class Candidate(NamedTuple):
 
 
 def candidates(
-    arguments: Sequence[str], count: int, enough: Callable[[Candidate], bool] | None = None, *, until: str | None = None, patience_s: float = PATIENCE_S,
+    arguments: Sequence[str], count: int, enough: Callable[[Candidate], bool] | None = None, *,
+    until: str | None = None, patience_s: float = PATIENCE_S,
     lasting_s: float = math.inf,
 ) -> list[Candidate]:  # fmt: skip
-    """The first `count` vehicles that depart, or fewer: all until one is `enough`, the traffic ends or SUMO's option `end` comes, patience does (s of this
-    clock), or so many seconds are simulated. `until`: the edge that the way of a suitable one has to pass. Raises ConfigError."""
+    """The first `count` vehicles that depart, or fewer: all until one is `enough`, the traffic ends
+    or SUMO's option `end` comes, patience does (s of this clock), or so many seconds are simulated.
+    `until`: the edge that the way of a suitable one has to pass. Raises ConfigError."""
     found: list[Candidate] = []
     give_up = time.monotonic() + patience_s
     with Simulation(arguments) as simulation:
         sumo = import_libsumo()
         last = min(simulation.time + lasting_s, simulation.end)
-        while len(found) < count and not simulation.finished and time.monotonic() < give_up and simulation.time < last:
+        while (
+            len(found) < count
+            and not simulation.finished
+            and time.monotonic() < give_up
+            and simulation.time < last
+        ):
             simulation.step()
             for vehicle in sumo.simulation.getDepartedIDList():
                 found.append(_look(vehicle, float(sumo.vehicle.getDeparture(vehicle)), until))
@@ -60,8 +77,9 @@ def candidates(
 
 
 def require_named(egos: Iterable[str], others: Iterable[str]) -> None:
-    """Raise ConfigError where an ego of the running simulation is none of `others` and nothing in the simulation's files has its id, or one from which SUMO
-    could make it. Whether it departs is another question."""
+    """Raise ConfigError where an ego of the running simulation is none of `others` and nothing in
+    the simulation's files has its id, or one from which SUMO could make it. Whether it departs is
+    another question."""
     in_files = _ids_in_files()
     if in_files is None:
         return
@@ -70,17 +88,30 @@ def require_named(egos: Iterable[str], others: Iterable[str]) -> None:
         if known.isdisjoint({ego, *(ego[: at.start()] for at in _MADE.finditer(ego))}):
             like = near_ids(ego, others)
             of_file = option("configuration-file")
-            listed = f"; `sumo-mcts run {of_file}` lists candidates" if of_file else f"; the scenario's own: {', '.join(others)}" if others else ""
-            raise ConfigError(f"egos: {ego}: no file of the simulation names such a vehicle" + (f"; near: {', '.join(like)}" if like else listed))
+            listed = (
+                f"; `sumo-mcts run {of_file}` lists candidates"
+                if of_file
+                else f"; the scenario's own: {', '.join(others)}"
+                if others
+                else ""
+            )
+            raise ConfigError(
+                f"egos: {ego}: no file of the simulation names such a vehicle"
+                + (f"; near: {', '.join(like)}" if like else listed)
+            )
 
 
 def near_ids(ego: str, others: Iterable[str]) -> list[str]:
-    """The ids among `others` and in the files of the running simulation that are written much like an ego's; the nearest first."""
+    """The ids among `others` and in the files of the running simulation that are written much like
+    an ego's; the nearest first."""
     return near(ego, sorted((_ids_in_files() or frozenset()).union(others)), NAMED)
 
 
 def _ids_in_files() -> frozenset[str] | None:
-    """Every id in the files that the running simulation reads; None where these are too many, or not all."""
+    """Every id in the files that the running simulation reads;
+
+    None where these are too many, or not all.
+    """
     paths = [path for name in _SOURCES for path in named_files(name)]
     if any(map(files.problem, paths)) or sum(path.stat().st_size for path in paths) > MOST_READ:
         return None
@@ -90,15 +121,20 @@ def _ids_in_files() -> frozenset[str] | None:
 
 @lru_cache(maxsize=32)
 def _ids_in(path: Path, changed: int) -> frozenset[str] | None:
-    """Every id in a file of SUMO's, whatever it names; None where another file is included, or there is too much to look through. `changed`: when the file
-    was, for the cache."""
+    """Every id in a file of SUMO's, whatever it names;
+
+    None where another file is included, or there is too much to look through. `changed`: when the
+    file was, for the cache.
+    """
     try:
         text = files.beginning(path, MOST_READ + 1)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     if len(text) > MOST_READ or b"<include" in text:
         return None
-    return frozenset((double or single).decode(errors="replace") for double, single in _ID.findall(text))
+    return frozenset(
+        (double or single).decode(errors="replace") for double, single in _ID.findall(text)
+    )
 
 
 def not_passing(until: str) -> str:

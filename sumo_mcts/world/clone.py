@@ -1,6 +1,8 @@
-"""A forked, exact copy of this process and the simulation in it: it drives on, tells what came of it through a pipe, and is gone.
+"""A forked, exact copy of this process and the simulation in it: it drives on, tells what came of
+it through a pipe, and is gone.
 
-The copy shares the state of every random generator: it knows what drivers and insertions are going to draw. An oracle.
+The copy shares the state of every random generator: it knows what drivers and insertions are going
+to draw. An oracle.
 """
 
 import contextlib
@@ -39,7 +41,8 @@ def require_possible(gui: bool) -> None:
 def require_copyable() -> None:
     """Raise ConfigError where the running simulation cannot be copied.
 
-    Of several threads a copy would have one, and wait for the others for ever; and it would save the states of a time to come.
+    Of several threads a copy would have one, and wait for the others for ever; and it would save
+    the states of a time to come.
     """
     for name in ("threads", "device.rerouting.threads"):
         if int(option(name)) > 1:
@@ -50,15 +53,22 @@ def require_copyable() -> None:
 
 
 def _refuse(why: str) -> NoReturn:
-    raise ConfigError(f"prediction.name: clone: {why}; allowed here: idm, constant_velocity, routes, script")
+    raise ConfigError(
+        f"prediction.name: clone: {why}; allowed here: idm, constant_velocity, routes, script"
+    )
 
 
 def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:
-    """What `work` returns (float64, of this shape) when it is done in a copy of this process. Raises SimulationError where the copy fails."""
+    """What `work` returns (float64, of this shape) when it is done in a copy of this process.
+
+    Raises SimulationError where the copy fails.
+    """
     ours, theirs = os.pipe()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # other threads, if any, are not needed there
+            warnings.simplefilter(
+                "ignore", DeprecationWarning
+            )  # other threads, if any, are not needed there
             child = os.fork()
     except OSError:  # a shortage of the machine
         os.close(ours)
@@ -74,27 +84,40 @@ def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:
     finally:
         os.close(ours)
         if child:  # whatever happened: nobody is left behind
-            with contextlib.suppress(ProcessLookupError, ChildProcessError):  # interrupted just after its end
+            with contextlib.suppress(
+                ProcessLookupError, ChildProcessError
+            ):  # interrupted just after its end
                 os.kill(child, signal.SIGKILL)
                 os.waitpid(child, 0)
     if status == 0 and len(answer) == 8 * int(np.prod(shape)):
         return np.frombuffer(answer, np.float64).reshape(shape)
     how = f"by signal {-status}" if status < 0 else f"with status {status}"
-    raise SimulationError(f"the copy of the simulation ended {how}" + (f": {answer.decode(errors='replace')}" if status > 0 and answer else ""))
+    raise SimulationError(
+        f"the copy of the simulation ended {how}"
+        + (f": {answer.decode(errors='replace')}" if status > 0 and answer else "")
+    )
 
 
 def at_times(states: Floats, every: float, dt: float, count: int) -> dict[int, Scripted]:
-    """The states [R, N, 8] (columns as in observe.py), `every` s apart, of each vehicle at `count` times `dt` s apart; between two rows on a straight line."""
+    """The states [R, N, 8] (columns as in observe.py), `every` s apart, of each vehicle at `count`
+    times `dt` s apart; between two rows on a straight line."""
     place = np.arange(count) * dt / every
     low = np.minimum(np.floor(place + _EPS).astype(int), len(states) - 1)
     high = np.minimum(low + 1, len(states) - 1)
     share = np.where(place - low < _EPS, 0.0, place - low)[:, None, None]
-    there = (states[low, :, THERE] > 0.0) & ((states[high, :, THERE] > 0.0) | (share[:, :, 0] == 0.0))
-    mixed = np.where(there[:, :, None], states[low] + share * (states[high] - states[low]), states[low])
+    there = (states[low, :, THERE] > 0.0) & (
+        (states[high, :, THERE] > 0.0) | (share[:, :, 0] == 0.0)
+    )
+    mixed = np.where(
+        there[:, :, None], states[low] + share * (states[high] - states[low]), states[low]
+    )
     lane = states[low, :, LANE].astype(np.int32)
     s = np.where(states[high, :, LANE] == lane, mixed[:, :, POSITION], states[low, :, POSITION])
     pose = mixed[:, :, POSE]
-    return {i: Scripted(pose[:, i].copy(), mixed[:, i, SPEED].copy(), lane[:, i], s[:, i], there[:, i]) for i in range(states.shape[1])}
+    return {
+        i: Scripted(pose[:, i].copy(), mixed[:, i, SPEED].copy(), lane[:, i], s[:, i], there[:, i])
+        for i in range(states.shape[1])
+    }
 
 
 def _live(work: Callable[[], Floats], pipe: int) -> NoReturn:
@@ -116,7 +139,8 @@ def _live(work: Callable[[], Floats], pipe: int) -> NoReturn:
 
 
 def _let_go(pipe: int) -> None:
-    """What the copy writes goes nowhere but into the pipe, files that are being read it reads by itself, and it opens no others."""
+    """What the copy writes goes nowhere but into the pipe, files that are being read it reads by
+    itself, and it opens no others."""
     import fcntl  # not on Windows
     import resource
 
@@ -130,7 +154,12 @@ def _let_go(pipe: int) -> None:
             continue  # the list's own
         if fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE != os.O_RDONLY:
             os.dup2(nowhere, number)
-        elif stat.S_ISREG(mode):  # SUMO reads route files bit by bit: a shared position would make the original miss what the copy has read
+        elif stat.S_ISREG(
+            mode
+            # SUMO reads route files bit by bit: a shared position would make the original miss what
+            # the
+            # copy has read
+        ):
             own = os.open(_FDS / str(number), os.O_RDONLY)
             os.lseek(own, os.lseek(number, 0, os.SEEK_CUR), os.SEEK_SET)
             os.dup2(own, number)
@@ -145,7 +174,9 @@ def _read_all(pipe: int) -> bytes:
     while True:
         ready, _, _ = select.select([pipe], [], [], max(0.0, until - time.monotonic()))
         if not ready:
-            raise SimulationError(f"the copy of the simulation did not answer within {PATIENCE_S:g} s")
+            raise SimulationError(
+                f"the copy of the simulation did not answer within {PATIENCE_S:g} s"
+            )
         part = os.read(pipe, 1 << 20)
         if not part:
             return b"".join(parts)

@@ -1,4 +1,5 @@
-"""From a Command to SUMO: a speed every step, lane changes, and the vehicle's own driver back at the end."""
+"""From a Command to SUMO: a speed every step, lane changes, and the vehicle's own driver back at
+the end."""
 
 import math
 from collections.abc import Mapping
@@ -35,9 +36,15 @@ class _Own(NamedTuple):
 
 
 class Commander:
-    """Drives one vehicle. SUMO adds no bounds and no safety (speedMode 0, laneChangeMode 0): the bounds here are the last line of defence."""
+    """Drives one vehicle.
 
-    def __init__(self, vehicle: str, road: RoadMap, lanes: Mapping[str, int], bounds: Bounds) -> None:
+    SUMO adds no bounds and no safety (speedMode 0, laneChangeMode 0): the bounds here are the last
+    line of defence.
+    """
+
+    def __init__(
+        self, vehicle: str, road: RoadMap, lanes: Mapping[str, int], bounds: Bounds
+    ) -> None:
         """`lanes`: lane id -> index in `road`."""
         self._get: Any = import_libsumo().vehicle
         self._vehicle, self._road, self._lanes, self._bounds = vehicle, road, lanes, bounds
@@ -66,22 +73,34 @@ class Commander:
         """Command the step that begins now."""
         if self._own is None:
             return
-        if self._get.getSpeedMode(self._vehicle) != 0 or self._get.getLaneChangeMode(self._vehicle) != 0:
-            self._own = self._taken_over()  # a state was loaded, or somebody set modes, which are those to give back then
-        v, a = float(self._get.getSpeed(self._vehicle)), float(self._get.getAcceleration(self._vehicle))
+        if (
+            self._get.getSpeedMode(self._vehicle) != 0
+            or self._get.getLaneChangeMode(self._vehicle) != 0
+        ):
+            self._own = (
+                self._taken_over()
+            )  # a state was loaded, or somebody set modes, which are those to give back then
+        v, a = (
+            float(self._get.getSpeed(self._vehicle)),
+            float(self._get.getAcceleration(self._vehicle)),
+        )
         self._get.setSpeed(self._vehicle, bounded(self._wanted(v, a), v, a, self._bounds))
         self._at += 1
         if self.change.target >= 0:
             self._go_on_changing()
 
     def skip(self, steps: int) -> None:
-        """So many steps were made without a command: SUMO held the speed, and went on changing lanes."""
+        """So many steps were made without a command:
+
+        SUMO held the speed, and went on changing lanes.
+        """
         self._at += steps
         if self.change.target >= 0:
             self._go_on_changing(steps)
 
     def release(self) -> None:
-        """Hand the vehicle back to SUMO, also while it is being teleported, with the modes that it was taken over with."""
+        """Hand the vehicle back to SUMO, also while it is being teleported, with the modes that it
+        was taken over with."""
         own, self._own = self._own, None
         self.change = Change()
         if own is not None and own.departure == departure(self._vehicle):
@@ -93,7 +112,12 @@ class Commander:
     def _taken_over(self) -> _Own:
         """Take the vehicle from its own driver; what to give back."""
         get, vehicle = self._get, self._vehicle
-        own = _Own(get.getDeparture(vehicle), get.getSpeedMode(vehicle), get.getLaneChangeMode(vehicle), get.getActionStepLength(vehicle))
+        own = _Own(
+            get.getDeparture(vehicle),
+            get.getSpeedMode(vehicle),
+            get.getLaneChangeMode(vehicle),
+            get.getActionStepLength(vehicle),
+        )
         if self._own is not None and own.action_step <= self._bounds.step + _SLACK:
             own = own._replace(action_step=self._own.action_step)
         get.setSpeedMode(vehicle, 0)
@@ -102,25 +126,36 @@ class Commander:
         return own
 
     def _act_every(self, seconds: float, own: _Own) -> None:
-        """How often SUMO lets a vehicle act that acts seldom; what it does in between, it makes up."""
+        """How often SUMO lets a vehicle act that acts seldom; what it does in between, it makes
+        up."""
         if own.action_step > self._bounds.step + _SLACK:
             self._get.setActionStepLength(self._vehicle, seconds)
 
     def _wanted(self, v: float, a: float) -> float:
-        """What the profile says. Past its end braking goes on, else the speed is kept; no profile at all means stop."""
+        """What the profile says.
+
+        Past its end braking goes on, else the speed is kept; no profile at all means stop.
+        """
         if self._at < len(self._profile):
             return float(self._profile[self._at])
         return v + min(a, 0.0) * self._bounds.step if len(self._profile) else 0.0
 
     def _begin_change(self, side: int) -> None:
         source = self._lanes.get(self._get.getLaneID(self._vehicle), -1)
-        target = int((self._road.left if side > 0 else self._road.right)[source]) if source >= 0 else -1
+        target = (
+            int((self._road.left if side > 0 else self._road.right)[source]) if source >= 0 else -1
+        )
         if target < 0:
             return
         takes_time = self._bounds.change_duration > 0.0
-        # SUMO drops the wish where the change before, begun at a stand, takes one step more than its duration: then it is held for a step.
-        still_moving = takes_time and abs(self._get.getLateralLanePosition(self._vehicle)) > _ALIGNED
-        self._get.changeLane(self._vehicle, sumo_lane(self._road, target), self._bounds.step if still_moving else 0.0)
+        # SUMO drops the wish where the change before, begun at a stand, takes one step more than
+        # its duration: then it is held for a step.
+        still_moving = (
+            takes_time and abs(self._get.getLateralLanePosition(self._vehicle)) > _ALIGNED
+        )
+        self._get.changeLane(
+            self._vehicle, sumo_lane(self._road, target), self._bounds.step if still_moving else 0.0
+        )
         if takes_time:
             self.change = Change(0.0, source, target)
 
@@ -131,7 +166,11 @@ class Commander:
 
 
 def bounded(wanted: float, v: float, a: float, bounds: Bounds) -> float:
-    """The speed to command, m/s: `wanted` within what the present speed and acceleration allow; 0 is wanted where it is no number."""
+    """The speed to command, m/s:
+
+    `wanted` within what the present speed and acceleration allow; 0 is wanted where it is no
+    number.
+    """
     low = min(max(a - bounds.jerk * bounds.step, -bounds.decel), bounds.accel) - _SLACK
     high = max(min(a + bounds.jerk * bounds.step, bounds.accel), low) + _SLACK
     wanted = wanted if math.isfinite(wanted) else 0.0

@@ -12,7 +12,9 @@ from sumo_mcts.world.links import Link
 
 REACH = 2.2  # m: foes whose centre lines come closer than this share the road
 TOUCH = 1.9  # m: the same where SUMO sees no foes: two cars of 1.8 m just pass
-SIDE_BY_SIDE = 0.75  # ... but never more than this share of the distance at which the two lanes would lie next to each other
+# ... but never more than this share of the distance at which the two lanes would lie next to each
+# other
+SIDE_BY_SIDE = 0.75
 APART = 5.0  # m: two meetings of the same two paths count as one when less lies between them
 SAMPLING = 0.5  # m between the points at which two centre lines are compared
 
@@ -50,7 +52,8 @@ def distinct(shape: Floats) -> Floats:
 
 
 def stretched(point: Floats, after: Sequence[Floats]) -> Floats:
-    """A very short line from the only point of a lane, in the direction in which the road goes on; east where nothing tells."""
+    """A very short line from the only point of a lane, in the direction in which the road goes on;
+    east where nothing tells."""
     way = next((shape[1] - shape[0] for shape in after if len(shape) > 1), np.array([1.0, 0.0]))
     return np.concatenate((point, point + TINY * way / np.linalg.norm(way)))
 
@@ -59,15 +62,28 @@ def stretched(point: Floats, after: Sequence[Floats]) -> Floats:
 
 
 def lane_path(lane: int, link: Link, width: float, length: float, shape: Floats) -> LanePath:
-    """An internal lane sampled at most SAMPLING apart; shape [n, 2] m, no two consecutive points equal."""
+    """An internal lane sampled at most SAMPLING apart; shape [n, 2] m, no two consecutive points
+    equal."""
     arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))))
     at = np.linspace(0.0, arc[-1], min(int(np.ceil(arc[-1] / SAMPLING)), MOST_POINTS) + 1)
     points = np.column_stack((np.interp(at, arc, shape[:, 0]), np.interp(at, arc, shape[:, 1])))
-    return LanePath(lane, link, lane == link.chain[-1], width, points, at * (length / arc[-1]), points.min(axis=0), points.max(axis=0))
+    return LanePath(
+        lane,
+        link,
+        lane == link.chain[-1],
+        width,
+        points,
+        at * (length / arc[-1]),
+        points.min(axis=0),
+        points.max(axis=0),
+    )
 
 
 def conflicts_between(paths: Sequence[LanePath]) -> Iterable[Conflict]:
-    """Both directions of every pair of paths that meet. Paths of different junctions never do: one may be a bridge over the other."""
+    """Both directions of every pair of paths that meet.
+
+    Paths of different junctions never do: one may be a bridge over the other.
+    """
     junctions: defaultdict[int, list[LanePath]] = defaultdict(list)
     for path in paths:
         junctions[path.link.junction].append(path)
@@ -82,7 +98,9 @@ def _near(paths: Sequence[LanePath]) -> Iterable[tuple[LanePath, LanePath]]:
     high = np.array([path.high for path in paths])
     origin = np.array([path.link.origin for path in paths])
     target = np.array([path.link.exit for path in paths])
-    close = np.all((low[:, None] <= high[None]) & (low[None] <= high[:, None]), axis=2) | (target[:, None] == target[None])
+    close = np.all((low[:, None] <= high[None]) & (low[None] <= high[:, None]), axis=2) | (
+        target[:, None] == target[None]
+    )
     for i, k in np.argwhere(np.triu(close & (origin[:, None] != origin[None]))):
         yield paths[i], paths[k]
 
@@ -93,7 +111,8 @@ def _has(bits: int, number: int) -> bool:
 
 
 def _meet(a: LanePath, b: LanePath) -> Iterable[Conflict]:
-    """The stretches that two paths share, from either side; nothing where they keep clear of each other."""
+    """The stretches that two paths share, from either side; nothing where they keep clear of each
+    other."""
     merge = a.link.exit == b.link.exit
     if not merge and _abreast(a, b):
         return
@@ -106,24 +125,31 @@ def _meet(a: LanePath, b: LanePath) -> Iterable[Conflict]:
     for rows in _runs(close.any(axis=1), a.s):
         a_begin, a_end = _extent(rows, a.s)
         b_begin, b_end = _extent(np.flatnonzero(close[rows].any(axis=0)), b.s)
-        yield Conflict(a.lane, b.lane, a_begin, a_end, b_begin, b_end, merge, _has(a.link.duty, b.link.number))
-        yield Conflict(b.lane, a.lane, b_begin, b_end, a_begin, a_end, merge, _has(b.link.duty, a.link.number))
+        yield Conflict(
+            a.lane, b.lane, a_begin, a_end, b_begin, b_end, merge, _has(a.link.duty, b.link.number)
+        )
+        yield Conflict(
+            b.lane, a.lane, b_begin, b_end, a_begin, a_end, merge, _has(b.link.duty, a.link.number)
+        )
 
 
 def _abreast(a: LanePath, b: LanePath) -> bool:
-    """Whether two paths lead from one edge to another without changing sides: lanes beside each other, however closely they are drawn."""
+    """Whether two paths lead from one edge to another without changing sides: lanes beside each
+    other, however closely they are drawn."""
     origin, target = a.link.origin - b.link.origin, a.link.exit - b.link.exit
     return a.link.edges == b.link.edges and origin * target > 0
 
 
 def _runs(close: Bools, s: Floats) -> list[NDArray[np.intp]]:
-    """The samples [n] that are close, cut where more than APART lies between two of them; s [n] m."""
+    """The samples [n] that are close, cut where more than APART lies between two of them; s [n]
+    m."""
     rows = np.flatnonzero(close)
     return [run for run in np.split(rows, np.flatnonzero(np.diff(s[rows]) > APART) + 1) if len(run)]
 
 
 def _extent(rows: NDArray[np.intp], s: Floats) -> tuple[float, float]:
-    """From the first to the last of the samples `rows`, widened by the half step that sampling may have missed; s [n] m."""
+    """From the first to the last of the samples `rows`, widened by the half step that sampling may
+    have missed; s [n] m."""
     half = float(s[1] - s[0]) / 2
     return max(0.0, float(s[rows[0]]) - half), min(float(s[-1]), float(s[rows[-1]]) + half)
 

@@ -1,4 +1,5 @@
-"""Who is in a scene, drawn by the seed: the actors, a crowd of further vehicles, and the kinds of drivers that SUMO gives them."""
+"""Who is in a scene, drawn by the seed: the actors, a crowd of further vehicles, and the kinds of
+drivers that SUMO gives them."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,28 +8,45 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from sumo_mcts.config import CROWD_ID, Actor, CrowdConfig, Depart, DriversConfig, Stream, TrafficConfig
+from sumo_mcts.config import (
+    CROWD_ID,
+    Actor,
+    CrowdConfig,
+    Depart,
+    DriversConfig,
+    Stream,
+    TrafficConfig,
+)
 from sumo_mcts.scene import RoadMap
 from sumo_mcts.world.actors import draw
 from sumo_mcts.world.scripts import check_way
 
-ROOM_M, ROOM_S = 10.0, 1.5  # between fronts at the start: so many m, and what is driven in so many s
+ROOM_M, ROOM_S = (
+    10.0,
+    1.5,
+)  # between fronts at the start: so many m, and what is driven in so many s
 TRIES = 20  # places that are tried for a vehicle before it has to come later
 
-# Attributes of SUMO's vehicle types, uniform between two numbers. Krauss' car following, LC2013, and the junction model. Everybody may overtake
-# on the right: SUMO's rule against it has drivers brake as hard as they can for moments, far from anybody.
+# Attributes of SUMO's vehicle types, uniform between two numbers. Krauss' car following, LC2013,
+# and the junction model. Everybody may overtake on the right: SUMO's rule against it has drivers
+# brake as hard as they can for moments, far from anybody.
 _ANY = {
-    "length": (4.0, 5.2), "width": (1.7, 2.0), "accel": (1.8, 3.0), "decel": (3.8, 5.0), "emergencyDecel": (8.0, 9.0), "maxSpeed": (25.0, 50.0),
+    "length": (4.0, 5.2), "width": (1.7, 2.0), "accel": (1.8, 3.0), "decel": (3.8, 5.0),
+    "emergencyDecel": (8.0, 9.0), "maxSpeed": (25.0, 50.0),
     "lcOvertakeRight": (1.0, 1.0),
 }  # fmt: skip
 _KINDS: Mapping[str, Mapping[str, tuple[float, float]]] = {
-    "ordinary": {**_ANY, "tau": (0.9, 1.8), "minGap": (1.5, 3.0), "sigma": (0.0, 0.6), "speedFactor": (0.85, 1.1), "impatience": (0.0, 0.3)},
+    "ordinary": {**_ANY, "tau": (0.9, 1.8), "minGap": (1.5, 3.0), "sigma": (0.0, 0.6),
+    "speedFactor": (0.85, 1.1), "impatience": (0.0, 0.3)},
     "aggressive": {
-        **_ANY, "accel": (2.6, 4.0), "tau": (0.5, 1.0), "minGap": (0.8, 1.5), "sigma": (0.0, 0.5), "speedFactor": (1.05, 1.35), "impatience": (0.5, 1.0),
-        "lcAssertive": (1.5, 4.0), "lcCooperative": (0.0, 0.3), "lcSpeedGain": (1.5, 5.0), "jmTimegapMinor": (0.3, 0.7),
+        **_ANY, "accel": (2.6, 4.0), "tau": (0.5, 1.0), "minGap": (0.8, 1.5), "sigma": (0.0, 0.5),
+        "speedFactor": (1.05, 1.35), "impatience": (0.5, 1.0),
+        "lcAssertive": (1.5, 4.0), "lcCooperative": (0.0, 0.3), "lcSpeedGain": (1.5, 5.0),
+        "jmTimegapMinor": (0.3, 0.7),
     },
     "inattentive": {
-        **_ANY, "tau": (1.0, 1.8), "minGap": (1.5, 3.0), "sigma": (0.4, 0.9), "speedFactor": (0.8, 1.15), "lcCooperative": (0.0, 1.0),
+        **_ANY, "tau": (1.0, 1.8), "minGap": (1.5, 3.0), "sigma": (0.4, 0.9),
+        "speedFactor": (0.8, 1.15), "lcCooperative": (0.0, 1.0),
         "jmIgnoreFoeProb": (0.0, 0.02), "jmIgnoreFoeSpeed": (20.0, 20.0),
     },
 }  # fmt: skip
@@ -40,19 +58,35 @@ class Cast(NamedTuple):
     """Everybody whom a scenario adds to the traffic."""
 
     actors: tuple[Actor, ...] = ()  # the crowd among them
-    types: Mapping[str, Attributes] = {}  # the vehicle type that a vehicle has to itself, where its driver was drawn
-    late: frozenset[str] = frozenset()  # who waits for room to enter; all others appear where they should, whoever stands there
+    types: Mapping[
+        str, Attributes
+    ] = {}  # the vehicle type that a vehicle has to itself, where its driver was drawn
+    late: frozenset[str] = (
+        frozenset()
+    )  # who waits for room to enter; all others appear where they should, whoever stands there
 
 
-def cast(traffic: TrafficConfig, egos: Sequence[str], road: RoadMap, rng: np.random.Generator) -> Cast:
-    """Everybody of one seed. The actors are the same with and without a crowd and kinds of drivers, but that nobody enters faster than its driver
-    goes there; the `egos` keep their vehicle types. Raises ConfigError where a stream leads nowhere."""
+def cast(
+    traffic: TrafficConfig, egos: Sequence[str], road: RoadMap, rng: np.random.Generator
+) -> Cast:
+    """Everybody of one seed.
+
+    The actors are the same with and without a crowd and kinds of drivers, but that nobody enters
+    faster than its driver goes there; the `egos` keep their vehicle types. Raises ConfigError where
+    a stream leads nowhere.
+    """
     for k, stream in enumerate(traffic.crowd.streams):
         check_stream(k, stream, road)
     actors = draw(traffic, rng)
     crowd, late = _crowd(traffic.crowd, actors, rng)
-    driven = [actor.id for actor in (*actors, *crowd) if actor.driver == "sumo" and actor.id not in egos]
-    types = {vehicle: _type(traffic.drivers, rng) for vehicle in driven} if _drawn(traffic.drivers) else {}
+    driven = [
+        actor.id for actor in (*actors, *crowd) if actor.driver == "sumo" and actor.id not in egos
+    ]
+    types = (
+        {vehicle: _type(traffic.drivers, rng) for vehicle in driven}
+        if _drawn(traffic.drivers)
+        else {}
+    )
     return Cast(tuple(_held_back(actor, types, road) for actor in (*actors, *crowd)), types, late)
 
 
@@ -60,12 +94,26 @@ def write_routes(who: Cast, folder: Path) -> Path:
     """Write a SUMO route file with everybody. Returns its path."""
     root = ElementTree.Element("routes")
     for vehicle, attributes in who.types.items():
-        ElementTree.SubElement(root, "vType", {"id": _type_id(vehicle), "vClass": "passenger", "speedDev": "0", **attributes})
+        ElementTree.SubElement(
+            root,
+            "vType",
+            {"id": _type_id(vehicle), "vClass": "passenger", "speedDev": "0", **attributes},
+        )
     for actor in sorted(who.actors, key=lambda actor: actor.depart.time_s):
-        at = {"depart": repr(actor.depart.time_s), "departLane": str(actor.depart.lane), "departPos": repr(actor.depart.pos_m)}
-        speed = {"departSpeed": "avg"} if actor.id in who.late else {"departSpeed": repr(actor.depart.speed_mps), "insertionChecks": "none"}
+        at = {
+            "depart": repr(actor.depart.time_s),
+            "departLane": str(actor.depart.lane),
+            "departPos": repr(actor.depart.pos_m),
+        }
+        speed = (
+            {"departSpeed": "avg"}
+            if actor.id in who.late
+            else {"departSpeed": repr(actor.depart.speed_mps), "insertionChecks": "none"}
+        )
         name = _type_id(actor.id) if actor.id in who.types else actor.vtype
-        entry = ElementTree.SubElement(root, "vehicle", {"id": actor.id, "type": name, **at, **speed})
+        entry = ElementTree.SubElement(
+            root, "vehicle", {"id": actor.id, "type": name, **at, **speed}
+        )
         ElementTree.SubElement(entry, "route", {"edges": " ".join(actor.route)})
     ElementTree.indent(root)
     path = folder / "actors.rou.xml"
@@ -74,13 +122,18 @@ def write_routes(who: Cast, folder: Path) -> Path:
 
 
 def check_stream(number: int, stream: Stream, road: RoadMap) -> None:
-    """Raise ConfigError where SUMO could not insert a vehicle of a stream, whatever is drawn; `number`: where it stands among them, from 0."""
+    """Raise ConfigError where SUMO could not insert a vehicle of a stream, whatever is drawn;
+
+    `number`: where it stands among them, from 0.
+    """
     for lane in stream.lanes:
         depart = Depart(lane=lane, pos_m=stream.pos_m[1], speed_mps=stream.speed_mps[1])
         check_way(f"traffic.crowd.streams: stream {number + 1}", stream.route, depart, road)
 
 
-def _crowd(crowd: CrowdConfig, actors: Sequence[Actor], rng: np.random.Generator) -> tuple[tuple[Actor, ...], frozenset[str]]:
+def _crowd(
+    crowd: CrowdConfig, actors: Sequence[Actor], rng: np.random.Generator
+) -> tuple[tuple[Actor, ...], frozenset[str]]:
     """The crowd, and who of it enters later."""
     if crowd.count[1] == 0:
         return (), frozenset()
@@ -88,11 +141,22 @@ def _crowd(crowd: CrowdConfig, actors: Sequence[Actor], rng: np.random.Generator
     count = int(rng.integers(crowd.count[0], crowd.count[1] + 1))
     for k in range(count):
         stream = crowd.streams[int(rng.integers(len(crowd.streams)))]
-        lane, speed = stream.lanes[int(rng.integers(len(stream.lanes)))], _within(stream.speed_mps, rng)
+        lane, speed = (
+            stream.lanes[int(rng.integers(len(stream.lanes)))],
+            _within(stream.speed_mps, rng),
+        )
         time, places = _within((0.0, crowd.within_s), rng), rng.uniform(*stream.pos_m, TRIES)
         is_late = rng.random() < crowd.late
-        free = [float(pos) for pos in places if not is_late and _has_room(stream, lane, float(pos), speed, there)]
-        depart = Depart(lane=lane, pos_m=free[0], speed_mps=speed) if free else Depart(time_s=time, lane=lane, speed_mps=speed)
+        free = [
+            float(pos)
+            for pos in places
+            if not is_late and _has_room(stream, lane, float(pos), speed, there)
+        ]
+        depart = (
+            Depart(lane=lane, pos_m=free[0], speed_mps=speed)
+            if free
+            else Depart(time_s=time, lane=lane, speed_mps=speed)
+        )
         member = Actor(id=f"{CROWD_ID}{k + 1}", route=stream.route, depart=depart)
         there.append(member)
         late += [] if free else [member.id]
@@ -101,8 +165,15 @@ def _crowd(crowd: CrowdConfig, actors: Sequence[Actor], rng: np.random.Generator
 
 def _has_room(stream: Stream, lane: int, pos: float, speed: float, there: Sequence[Actor]) -> bool:
     """Whether nobody who is there from the start is too near in the same lane."""
-    same = [a.depart for a in there if a.route[0] == stream.route[0] and a.depart.lane == lane and a.depart.time_s == 0.0]
-    return all(abs(pos - at.pos_m) > ROOM_M + ROOM_S * (at.speed_mps if at.pos_m < pos else speed) for at in same)
+    same = [
+        a.depart
+        for a in there
+        if a.route[0] == stream.route[0] and a.depart.lane == lane and a.depart.time_s == 0.0
+    ]
+    return all(
+        abs(pos - at.pos_m) > ROOM_M + ROOM_S * (at.speed_mps if at.pos_m < pos else speed)
+        for at in same
+    )
 
 
 def _drawn(drivers: DriversConfig) -> bool:

@@ -1,4 +1,5 @@
-"""Flows of vehicles in SUMO's files that SUMO begins and never ends: so many vehicles at once that no step is ever over."""
+"""Flows of vehicles in SUMO's files that SUMO begins and never ends: so many vehicles at once that
+no step is ever over."""
 
 import re
 from pathlib import Path
@@ -15,9 +16,13 @@ _EXPONENTIAL = re.compile(r"\s*exp\(([^)]*)\)?\s*")
 
 
 def problem(path: Path) -> str:
-    """What is wrong with the first flow of a file that no simulation can take, in a few words; "" where there is none such. Raises OSError."""
+    """What is wrong with the first flow of a file that no simulation can take, in a few words; ""
+    where there is none such. Raises OSError."""
     for flow in _FLOW.finditer(files.beginning(path, WITHIN)):
-        attributes = {key.decode(): value.decode(errors="replace") for key, value in _ATTRIBUTE.findall(flow[1])}
+        attributes = {
+            key.decode(): value.decode(errors="replace")
+            for key, value in _ATTRIBUTE.findall(flow[1])
+        }
         why = _endless(attributes)
         if why:
             return f"flow {attributes.get('id', '')}: {why}"
@@ -25,11 +30,17 @@ def problem(path: Path) -> str:
 
 
 def _endless(attributes: dict[str, str]) -> str:
-    number, rate = _number(attributes.get("number", "")), _EXPONENTIAL.fullmatch(attributes.get("period", ""))
+    number, rate = (
+        _number(attributes.get("number", "")),
+        _EXPONENTIAL.fullmatch(attributes.get("period", "")),
+    )
     if number is not None and not number <= MOST_NUMBER:
         return f"number: has to be at most {MOST_NUMBER}, got {attributes['number']}"
     if rate is not None and _number(rate[1]) is not None and not 0.0 < float(rate[1]) <= MOST_RATE:
-        return f"period: has to be exp of at most {MOST_RATE:g} vehicles a second, got {attributes['period']}"
+        return (
+            f"period: has to be exp of at most {MOST_RATE:g} vehicles a second, got "
+            f"{attributes['period']}"
+        )
     return ""
 
 

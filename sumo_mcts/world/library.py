@@ -5,11 +5,20 @@ from typing import Any
 from sumo_mcts.errors import ConfigError
 
 # What each shared library that libsumo asks for is called in Debian and Ubuntu.
-_PACKAGES = {"libGL.so": "libgl1", "libX11.so": "libx11-6", "libXext.so": "libxext6", "libXrender.so": "libxrender1", "libatomic.so": "libatomic1"}
+_PACKAGES = {
+    "libGL.so": "libgl1",
+    "libX11.so": "libx11-6",
+    "libXext.so": "libxext6",
+    "libXrender.so": "libxrender1",
+    "libatomic.so": "libatomic1",
+}
 
 
 def import_libsumo() -> Any:
-    """The libsumo module. Raises ConfigError that says which package to install where a system library is missing."""
+    """The libsumo module.
+
+    Raises ConfigError that says which package to install where a system library is missing.
+    """
     try:
         import libsumo  # type: ignore[import-untyped]
     except ImportError as error:

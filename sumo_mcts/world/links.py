@@ -5,7 +5,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import ALLWAY, LEFT, PRIORITY, RIGHT, STOP, STRAIGHT, TURN, VEHICLE_CLASSES, YIELD, ZIPPER, Bools, Floats, Ints
+from sumo_mcts.scene import (
+    ALLWAY,
+    LEFT,
+    PRIORITY,
+    RIGHT,
+    STOP,
+    STRAIGHT,
+    TURN,
+    VEHICLE_CLASSES,
+    YIELD,
+    ZIPPER,
+    Bools,
+    Floats,
+    Ints,
+)
 from sumo_mcts.world.net_file import ON_FOOT
 
 KNOT = 25.0  # m: junctions with shorter lanes between them are one place
@@ -15,7 +29,8 @@ _RULES = {"m": YIELD, "=": YIELD, "o": YIELD, "s": STOP, "w": ALLWAY, "Z": ZIPPE
 
 
 class Link(NamedTuple):
-    """One way across a junction: ordinary lane `origin` to ordinary lane `exit` along the internal lanes of `chain`."""
+    """One way across a junction: ordinary lane `origin` to ordinary lane `exit` along the internal
+    lanes of `chain`."""
 
     origin: int
     exit: int
@@ -36,7 +51,11 @@ def _connections(lane: Any) -> list[Any]:
     """The ways on from a lane that vehicles may take."""
     if lane.getEdge().getFunction() in ON_FOOT:
         return []
-    return [connection for connection in lane.getOutgoing() if connection.getTo().getFunction() not in ON_FOOT]
+    return [
+        connection
+        for connection in lane.getOutgoing()
+        if connection.getTo().getFunction() not in ON_FOOT
+    ]
 
 
 def _next_id(connection: Any) -> str:
@@ -52,28 +71,46 @@ def following_lane(lane: Any, number: dict[str, int]) -> list[int]:
 
 
 def knots(internal: Bools, length: Floats, begins: Ints, ends: Ints) -> dict[str, Ints]:
-    """RoadMap.knot, begins and ends, from the junctions [L] where lanes begin and end (-1: nowhere; of internal lanes that which they lie in)."""
+    """RoadMap.knot, begins and ends, from the junctions [L] where lanes begin and end (-1: nowhere;
+    of internal lanes that which they lie in)."""
     inside = internal | (length < KNOT)
-    name = np.arange(max(begins.max(initial=-1), ends.max(initial=-1)) + 2)  # the last one is that of nowhere
-    joins = np.unique(np.column_stack([begins, ends])[inside & (begins >= 0) & (ends >= 0) & (begins != ends)], axis=0)
+    name = np.arange(
+        max(begins.max(initial=-1), ends.max(initial=-1)) + 2
+    )  # the last one is that of nowhere
+    joins = np.unique(
+        np.column_stack([begins, ends])[inside & (begins >= 0) & (ends >= 0) & (begins != ends)],
+        axis=0,
+    )
     for a, b in joins:  # once for an edge, not for each of its lanes
         name[name == name[b]] = name[a]
     name[-1] = -1
-    return {key: values.astype(np.int32) for key, values in (("knot", np.where(inside, name[begins], -1)), ("begins", name[begins]), ("ends", name[ends]))}
+    return {
+        key: values.astype(np.int32)
+        for key, values in (
+            ("knot", np.where(inside, name[begins], -1)),
+            ("begins", name[begins]),
+            ("ends", name[ends]),
+        )
+    }
 
 
-def read_links(net: Any, number: dict[str, int], junction_number: dict[str, int]) -> tuple[tuple[str, ...], list[Link]]:
+def read_links(
+    net: Any, number: dict[str, int], junction_number: dict[str, int]
+) -> tuple[tuple[str, ...], list[Link]]:
     """Signal ids in the order of their first link, and every way across a junction."""
     signals: dict[str, int] = {}
     links: list[Link] = []
     for edge in net.getEdges(withInternal=False):
         node = edge.getToNode()
-        # intLanes names the last internal lane of each link, in the order of the right-of-way matrix
+        # intLanes names the last internal lane of each link, in the order of the right-of-way
+        # matrix
         place = {lane: i for i, lane in enumerate(node.getInternal() or ())}
         # bit strings are read from the right, which is what int() does; sumolib keeps them private
         duty = {i: int(bits, 2) for i, bits in node._prohibits.items()}
         foes = {i: int(bits, 2) for i, bits in node._foes.items()}
-        for connection in (connection for lane in edge.getLanes() for connection in _connections(lane)):
+        for connection in (
+            connection for lane in edge.getLanes() for connection in _connections(lane)
+        ):
             chain = _chain(net, connection)
             own = next((place[lane] for lane in reversed(chain) if lane in place), -1)
             signal = connection.getTLSID()
@@ -98,19 +135,25 @@ def read_links(net: Any, number: dict[str, int], junction_number: dict[str, int]
 
 
 def _chain(net: Any, connection: Any) -> tuple[str, ...]:
-    """Ids of the internal lanes that a connection leads over; two where a left turn may wait inside the junction."""
+    """Ids of the internal lanes that a connection leads over; two where a left turn may wait inside
+    the junction."""
     chain: list[str] = []
     while connection.getViaLaneID():
         chain.append(connection.getViaLaneID())
         onward = net.getLane(chain[-1]).getOutgoing()
         if len(onward) != 1 or len(chain) > MOST_IN_CHAIN:
-            raise ValueError(f"lane {chain[-1]}, inside a junction, does not lead to one lane outside")
+            raise ValueError(
+                f"lane {chain[-1]}, inside a junction, does not lead to one lane outside"
+            )
         connection = onward[0]
     return tuple(chain)
 
 
 def _rule(connection: Any, duty: int) -> int:
-    """How the connection is entered. Under a signal its letter says little: what counts is whether it has anybody to let pass."""
+    """How the connection is entered.
+
+    Under a signal its letter says little: what counts is whether it has anybody to let pass.
+    """
     if connection.getTLSID():
         return YIELD if duty else PRIORITY
     return _RULES.get(connection.getState(), PRIORITY)
@@ -122,4 +165,6 @@ def _rule(connection: Any, duty: int) -> int:
 @cache
 def mask_of(allowed: frozenset[str]) -> int:
     """Bit mask over VEHICLE_CLASSES of the classes named."""
-    return sum(1 << i for i, name in enumerate(VEHICLE_CLASSES) if name in allowed or "all" in allowed)
+    return sum(
+        1 << i for i, name in enumerate(VEHICLE_CLASSES) if name in allowed or "all" in allowed
+    )

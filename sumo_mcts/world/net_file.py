@@ -10,9 +10,23 @@ import sumolib  # type: ignore[import-untyped]
 from sumo_mcts import files
 
 MOST_UNPACKED = 1 << 30  # bytes of a network
-_PARENTS = {"lane": "edge", "request": "junction", "phase": "tlLogic", **dict.fromkeys(("edge", "junction", "connection", "tlLogic", "location"), "net")}
+_PARENTS = {
+    "lane": "edge",
+    "request": "junction",
+    "phase": "tlLogic",
+    **dict.fromkeys(("edge", "junction", "connection", "tlLogic", "location"), "net"),
+}
 ON_FOOT = ("walkingarea", "crossing")
-BROKEN = (OSError, EOFError, zlib.error, SAXException, ValueError, LookupError, AttributeError, TypeError)
+BROKEN = (
+    OSError,
+    EOFError,
+    zlib.error,
+    SAXException,
+    ValueError,
+    LookupError,
+    AttributeError,
+    TypeError,
+)
 
 
 class NoInternalLanesError(Exception):
@@ -20,7 +34,10 @@ class NoInternalLanesError(Exception):
 
 
 def read_net(net_file: str) -> Any:
-    """The network as sumolib has it. Raises OSError, ValueError, and what sumolib and its parser do, with the line."""
+    """The network as sumolib has it.
+
+    Raises OSError, ValueError, and what sumolib and its parser do, with the line.
+    """
     root = files.xml_root(net_file)
     if root != "net":
         raise ValueError(f"its root element is {root}, that of a network is net")
@@ -36,12 +53,15 @@ def read_net(net_file: str) -> Any:
         raise
     except BROKEN as error:
         missing = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise ValueError(f"line {parser.getLineNumber()}: {missing or type(error).__name__}") from error
+        raise ValueError(
+            f"line {parser.getLineNumber()}: {missing or type(error).__name__}"
+        ) from error
     return reader.getNet()
 
 
 class _Reader(sumolib.net.NetReader):  # type: ignore[misc]  # sumolib has no types
-    """Refuses what sumolib lets pass and SUMO does not survive: elements out of place, and lanes that are not counted through."""
+    """Refuses what sumolib lets pass and SUMO does not survive: elements out of place, and lanes
+    that are not counted through."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
@@ -57,7 +77,10 @@ class _Reader(sumolib.net.NetReader):  # type: ignore[misc]  # sumolib has no ty
             self._edge, self._lanes = attrs["id"], 0
         elif name == "lane":
             if attrs["id"] != f"{self._edge}_{self._lanes}":
-                raise ValueError(f"lane {attrs['id']}: number {self._lanes} of edge {self._edge}, so its id has to be {self._edge}_{self._lanes}")
+                raise ValueError(
+                    f"lane {attrs['id']}: number {self._lanes} of edge {self._edge}, so its id has "
+                    f"to be {self._edge}_{self._lanes}"
+                )
             self._lanes += 1
         elif name == "phase":
             for key in ("duration", "minDur", "maxDur"):

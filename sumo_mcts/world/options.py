@@ -1,4 +1,7 @@
-"""SUMO's options as people give them: on a command line, in a scenario, in a .sumocfg. Which an episode does not bear, and the bounds of others."""
+"""SUMO's options as people give them: on a command line, in a scenario, in a .sumocfg.
+
+Which an episode does not bear, and the bounds of others.
+"""
 
 import os
 import re
@@ -13,50 +16,88 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.world import flows
 
 _SYNONYMS = {
-    "a": "additional-files", "additional": "additional-files", "abs-rand": "random", "b": "begin", "B": "breakpoints", "c": "configuration-file",
-    "C": "save-configuration", "configuration": "configuration-file", "d": "delay", "D": "demo", "data-files": "edgedata-files", "e": "end",
-    "g": "gui-settings-file", "G": "game", "H": "human-readable-time", "l": "log", "log-file": "log", "m": "edgedata-files", "n": "net-file",
-    "N": "alternative-net-file", "ndump": "netstate-dump", "net": "net-file", "netstate": "netstate-dump", "netstate-output": "netstate-dump",
-    "person-fcd": "person-fcd-output", "personinfo": "personinfo-output", "personroutes": "personroute-output", "Q": "quit-on-end", "r": "route-files",
-    "routes": "route-files", "routing-threads": "device.rerouting.threads", "s": "route-steps", "S": "start", "save-config": "save-configuration",
-    "save-config.relative": "save-configuration.relative", "save-template.commented": "save-commented", "srand": "seed",
-    "statistics-output": "statistic-output", "summary": "summary-output", "suppress-warnings": "no-warnings", "t": "duration-log.statistics",
-    "T": "disable-textures", "tripinfo": "tripinfo-output", "v": "verbose", "V": "version", "vehroutes": "vehroute-output", "w": "weight-files",
+    "a": "additional-files", "additional": "additional-files", "abs-rand": "random", "b": "begin",
+    "B": "breakpoints", "c": "configuration-file",
+    "C": "save-configuration", "configuration": "configuration-file", "d": "delay", "D": "demo",
+    "data-files": "edgedata-files", "e": "end",
+    "g": "gui-settings-file", "G": "game", "H": "human-readable-time", "l": "log",
+    "log-file": "log", "m": "edgedata-files", "n": "net-file",
+    "N": "alternative-net-file", "ndump": "netstate-dump", "net": "net-file",
+    "netstate": "netstate-dump", "netstate-output": "netstate-dump",
+    "person-fcd": "person-fcd-output", "personinfo": "personinfo-output",
+    "personroutes": "personroute-output", "Q": "quit-on-end", "r": "route-files",
+    "routes": "route-files", "routing-threads": "device.rerouting.threads", "s": "route-steps",
+    "S": "start", "save-config": "save-configuration",
+    "save-config.relative": "save-configuration.relative",
+    "save-template.commented": "save-commented", "srand": "seed",
+    "statistics-output": "statistic-output", "summary": "summary-output",
+    "suppress-warnings": "no-warnings", "t": "duration-log.statistics",
+    "T": "disable-textures", "tripinfo": "tripinfo-output", "v": "verbose", "V": "version",
+    "vehroutes": "vehroute-output", "w": "weight-files",
     "W": "no-warnings", "weights": "weight-files", "X": "xml-validation", "?": "help",
 }  # fmt: skip
-_SWITCHES = frozenset("DGHQSTVWtv?")  # letters that need no value, so that others may follow in the same word
+_SWITCHES = frozenset(
+    "DGHQSTVWtv?"
+)  # letters that need no value, so that others may follow in the same word
 
 _TELLS = "SUMO would write that and end"
 _WAITS = "SUMO would wait for another program"
 _GAME = "SUMO's window would wait for a person"
 _UNBEARABLE = {
-    **dict.fromkeys(("help", "version", "save-configuration", "save-configuration.relative", "save-template", "save-schema", "save-commented"), _TELLS),
+    **dict.fromkeys(("help", "version", "save-configuration", "save-configuration.relative",
+    "save-template", "save-schema", "save-commented"), _TELLS),
     **dict.fromkeys(("remote-port", "num-clients"), _WAITS),
-    **dict.fromkeys(("breakpoints", "demo", "game", "game.mode", "gui-testing", "gui-testing-debug", "gui-testing.setting-output"), _GAME),
+    **dict.fromkeys(("breakpoints", "demo", "game", "game.mode", "gui-testing",
+    "gui-testing-debug", "gui-testing.setting-output"), _GAME),
     "mesosim": "in a mesoscopic simulation vehicles have no positions",
     "no-internal-links": "the planner drives on the lanes inside junctions",
     "ignore-accidents": "the referee needs collisions",
 }  # fmt: skip
 _OFF = {"", "0", "no", "false", "off", "f", "-"}  # SUMO's words for it
-_HARMLESS = {"num-clients": ("1",), "game.mode": ("tls",)}  # as long as the option beside them is off
+_HARMLESS = {
+    "num-clients": ("1",),
+    "game.mode": ("tls",),
+}  # as long as the option beside them is off
 
-# Lowest and highest value where SUMO takes any and then needs all memory or time, or more threads than there are.
+# Lowest and highest value where SUMO takes any and then needs all memory or time, or more threads
+# than there are.
 _BOUNDS = {
-    "begin": (0.0, 1e9), "end": (0.0, 1e9), "step-length": (0.001, 10.0), "default.action-step-length": (0.0, 10.0), "lanechange.duration": (0.0, 60.0),
-    "lateral-resolution": (0.1, 100.0), "scale": (0.0, 1000.0), "threads": (1.0, 64.0), "thread-rngs": (1.0, 10_000.0), "device.rerouting.threads": (0.0, 64.0),
-    "precision": (0.0, 30.0), "precision.geo": (0.0, 30.0), "pedestrian.striping.stripe-width": (0.1, 10.0),
+    "begin": (0.0, 1e9), "end": (0.0, 1e9), "step-length": (0.001, 10.0),
+    "default.action-step-length": (0.0, 10.0), "lanechange.duration": (0.0, 60.0),
+    "lateral-resolution": (0.1, 100.0), "scale": (0.0, 1000.0), "threads": (1.0, 64.0),
+    "thread-rngs": (1.0, 10_000.0), "device.rerouting.threads": (0.0, 64.0),
+    "precision": (0.0, 30.0), "precision.geo": (0.0, 30.0),
+    "pedestrian.striping.stripe-width": (0.1, 10.0),
     "pedestrian.striping.walkingarea-detail": (0.0, 1000.0), "delay": (0.0, 60_000.0),
 }  # fmt: skip
 _OFF_BELOW_ZERO = ("end", "lateral-resolution")
 
-_XML = ("net-file", "route-files", "additional-files")  # options with files that SUMO reads, which have to be XML
+_XML = (
+    "net-file",
+    "route-files",
+    "additional-files",
+)  # options with files that SUMO reads, which have to be XML
 _READ = (
-    *_XML, "weight-files", "load-state", "fcd-output.filter-edges.input-file", "device.ssm.filter-edges.input-file",
-    "astar.all-distances", "astar.landmark-distances", "device.fcd-replay.files", "device.fcd-replay.file", "gui-settings-file", "edgedata-files",
+    *_XML, "weight-files", "load-state", "fcd-output.filter-edges.input-file",
+    "device.ssm.filter-edges.input-file",
+    "astar.all-distances", "astar.landmark-distances", "device.fcd-replay.files",
+    "device.fcd-replay.file", "gui-settings-file", "edgedata-files",
     "alternative-net-file", "selection-file",
 )  # fmt: skip
-_WRITES = re.compile(r".*[-.]output|netstate-dump|log|message-log|device\.toc\.file")  # options by which SUMO writes a file, in full
-_NO_FILE = {"", "-", "stdout", "stderr", "nul", "null", os.devnull, "/dev/stdout", "/dev/stderr"}  # where SUMO writes else
+_WRITES = re.compile(
+    r".*[-.]output|netstate-dump|log|message-log|device\.toc\.file"
+)  # options by which SUMO writes a file, in full
+_NO_FILE = {
+    "",
+    "-",
+    "stdout",
+    "stderr",
+    "nul",
+    "null",
+    os.devnull,
+    "/dev/stdout",
+    "/dev/stderr",
+}  # where SUMO writes else
 _SOCKET = re.compile(r"[^/\\]{2,}:\d+")
 LEAST_UNPACKED = 1 << 28  # bytes to which any packed file may grow,
 MOST_PACKED = 200  # and how many times its size a large one may: XML shrinks to a tenth
@@ -81,8 +122,9 @@ def option_names(arguments: Sequence[str]) -> set[str]:
 
 
 def on_command_line(words: Sequence[str], where: str) -> list[Given]:
-    """The options in the words of a command line, read as SUMO does: -e 5, -e5, -e=5, -ve 5, --end 5, --end=5. Raises ConfigError, with `where` in
-    front, where a word is neither an option nor a value."""
+    """The options in the words of a command line, read as SUMO does: -e 5, -e5, -e=5, -ve 5, --end
+    5, --end=5. Raises ConfigError, with `where` in front, where a word is neither an option nor a
+    value."""
     found: list[Given] = []
     left = list(words)
     while left:
@@ -97,27 +139,36 @@ def on_command_line(words: Sequence[str], where: str) -> list[Given]:
 
 
 def require_bearable(given: Iterable[Given], where: str) -> None:
-    """Raise ConfigError, with `where` in front, where an option would have SUMO do something else than simulate, or its number is beyond reason."""
+    """Raise ConfigError, with `where` in front, where an option would have SUMO do something else
+    than simulate, or its number is beyond reason."""
     for name, value in given:
         if name in _UNBEARABLE and not is_off(value) and value not in _HARMLESS.get(name, ()):
             raise ConfigError(f"{where}: {name}: {_UNBEARABLE[name]}; leave it out")
         low, high = _BOUNDS.get(name, (-float("inf"), float("inf")))
         number = _number(value)
-        if number is not None and not low <= number <= high and not (name in _OFF_BELOW_ZERO and number <= 0.0):
+        if (
+            number is not None
+            and not low <= number <= high
+            and not (name in _OFF_BELOW_ZERO and number <= 0.0)
+        ):
             raise ConfigError(f"{where}: {name}: has to be from {low:g} to {high:g}, got {value}")
         if name == "lanechange.duration" and number is None and value.strip():
             raise ConfigError(f"{where}: {name}: has to be a number, got {value}")
 
 
 def require_readable(given: Iterable[Given], folder: Path, where: str) -> None:
-    """Raise ConfigError where a file that SUMO would read or write is none: it would wait for ever for what comes out of a pipe. `folder`: to which names of
-    files are relative."""
+    """Raise ConfigError where a file that SUMO would read or write is none: it would wait for ever
+    for what comes out of a pipe. `folder`: to which names of files are relative."""
     for name, value in given:
         if reads(name):
             for path in paths_in(expanded(value), folder):
                 require_file(path, f"{where}: {name}", xml=name in _XML)
         elif writes(name) and value.lower() not in _NO_FILE:
-            why = "a socket, not a file" if _SOCKET.fullmatch(value) else files.problem(folder / expanded(value))
+            why = (
+                "a socket, not a file"
+                if _SOCKET.fullmatch(value)
+                else files.problem(folder / expanded(value))
+            )
             if why.endswith("not a file"):  # one that is not there yet is made
                 raise ConfigError(f"{where}: {name}: {value}: {why}")
 
@@ -143,8 +194,9 @@ def paths_in(value: str, folder: Path) -> list[Path]:
 
 
 def expanded(value: str) -> str:
-    """A value of a .sumocfg with the variables in it replaced as SUMO does: ${NAME} by the environment's, nothing where there is none, and ~ at the beginning
-    of a file's name by the home."""
+    """A value of a .sumocfg with the variables in it replaced as SUMO does: ${NAME} by the
+    environment's, nothing where there is none, and ~ at the beginning of a file's name by the home.
+    """
     value = re.sub(r"(^|,)~", r"\1${HOME}", value)
     return _VARIABLE.sub(lambda found: _variable(found[1]), value)
 
@@ -174,8 +226,9 @@ def require_file(path: Path, where: str, *, xml: bool) -> None:
 
 @lru_cache(maxsize=256)
 def _unbearable(path: Path, changed: int, size: int) -> str:
-    """Why a file, packed or not, is no XML, is damaged or cut off, holds nothing but repetitions, or a flow without end; "" where nothing is wrong. `changed`
-    and `size` (bytes): for the cache."""
+    """Why a file, packed or not, is no XML, is damaged or cut off, holds nothing but repetitions,
+    or a flow without end; "" where nothing is wrong. `changed` and `size` (bytes): for the cache.
+    """
     try:
         files.xml_root(path)
         files.require_whole(path, max(LEAST_UNPACKED, MOST_PACKED * size))
@@ -195,7 +248,9 @@ def _split(word: str) -> tuple[list[str], str | None]:
     for k, letter in enumerate(letters):
         if letter not in _SWITCHES:
             rest = letters[k + 1 :]
-            return [full_name(each) for each in letters[: k + 1]], rest.removeprefix("=") if rest else None
+            return [full_name(each) for each in letters[: k + 1]], rest.removeprefix(
+                "="
+            ) if rest else None
     return [full_name(each) for each in letters], None
 
 

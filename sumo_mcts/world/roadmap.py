@@ -1,4 +1,5 @@
-"""From a SUMO network file to scene.RoadMap: lanes, connections, right of way, and where the paths through a junction meet."""
+"""From a SUMO network file to scene.RoadMap: lanes, connections, right of way, and where the paths
+through a junction meet."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,17 +11,31 @@ from numpy.typing import NDArray
 from sumo_mcts import files
 from sumo_mcts.errors import ConfigError, near
 from sumo_mcts.scene import ALLWAY, PRIORITY, STOP, STRAIGHT, Bools, Floats, Ints, RoadMap
-from sumo_mcts.world.conflicts import TINY, Conflict, LanePath, conflicts_between, distinct, lane_path, stretched
+from sumo_mcts.world.conflicts import (
+    TINY,
+    Conflict,
+    LanePath,
+    conflicts_between,
+    distinct,
+    lane_path,
+    stretched,
+)
 from sumo_mcts.world.links import Link, following_lane, knots, mask_of, read_links
 from sumo_mcts.world.net_file import BROKEN, NoInternalLanesError, read_net, require_within
 
 NAMED = 6  # edges that a message names
 LEAST_SPEED = 0.1  # m/s: a lane with a lower limit cannot be driven
-MOST_SPEED, MOST_LENGTH, MOST_WIDTH, FARTHEST = 1000.0, 1e6, 100.0, 1e8  # m/s, m, m, m: beyond them a number is taken for damage
+MOST_SPEED, MOST_LENGTH, MOST_WIDTH, FARTHEST = (
+    1000.0,
+    1e6,
+    100.0,
+    1e8,
+)  # m/s, m, m, m: beyond them a number is taken for damage
 
 
 def read_roadmap(net_file: str) -> RoadMap:
-    """The network in `net_file` (.net.xml or .net.xml.gz) as arrays; lanes in the order of the file. ConfigError where it cannot be read."""
+    """The network in `net_file` (.net.xml or .net.xml.gz) as arrays; lanes in the order of the
+    file. ConfigError where it cannot be read."""
     why = files.problem(net_file)
     if why:
         raise ConfigError(f"{net_file}: {why.replace('such file', 'such network file')}")
@@ -28,7 +43,8 @@ def read_roadmap(net_file: str) -> RoadMap:
         road = _convert(read_net(net_file))
     except NoInternalLanesError:
         raise ConfigError(
-            f"{net_file}: signals or stop signs, but no lanes inside junctions, without which nobody heeds them; "
+            f"{net_file}: signals or stop signs, but no lanes inside junctions, without which "
+            "nobody heeds them; "
             "build the network again without --no-internal-links (netconvert -s FILE -o NEW)"
         ) from None
     except BROKEN as error:
@@ -58,7 +74,10 @@ def has_edge(road: RoadMap, edge: str, where: str) -> None:
     ordinary = [name for name in road.edge_ids if not name.startswith(":")]
     if edge not in ordinary:
         like = near(edge, ordinary, NAMED) or ordinary[:NAMED]
-        raise ConfigError(f"{where}: the network has no edge {edge}; among its {len(ordinary)} edges: {', '.join(like)}")
+        raise ConfigError(
+            f"{where}: the network has no edge {edge}; among its {len(ordinary)} edges: "
+            f"{', '.join(like)}"
+        )
 
 
 def lane_index(road: RoadMap) -> dict[str, int]:
@@ -87,7 +106,15 @@ def _convert(net: Any) -> RoadMap:
     if any(not link.chain and (link.signal >= 0 or link.rule in (STOP, ALLWAY)) for link in links):
         raise NoInternalLanesError
     paths = [
-        lane_path(lane, link, fields["width"][lane], fields["length"][lane], points[offset[lane] : offset[lane + 1]]) for link in links for lane in link.chain
+        lane_path(
+            lane,
+            link,
+            fields["width"][lane],
+            fields["length"][lane],
+            points[offset[lane] : offset[lane + 1]],
+        )
+        for link in links
+        for lane in link.chain
     ]
     return RoadMap(
         lane_ids=tuple(ids),
@@ -99,27 +126,50 @@ def _convert(net: Any) -> RoadMap:
         point_s=point_s,
         scale=point_s[offset[1:] - 1] / np.maximum(fields["length"], 1e-9),
         successor_offset=_offsets([len(lanes_after) for lanes_after in following]),
-        successor=np.array([lane for lanes_after in following for lane in lanes_after], dtype=np.int32),
-        **{**fields, **_link_fields(fields["classes"], links), **_conflict_fields(paths, len(lanes))},
+        successor=np.array(
+            [lane for lanes_after in following for lane in lanes_after], dtype=np.int32
+        ),
+        **{
+            **fields,
+            **_link_fields(fields["classes"], links),
+            **_conflict_fields(paths, len(lanes)),
+        },
     )
 
 
-def _lane_fields(edges: Sequence[Any], lanes: Sequence[Any], junctions: dict[str, int], offset: Ints, points: Floats) -> dict[str, Any]:
+def _lane_fields(
+    edges: Sequence[Any],
+    lanes: Sequence[Any],
+    junctions: dict[str, int],
+    offset: Ints,
+    points: Floats,
+) -> dict[str, Any]:
     """What a RoadMap says of each lane alone."""
-    edge = np.repeat(np.arange(len(edges), dtype=np.int32), [len(each.getLanes()) for each in edges])
+    edge = np.repeat(
+        np.arange(len(edges), dtype=np.int32), [len(each.getLanes()) for each in edges]
+    )
     internal = np.array([lane.getEdge().isSpecial() for lane in lanes], dtype=np.bool_)
-    begins = np.array([junctions[lane.getEdge().getFromNode().getID()] for lane in lanes], dtype=np.int32)
-    ends = np.array([junctions[lane.getEdge().getToNode().getID()] for lane in lanes], dtype=np.int32)
+    begins = np.array(
+        [junctions[lane.getEdge().getFromNode().getID()] for lane in lanes], dtype=np.int32
+    )
+    ends = np.array(
+        [junctions[lane.getEdge().getToNode().getID()] for lane in lanes], dtype=np.int32
+    )
     length = np.array([lane.getLength() for lane in lanes], dtype=np.float64)
     speed = np.array([lane.getSpeed() for lane in lanes], dtype=np.float64)
-    classes = np.array([mask_of(frozenset(lane.getPermissions())) for lane in lanes], dtype=np.uint64)
+    classes = np.array(
+        [mask_of(frozenset(lane.getPermissions())) for lane in lanes], dtype=np.uint64
+    )
     closed = speed < LEAST_SPEED
     classes[closed] = 0
     lefthand = _is_lefthand(edge, internal, offset, points)
     return {
         "lefthand": lefthand,
         "edge": edge,
-        "index": np.array([i for each in edges for i in range(len(each.getLanes()))[:: -1 if lefthand else 1]], dtype=np.int32),
+        "index": np.array(
+            [i for each in edges for i in range(len(each.getLanes()))[:: -1 if lefthand else 1]],
+            dtype=np.int32,
+        ),
         "internal": internal,
         "length": length,
         "width": np.array([lane.getWidth() for lane in lanes], dtype=np.float64),
@@ -133,7 +183,10 @@ def _lane_fields(edges: Sequence[Any], lanes: Sequence[Any], junctions: dict[str
 
 
 def _link_fields(classes: NDArray[np.uint64], links: Sequence[Link]) -> dict[str, Any]:
-    """What it says of the lanes inside junctions, by the ways across that they belong to; `classes` [L]: who may drive where, as the lanes say."""
+    """What it says of the lanes inside junctions, by the ways across that they belong to;
+
+    `classes` [L]: who may drive where, as the lanes say.
+    """
     count, classes = len(classes), classes.copy()
     exit_lane = np.arange(count, dtype=np.int32)
     direction, rule = np.full((2, count), [[STRAIGHT], [PRIORITY]], dtype=np.int32)
@@ -146,15 +199,25 @@ def _link_fields(classes: NDArray[np.uint64], links: Sequence[Link]) -> dict[str
         rule[first] = link.rule
         signal[first] = link.signal
         signal_link[first] = link.signal_link
-    return {"exit": exit_lane, "direction": direction, "classes": classes, "rule": rule, "signal": signal, "link": signal_link}
+    return {
+        "exit": exit_lane,
+        "direction": direction,
+        "classes": classes,
+        "rule": rule,
+        "signal": signal,
+        "link": signal_link,
+    }
 
 
 def _conflict_fields(paths: Sequence[LanePath], lanes: int) -> dict[str, Any]:
     """Where the paths through a junction meet."""
     conflicts = sorted(conflicts_between(paths))
-    field = Conflict(*zip(*conflicts, strict=True)) if conflicts else Conflict(*([],) * len(Conflict._fields))  # type: ignore[arg-type]
+    columns: Any = zip(*conflicts, strict=True) if conflicts else ([],) * len(Conflict._fields)
+    field = Conflict(*columns)
     return {
-        "conflict_offset": _offsets(np.bincount(np.array(field.lane, dtype=np.int64), minlength=lanes).tolist()),
+        "conflict_offset": _offsets(
+            np.bincount(np.array(field.lane, dtype=np.int64), minlength=lanes).tolist()
+        ),
         "conflict_lane": np.array(field.other, dtype=np.int32),
         "conflict_begin": np.array(field.begin, dtype=np.float64),
         "conflict_end": np.array(field.end, dtype=np.float64),
@@ -186,10 +249,26 @@ def _require_sound(edge: Any) -> None:
 
 
 def _require_reached(edges: Sequence[Any]) -> None:
-    """Raise ValueError where no way leads over a lane inside a junction: SUMO does not survive that."""
-    reached = {connection.getViaLaneID() for edge in edges for lane in edge.getLanes() for connection in lane.getOutgoing()}
+    """Raise ValueError where no way leads over a lane inside a junction:
+
+    SUMO does not survive that.
+    """
+    reached = {
+        connection.getViaLaneID()
+        for edge in edges
+        for lane in edge.getLanes()
+        for connection in lane.getOutgoing()
+    }
     inside = (edge for edge in edges if edge.getFunction() == "internal")
-    lost = next((name for edge in inside for name in (f"{edge.getID()}_{i}" for i in range(len(edge.getLanes()))) if name not in reached), None)
+    lost = next(
+        (
+            name
+            for edge in inside
+            for name in (f"{edge.getID()}_{i}" for i in range(len(edge.getLanes())))
+            if name not in reached
+        ),
+        None,
+    )
     if lost is not None:
         raise ValueError(f"lane {lost}, inside a junction, belongs to no connection")
 
@@ -200,7 +279,8 @@ def _offsets(counts: Sequence[int]) -> Ints:
 
 
 def _neighbours(edge: Ints, step: int) -> Ints:
-    """[L] the lane `step` places further on the same edge, or -1; lanes of an edge stand together."""
+    """[L] the lane `step` places further on the same edge, or -1; lanes of an edge stand
+    together."""
     there = np.arange(len(edge), dtype=np.int32) + step
     inside = (there >= 0) & (there < len(edge))
     there[~inside] = 0
@@ -208,7 +288,10 @@ def _neighbours(edge: Ints, step: int) -> Ints:
 
 
 def _is_lefthand(edge: Ints, internal: Bools, offset: Ints, points: Floats) -> bool:
-    """Whether the second lane of an edge lies to the right of the first one. The network file says it too, but sumolib does not read it."""
+    """Whether the second lane of an edge lies to the right of the first one.
+
+    The network file says it too, but sumolib does not read it.
+    """
     pairs = np.flatnonzero((edge[1:] == edge[:-1]) & ~internal[1:])
     if not len(pairs):
         return False
@@ -218,17 +301,30 @@ def _is_lefthand(edge: Ints, internal: Bools, offset: Ints, points: Floats) -> b
 
 
 def sumo_lane(road: RoadMap, lane: int) -> int:
-    """The number that SUMO gives a lane of its edge: counted from the left where people drive on the left."""
+    """The number that SUMO gives a lane of its edge: counted from the left where people drive on
+    the left."""
     return int(road.lane_ids[lane].rsplit("_", 1)[1])
 
 
 def _shapes(lanes: Sequence[Any], following: Sequence[Sequence[int]]) -> list[Floats]:
     """Centre line of each lane, [n >= 2, 2] m, no two consecutive points equal."""
-    shapes = [distinct(np.array(lane.getShape(), dtype=np.float64).reshape(-1, 2)) for lane in lanes]
-    return [shape if len(shape) > 1 else stretched(shape, [shapes[i] for i in after]) for shape, after in zip(shapes, following, strict=True)]
+    shapes = [
+        distinct(np.array(lane.getShape(), dtype=np.float64).reshape(-1, 2)) for lane in lanes
+    ]
+    return [
+        shape if len(shape) > 1 else stretched(shape, [shapes[i] for i in after])
+        for shape, after in zip(shapes, following, strict=True)
+    ]
 
 
 def _flatten(shapes: Sequence[Floats]) -> tuple[Ints, Floats, Floats]:
     """Offsets [L+1], points [P, 2] and arc length of each point along its lane [P], m."""
-    arcs = [np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1)))) for shape in shapes]
-    return _offsets([len(shape) for shape in shapes]), np.concatenate(shapes or [np.zeros((0, 2))]), np.concatenate(arcs or [np.zeros(0)])
+    arcs = [
+        np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))))
+        for shape in shapes
+    ]
+    return (
+        _offsets([len(shape) for shape in shapes]),
+        np.concatenate(shapes or [np.zeros((0, 2))]),
+        np.concatenate(arcs or [np.zeros(0)]),
+    )

@@ -21,17 +21,26 @@ EPS = 1e-9
 
 
 class Script(NamedTuple):
-    """Where a scripted vehicle is, whatever happens. M rows, the first when it appears, one a step; the last before it leaves the map."""
+    """Where a scripted vehicle is, whatever happens.
+
+    M rows, the first when it appears, one a step; the last before it leaves the map.
+    """
 
     v: Floats  # [M] m/s, during the step that ends then
     lane: Ints  # [M] lane of the front
     s: Floats  # [M] lane position of the front, m
     d: Floats  # [M] offset from the lane's centre line, m, left positive
-    change: Ints  # [M] a lane change that begins in the step that ends then: -1 right, 0 none, +1 left
+    change: (
+        Ints  # [M] a lane change that begins in the step that ends then: -1 right, 0 none, +1 left
+    )
 
 
-def compile_script(actor: Actor, road: RoadMap, step: float, seconds: float, change_s: float = 3.0) -> Script:
-    """What a scripted actor does until it leaves the map, at most `seconds`. A lane change takes `change_s` (SUMO's lanechange.duration), s.
+def compile_script(
+    actor: Actor, road: RoadMap, step: float, seconds: float, change_s: float = 3.0
+) -> Script:
+    """What a scripted actor does until it leaves the map, at most `seconds`.
+
+    A lane change takes `change_s` (SUMO's lanechange.duration), s.
 
     Raises ConfigError where its lane leads nowhere or a lane change has no lane to go to.
     """
@@ -46,7 +55,13 @@ def compile_script(actor: Actor, road: RoadMap, step: float, seconds: float, cha
         state, d = _shifted(moved, actor, road, step, change_s)
         rows.append((state.v, state.lane, state.s, d, begun))
     v, lane, s, offset, change = zip(*rows, strict=True)
-    return Script(np.array(v), np.array(lane, dtype=np.int32), np.array(s), np.array(offset), np.array(change, dtype=np.int32))
+    return Script(
+        np.array(v),
+        np.array(lane, dtype=np.int32),
+        np.array(s),
+        np.array(offset),
+        np.array(change, dtype=np.int32),
+    )
 
 
 # --- speeds ---
@@ -64,7 +79,12 @@ class Drive(NamedTuple):
 def told(drive: Drive, event: Event, speed: float | None) -> Drive:
     """After a speed event; `speed` is the target to go back to after a stop."""
     if event.stop_for_s is not None:
-        return Drive(0.0, event.accel_mps2, drive.stand + event.stop_for_s, drive.resume if drive.stand > 0 else speed)
+        return Drive(
+            0.0,
+            event.accel_mps2,
+            drive.stand + event.stop_for_s,
+            drive.resume if drive.stand > 0 else speed,
+        )
     if drive.stand > 0:
         return drive._replace(resume=event.slow_to_mps)
     return Drive(event.slow_to_mps, event.accel_mps2, 0.0, None)
@@ -102,7 +122,9 @@ class _State(NamedTuple):
 def _start(actor: Actor, road: RoadMap) -> _State:
     lane = int(np.flatnonzero(road.edge == road.edge_ids.index(actor.route[0]))[actor.depart.lane])
     speed = actor.depart.speed_mps
-    return _State(speed, lane, actor.depart.pos_m, 0, 0.0, Drive(speed, 0.0, 0.0, None), actor.events, 0, 0.0)
+    return _State(
+        speed, lane, actor.depart.pos_m, 0, 0.0, Drive(speed, 0.0, 0.0, None), actor.events, 0, 0.0
+    )
 
 
 def _obey(state: _State, actor: Actor, road: RoadMap, time: float) -> tuple[_State, int]:
@@ -129,7 +151,10 @@ def is_due(event: Event, time: float, driven: float) -> bool:
 
 
 def _moved(state: _State, actor: Actor, road: RoadMap, step: float) -> _State | None:
-    """One step along the route, with the new speed as SUMO's Euler step does; None once it has left the map."""
+    """One step along the route, with the new speed as SUMO's Euler step does;
+
+    None once it has left the map.
+    """
     drive = stood(state.drive, state.v, step)
     v = towards(drive.target or 0.0, state.v, drive.accel * step)
     lane, s, edge = state.lane, state.s + v * step, state.edge
@@ -139,17 +164,27 @@ def _moved(state: _State, actor: Actor, road: RoadMap, step: float) -> _State | 
         s -= float(road.length[lane])
         lane = _next_lane(road, lane, actor, edge)
         edge += not road.internal[lane]
-    if edge + 1 == len(actor.route) and not road.internal[lane] and s >= road.length[lane] - ARRIVAL_SLACK:
+    if (
+        edge + 1 == len(actor.route)
+        and not road.internal[lane]
+        and s >= road.length[lane] - ARRIVAL_SLACK
+    ):
         return None
-    return state._replace(v=v, lane=lane, s=s, edge=edge, driven=state.driven + v * step, drive=drive)
+    return state._replace(
+        v=v, lane=lane, s=s, edge=edge, driven=state.driven + v * step, drive=drive
+    )
 
 
 def _next_lane(road: RoadMap, lane: int, actor: Actor, edge: int) -> int:
-    """The lane after `lane` for a vehicle that leaves edge number `edge` of its route, with as much of the route ahead as possible."""
+    """The lane after `lane` for a vehicle that leaves edge number `edge` of its route, with as much
+    of the route ahead as possible."""
     route = [road.edge_ids.index(name) for name in actor.route]
     after = [i for i in successors(road, lane) if road.edge[road.exit[i]] == route[edge + 1]]
     if not after:
-        raise ConfigError(f"traffic.actors: {actor.id}: {road.lane_ids[lane]} does not lead to {actor.route[edge + 1]}; change lanes before")
+        raise ConfigError(
+            f"traffic.actors: {actor.id}: {road.lane_ids[lane]} does not lead to "
+            f"{actor.route[edge + 1]}; change lanes before"
+        )
     return max(after, key=lambda i: _reach(road, int(road.exit[i]), route[edge + 2 :]))
 
 
@@ -157,35 +192,52 @@ def _reach(road: RoadMap, lane: int, route: list[int]) -> int:
     """How many of the edges to come can be driven from `lane` without a lane change."""
     lanes = {lane}
     for count, edge in enumerate(route):
-        lanes = {int(road.exit[i]) for each in lanes for i in successors(road, each) if road.edge[road.exit[i]] == edge}
+        lanes = {
+            int(road.exit[i])
+            for each in lanes
+            for i in successors(road, each)
+            if road.edge[road.exit[i]] == edge
+        }
         if not lanes:
             return count
     return len(route)
 
 
-def _shifted(state: _State, actor: Actor, road: RoadMap, step: float, change_s: float) -> tuple[_State, float]:
-    """The state after a step of the lane change, if there is one, and the offset from the centre of the lane that it is then in, m."""
+def _shifted(
+    state: _State, actor: Actor, road: RoadMap, step: float, change_s: float
+) -> tuple[_State, float]:
+    """The state after a step of the lane change, if there is one, and the offset from the centre of
+    the lane that it is then in, m."""
     if not state.side:
         return state, 0.0
     before, lane = state.progress, state.lane
-    if before >= 0.5 and (road.right if state.side > 0 else road.left)[lane] < 0:  # on a turn of one lane SUMO breaks it off: there is nothing to leave
+    if (
+        before >= 0.5 and (road.right if state.side > 0 else road.left)[lane] < 0
+    ):  # on a turn of one lane SUMO breaks it off: there is nothing to leave
         return state._replace(side=0, progress=0.0), 0.0
     other = _beside(road, lane, -state.side if before >= 0.5 else state.side, actor)
     apart = float(road.width[lane] + road.width[other]) / 2
     # SUMO goes sideways with the speed that takes change_s, less where the vehicle hardly moves
-    progress = before + (min(step / change_s, (LATERAL_STANDING + state.v) * step / apart) if change_s > 0 else 1.0)
+    progress = before + (
+        min(step / change_s, (LATERAL_STANDING + state.v) * step / apart) if change_s > 0 else 1.0
+    )
     if before < 0.5 <= progress:  # here SUMO counts it to the new lane
         lane = other
     if progress >= 1.0 - EPS:
         return state._replace(lane=lane, side=0, progress=0.0), 0.0
-    return state._replace(lane=lane, progress=progress), state.side * apart * (progress - (progress >= 0.5))
+    return state._replace(lane=lane, progress=progress), state.side * apart * (
+        progress - (progress >= 0.5)
+    )
 
 
 def _beside(road: RoadMap, lane: int, side: int, actor: Actor) -> int:
     """The lane to the left (1) or right (-1)."""
     lane_there = int((road.left if side > 0 else road.right)[lane])
     if lane_there < 0:
-        raise ConfigError(f"traffic.actors: {actor.id}: change_lane: no lane {'left' if side > 0 else 'right'} of {road.lane_ids[lane]}")
+        raise ConfigError(
+            f"traffic.actors: {actor.id}: change_lane: no lane {'left' if side > 0 else 'right'} "
+            f"of {road.lane_ids[lane]}"
+        )
     return lane_there
 
 
@@ -195,7 +247,10 @@ def check(actor: Actor, road: RoadMap) -> None:
 
 
 def check_way(where: str, route: Sequence[str], depart: Depart, road: RoadMap) -> None:
-    """Raise ConfigError where SUMO could insert no vehicle there for this route; `where` in the scenario file that is written."""
+    """Raise ConfigError where SUMO could insert no vehicle there for this route;
+
+    `where` in the scenario file that is written.
+    """
     for edge in route:
         has_edge(road, edge, f"{where}: route")
     for edge, following in pairwise(route):
@@ -203,15 +258,28 @@ def check_way(where: str, route: Sequence[str], depart: Depart, road: RoadMap) -
             raise ConfigError(f"{where}: route: no connection leads from {edge} to {following}")
     lanes = np.flatnonzero(road.edge == road.edge_ids.index(route[0]))
     if depart.lane >= len(lanes):
-        raise ConfigError(f"{where}: depart.lane: {route[0]} has lanes 0 to {len(lanes) - 1}, got {depart.lane}")
+        raise ConfigError(
+            f"{where}: depart.lane: {route[0]} has lanes 0 to {len(lanes) - 1}, got {depart.lane}"
+        )
     lane = lanes[depart.lane]
     if depart.pos_m > road.length[lane]:
-        raise ConfigError(f"{where}: depart.pos_m: {road.lane_ids[lane]} is {road.length[lane]:.1f} m long, got {depart.pos_m:g}")
+        raise ConfigError(
+            f"{where}: depart.pos_m: {road.lane_ids[lane]} is {road.length[lane]:.1f} m long, got "
+            f"{depart.pos_m:g}"
+        )
     if depart.speed_mps > road.speed[lane]:
-        raise ConfigError(f"{where}: depart.speed_mps: the limit on {road.lane_ids[lane]} is {road.speed[lane]:g} m/s, got {depart.speed_mps:g}")
+        raise ConfigError(
+            f"{where}: depart.speed_mps: the limit on {road.lane_ids[lane]} is "
+            f"{road.speed[lane]:g} m/s, got {depart.speed_mps:g}"
+        )
 
 
 def _connected(road: RoadMap, edge: str, following: str) -> bool:
     """Whether a lane of an edge leads onto another edge."""
-    lanes, onto = np.flatnonzero(road.edge == road.edge_ids.index(edge)), road.edge_ids.index(following)
-    return any(road.edge[road.exit[i]] == onto for lane in lanes for i in successors(road, int(lane)))
+    lanes, onto = (
+        np.flatnonzero(road.edge == road.edge_ids.index(edge)),
+        road.edge_ids.index(following),
+    )
+    return any(
+        road.edge[road.exit[i]] == onto for lane in lanes for i in successors(road, int(lane))
+    )

@@ -11,7 +11,17 @@ from sumo_mcts.scene import GREEN, RED, YELLOW, Floats, Ints, RoadMap, Signals
 PHASES = 8  # coming phases that are broadcast
 STATIC = 0  # SUMO's type of signals whose phases last as long as their program says
 SIGNAL_RANGE = 500.0  # m within which signals are read
-_SHOWS = {"G": GREEN, "g": GREEN, "o": GREEN, "O": GREEN, "s": GREEN, "y": YELLOW, "Y": YELLOW, "r": RED, "u": RED}
+_SHOWS = {
+    "G": GREEN,
+    "g": GREEN,
+    "o": GREEN,
+    "O": GREEN,
+    "s": GREEN,
+    "y": YELLOW,
+    "Y": YELLOW,
+    "r": RED,
+    "u": RED,
+}
 
 
 class SignalReader:
@@ -21,21 +31,36 @@ class SignalReader:
         self._get = libsumo.trafficlight
         self._ids = road.signal_ids
         known = set(self._get.getIDList())
-        links = [int(road.link[road.signal == q].max(initial=-1)) + 1 for q in range(len(road.signal_ids))]
+        links = [
+            int(road.link[road.signal == q].max(initial=-1)) + 1
+            for q in range(len(road.signal_ids))
+        ]
         self._offset = np.concatenate([[0], np.cumsum(links)]).astype(np.int32)
-        where = [road.points[road.point_offset[np.flatnonzero(road.signal == q)]] for q in range(len(road.signal_ids))]  # the beginnings of its links
-        self._low = np.array([places.min(axis=0, initial=math.inf) for places in where]).reshape(-1, 2)
-        self._high = np.array([places.max(axis=0, initial=-math.inf) for places in where]).reshape(-1, 2)
+        where = [
+            road.points[road.point_offset[np.flatnonzero(road.signal == q)]]
+            for q in range(len(road.signal_ids))
+        ]  # the beginnings of its links
+        self._low = np.array([places.min(axis=0, initial=math.inf) for places in where]).reshape(
+            -1, 2
+        )
+        self._high = np.array([places.max(axis=0, initial=-math.inf) for places in where]).reshape(
+            -1, 2
+        )
         self._known = np.array([name in known for name in road.signal_ids], np.bool_)
         self._programs: dict[tuple[int, str], list[_Phase]] = {}
 
     def read(self, x: float, y: float, time: float, phases: int) -> Signals:
-        """Signals with a link within SIGNAL_RANGE of a place (or between two, where they are far apart); those further away read as green."""
+        """Signals with a link within SIGNAL_RANGE of a place (or between two, where they are far
+        apart); those further away read as green."""
         state = np.full((int(self._offset[-1]), phases), GREEN, np.int32)
         until = np.full((len(self._ids), phases), np.inf)
         away = np.maximum(np.maximum(self._low - (x, y), (x, y) - self._high), 0.0)
-        for q in np.flatnonzero(self._known & ((away * away).sum(axis=1) < SIGNAL_RANGE**2)).tolist():
-            self._fill(q, self._ids[q], time, state[self._offset[q] : self._offset[q + 1]], until[q])
+        for q in np.flatnonzero(
+            self._known & ((away * away).sum(axis=1) < SIGNAL_RANGE**2)
+        ).tolist():
+            self._fill(
+                q, self._ids[q], time, state[self._offset[q] : self._offset[q + 1]], until[q]
+            )
         return Signals(self._offset, state, until)
 
     def _fill(self, q: int, name: str, time: float, state: Ints, until: Floats) -> None:
@@ -56,7 +81,9 @@ class SignalReader:
     def _program(self, q: int, name: str) -> list["_Phase"]:
         current = self._get.getProgram(name)
         if (q, current) not in self._programs:
-            logics = {logic.programID: _phases(logic) for logic in self._get.getAllProgramLogics(name)}
+            logics = {
+                logic.programID: _phases(logic) for logic in self._get.getAllProgramLogics(name)
+            }
             self._programs[q, current] = logics.get(current, [])
         return self._programs[q, current]
 
@@ -67,13 +94,20 @@ class _Phase(NamedTuple):
     state: str
     duration: float  # s
     following: int  # the phase after it
-    open_ended: bool  # traffic decides when it ends: SUMO's next switch is but the next time that it asks
+    open_ended: (
+        bool  # traffic decides when it ends: SUMO's next switch is but the next time that it asks
+    )
 
 
 def _phases(logic: Any) -> list[_Phase]:
     found = list(logic.phases)
     return [
-        _Phase(p.state, p.duration, p.next[0] if p.next and p.next[0] >= 0 else (k + 1) % len(found), logic.type != STATIC and p.minDur < p.maxDur)
+        _Phase(
+            p.state,
+            p.duration,
+            p.next[0] if p.next and p.next[0] >= 0 else (k + 1) % len(found),
+            logic.type != STATIC and p.minDur < p.maxDur,
+        )
         for k, p in enumerate(found)
     ]
 

@@ -18,18 +18,33 @@ from sumo_mcts import files
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.process.supervisor import doing
 from sumo_mcts.world.library import import_libsumo
-from sumo_mcts.world.options import expanded, full_name, is_number, option_names, paths_in, unescaped
+from sumo_mcts.world.options import (
+    expanded,
+    full_name,
+    is_number,
+    option_names,
+    paths_in,
+    unescaped,
+)
 
-_QUIET = {"verbose": "false", "no-step-log": "true", "duration-log.disable": "true", "no-warnings": "true"}
+_QUIET = {
+    "verbose": "false",
+    "no-step-log": "true",
+    "duration-log.disable": "true",
+    "no-warnings": "true",
+}
 _WINDOW = {"start": "true", "quit-on-end": "true", "window-size": "1200,800"}
-WINDOW_DELAY_MS = 250.0  # for each simulated second, as SUMO's option `delay` means it: four times real time
+WINDOW_DELAY_MS = (
+    250.0  # for each simulated second, as SUMO's option `delay` means it: four times real time
+)
 WINDOW_DELAY_MOST_MS = 60_000.0
 WAKING_STEPS = 3
 TYPES_WITHIN = 1 << 24  # bytes of a file in which types of vehicles are looked for
 _ACTION_STEP = re.compile(rb"""actionStepLength\s*=\s*["']([0-9]+\.?[0-9]*|\.[0-9]+)["']""")
 _END_OF_ERROR = re.compile(r"\n(?=\S)|\nQuitting")  # what belongs to an error is indented
 _WITHOUT_DISPLAY = "leave --gui out, or start a virtual one: xvfb-run -a sumo-mcts run ... --gui"
-_MARK = "sumo_mcts.simulation"  # a parameter of a lane: no output shows it, no state keeps it, and it goes with its simulation
+# a parameter of a lane: no output shows it, no state keeps it, and it goes with its simulation
+_MARK = "sumo_mcts.simulation"
 
 
 class SimulationError(Exception):
@@ -37,19 +52,33 @@ class SimulationError(Exception):
 
 
 class Simulation:
-    """One running SUMO. libsumo holds a single simulation per process: close one before starting the next."""
+    """One running SUMO. libsumo holds a single simulation per process: close one before starting
+    the next."""
 
-    def __init__(self, arguments: Sequence[str], *, gui: bool = False, delay_ms: float = WINDOW_DELAY_MS) -> None:
-        """`arguments` as on SUMO's command line, without the program's name; `delay_ms`: with a window, how long a simulated second takes at least, unless
-        the arguments tell. Raises ConfigError with SUMO's own message."""
+    def __init__(
+        self, arguments: Sequence[str], *, gui: bool = False, delay_ms: float = WINDOW_DELAY_MS
+    ) -> None:
+        """`arguments` as on SUMO's command line, without the program's name;
+
+        `delay_ms`: with a window, how long a simulated second takes at least, unless the arguments
+        tell. Raises ConfigError with SUMO's own message.
+        """
         self._libsumo, self._gui = import_libsumo(), gui
         self._log = _temporary_file()
-        # With a delay of its own SUMO's window never closes (seen with 10 ms and more, SUMO 1.28): we wait in its place.
-        arguments, delay_ms = delay_taken_out(arguments, delay_ms) if gui else (list(arguments), 0.0)
+        # With a delay of its own SUMO's window never closes (seen with 10 ms and more, SUMO 1.28):
+        # we wait in its place.
+        arguments, delay_ms = (
+            delay_taken_out(arguments, delay_ms) if gui else (list(arguments), 0.0)
+        )
         self._pace = _Pace(delay_ms / 1000.0)
         given = option_names(arguments)
         own = {"error-log": str(self._log), **_QUIET, **({**_WINDOW, "delay": "0"} if gui else {})}
-        further = [part for name, value in own.items() if name not in given for part in (f"--{name}", value)]
+        further = [
+            part
+            for name, value in own.items()
+            if name not in given
+            for part in (f"--{name}", value)
+        ]
         source = _source(arguments)
         doing(f"SUMO, reading {source},")
         try:
@@ -70,7 +99,12 @@ class Simulation:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     def step(self) -> None:
@@ -93,7 +127,10 @@ class Simulation:
 
     @property
     def end(self) -> float:
-        """When the configuration says that the traffic ends, s; SUMO itself does not stop there where somebody else tells it to step."""
+        """When the configuration says that the traffic ends, s;
+
+        SUMO itself does not stop there where somebody else tells it to step.
+        """
         end = float(self._libsumo.simulation.getEndTime())
         return end if end > 0 else math.inf
 
@@ -111,7 +148,8 @@ class Simulation:
         doing("")
 
     def _wake_window(self) -> None:
-        """Steps right before the closing, through which the window's thread would sleep otherwise (SUMO 1.28): it waits for the thread for ever."""
+        """Steps right before the closing, through which the window's thread would sleep otherwise
+        (SUMO 1.28): it waits for the thread for ever."""
         with contextlib.suppress(Exception):  # libsumo's exceptions share no base
             for _ in range(WAKING_STEPS):
                 self._libsumo.simulationStep()
@@ -122,7 +160,11 @@ class Simulation:
             text = self._log.read_text(encoding="utf-8", errors="replace")
         except OSError:  # not there, or this is a copy of the process, which opens no files
             text = ""
-        first = text[text.find("Error: ") :].removeprefix("Error: ") if "Error: " in text else str(error)
+        first = (
+            text[text.find("Error: ") :].removeprefix("Error: ")
+            if "Error: " in text
+            else str(error)
+        )
         return " ".join(_END_OF_ERROR.split(first)[0].split())
 
 
@@ -139,12 +181,22 @@ class _Pace:
         if self._per_second <= 0.0:
             return
         if not math.isnan(self._wall):
-            time.sleep(max(0.0, self._wall + (simulated - self._simulated) * self._per_second - time.monotonic()))
+            time.sleep(
+                max(
+                    0.0,
+                    self._wall
+                    + (simulated - self._simulated) * self._per_second
+                    - time.monotonic(),
+                )
+            )
         self._simulated, self._wall = simulated, time.monotonic()
 
 
 def delay_taken_out(arguments: Sequence[str], default_ms: float) -> tuple[list[str], float]:
-    """SUMO's arguments without its option `delay`, and the delay in ms for each simulated second. Raises ConfigError."""
+    """SUMO's arguments without its option `delay`, and the delay in ms for each simulated second.
+
+    Raises ConfigError.
+    """
     left, given = [], str(default_ms)
     words = iter(arguments)
     for word in words:
@@ -154,7 +206,10 @@ def delay_taken_out(arguments: Sequence[str], default_ms: float) -> tuple[list[s
         else:
             left.append(word)
     if not is_number(given) or not 0.0 <= float(given) <= WINDOW_DELAY_MOST_MS:
-        raise ConfigError(f"delay: milliseconds for each simulated second, from 0 to {WINDOW_DELAY_MOST_MS:g}, got {given!r}")
+        raise ConfigError(
+            f"delay: milliseconds for each simulated second, from 0 to {WINDOW_DELAY_MOST_MS:g}, "
+            f"got {given!r}"
+        )
     return left, float(given)
 
 
@@ -178,11 +233,15 @@ def is_running() -> bool:
 def require_running() -> None:
     """Raise ConfigError where no simulation runs in this process."""
     if not is_running():
-        raise ConfigError("no simulation runs in this process: call libsumo.start first (what traci.start starts is a process of its own)")
+        raise ConfigError(
+            "no simulation runs in this process: call libsumo.start first (what traci.start starts "
+            "is a process of its own)"
+        )
 
 
 def number() -> int:
-    """A number that the running simulation keeps until it is closed or another one is loaded, and that no other one has; 0: none runs."""
+    """A number that the running simulation keeps until it is closed or another one is loaded, and
+    that no other one has; 0: none runs."""
     if not is_running():
         return 0
     lanes = import_libsumo().lane
@@ -209,7 +268,8 @@ def now() -> float:
 
 
 def expected() -> int:
-    """How many vehicles and persons are on their way in the running simulation, or still to come."""
+    """How many vehicles and persons are on their way in the running simulation, or still to
+    come."""
     return int(import_libsumo().simulation.getMinExpectedNumber())
 
 
@@ -219,7 +279,8 @@ def departed() -> list[str]:
 
 
 def after_each_step(call: Callable[[], bool]) -> None:
-    """Call this after each simulationStep() of the user's, for as long as it returns True and the simulation is not closed."""
+    """Call this after each simulationStep() of the user's, for as long as it returns True and the
+    simulation is not closed."""
     libsumo: Any = import_libsumo()
 
     class Listener(libsumo.StepListener):  # type: ignore[misc]  # libsumo has no types
@@ -248,20 +309,32 @@ def step_length() -> float:
 
 
 def is_ballistic() -> bool:
-    """Whether positions follow the mean speed of a step: asked for, or what SUMO changes to without telling where a type of vehicle acts less often than
-    every step (and nobody asked for the opposite, which cannot be seen).
+    """Whether positions follow the mean speed of a step: asked for, or what SUMO changes to without
+    telling where a type of vehicle acts less often than every step (and nobody asked for the
+    opposite, which cannot be seen).
 
-    The files tell, since asking SUMO for a type draws from its random numbers where that is a distribution, and so changes the traffic.
+    The files tell, since asking SUMO for a type draws from its random numbers where that is a
+    distribution, and so changes the traffic.
     """
-    named = [path for key in ("route-files", "additional-files") for path in named_files(key) if not files.problem(path)]
-    longest = max([float(option("default.action-step-length")), *(_longest_action_step(path, path.stat().st_mtime_ns) for path in named)])
+    named = [
+        path
+        for key in ("route-files", "additional-files")
+        for path in named_files(key)
+        if not files.problem(path)
+    ]
+    longest = max(
+        [
+            float(option("default.action-step-length")),
+            *(_longest_action_step(path, path.stat().st_mtime_ns) for path in named),
+        ]
+    )
     return option("step-method.ballistic") == "true" or longest > step_length() + 1e-9
 
 
 @lru_cache(maxsize=32)
 def _longest_action_step(path: Path, changed: int) -> float:
-    """The longest actionStepLength in a file of routes or types, s; of large files the beginning counts, where types stand. `changed`: when the file was,
-    for the cache."""
+    """The longest actionStepLength in a file of routes or types, s; of large files the beginning
+    counts, where types stand. `changed`: when the file was, for the cache."""
     try:
         text = files.beginning(path, TYPES_WITHIN)
     except OSError as error:
@@ -273,7 +346,8 @@ def _longest_action_step(path: Path, changed: int) -> float:
 def _display_open() -> Iterator[None]:
     """sumo-gui ends the whole process where it finds no display: look first. Raises ConfigError.
 
-    Ours stays open until SUMO's window is: a virtual display starts anew when its last client leaves, and refuses whoever comes meanwhile.
+    Ours stays open until SUMO's window is: a virtual display starts anew when its last client
+    leaves, and refuses whoever comes meanwhile.
     """
     if os.name == "posix" and "DISPLAY" not in os.environ:
         raise ConfigError(f"--gui: no display (DISPLAY is not set); {_WITHOUT_DISPLAY}")
@@ -286,7 +360,9 @@ def _display_open() -> Iterator[None]:
     x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
     display = x11.XOpenDisplay(None)
     if not display:
-        raise ConfigError(f"--gui: the display {os.environ['DISPLAY']} cannot be opened; {_WITHOUT_DISPLAY}")
+        raise ConfigError(
+            f"--gui: the display {os.environ['DISPLAY']} cannot be opened; {_WITHOUT_DISPLAY}"
+        )
     try:
         yield
     finally:

@@ -32,12 +32,19 @@ def main() -> int:
         return 0
     begun = time.monotonic()
     slow = slowness()
-    print(f"{len(chosen)} cases, {asked.jobs} at a time; this machine takes {slow:.1f} times as long as an idle one", flush=True)
+    print(
+        f"{len(chosen)} cases, {asked.jobs} at a time; this machine takes {slow:.1f} times as long "
+        "as an idle one",
+        flush=True,
+    )
     verdicts = list(_judged(chosen, asked.jobs, slow, asked.out))
     asked.out.mkdir(parents=True, exist_ok=True)
     (asked.out / "table.md").write_text(f"{table(verdicts)}\n", encoding="utf-8")
     failed = _write_failures(verdicts, asked.out)
-    print(f"\n{table(verdicts)}\n\n{time.monotonic() - begun:.0f} s; table and failures lie in {asked.out}")
+    print(
+        f"\n{table(verdicts)}\n\n{time.monotonic() - begun:.0f} s; table and failures lie in "
+        f"{asked.out}"
+    )
     return 1 if failed else 0
 
 
@@ -58,7 +65,14 @@ def table(verdicts: Sequence[Verdict]) -> str:
     counts = Counter(verdict.case.kind for verdict in verdicts)
     wrong = Counter(verdict.case.kind for verdict in verdicts if verdict.faults)
     lines = [f"| {kind} | {count} | {wrong[kind]} |" for kind, count in counts.items()]
-    return "\n".join(["| kind | cases | failures |", "|---|---|---|", *lines, f"| all | {counts.total()} | {wrong.total()} |"])
+    return "\n".join(
+        [
+            "| kind | cases | failures |",
+            "|---|---|---|",
+            *lines,
+            f"| all | {counts.total()} | {wrong.total()} |",
+        ]
+    )
 
 
 def failure_text(verdict: Verdict) -> str:
@@ -66,8 +80,14 @@ def failure_text(verdict: Verdict) -> str:
     said = verdict.answer.err.decode(errors="backslashreplace").strip().split("\n")
     shown = said if len(said) <= 6 else [*said[:2], f"... {len(said) - 5} lines ...", *said[-3:]]
     answer = "\n".join(f"    | {line[:300]!r}"[:320] for line in shown if line)
-    head = f"{verdict.case.title}\n    {'; '.join(verdict.faults)}\n    $ {command_line(verdict.case)[:400]}"
-    return f"{head}\n    status {verdict.answer.status}, {verdict.answer.seconds:.1f} s, {verdict.answer.most_bytes / 1e6:.0f} MB\n{answer}\n"
+    head = (
+        f"{verdict.case.title}\n    {'; '.join(verdict.faults)}\n    $ "
+        f"{command_line(verdict.case)[:400]}"
+    )
+    return (
+        f"{head}\n    status {verdict.answer.status}, {verdict.answer.seconds:.1f} s, "
+        f"{verdict.answer.most_bytes / 1e6:.0f} MB\n{answer}\n"
+    )
 
 
 def _judged(chosen: Sequence[Case], jobs: int, slow: float, out: Path) -> Iterator[Verdict]:
@@ -75,7 +95,9 @@ def _judged(chosen: Sequence[Case], jobs: int, slow: float, out: Path) -> Iterat
     found: dict[str, Verdict] = {}
     bad = 0
     with ThreadPoolExecutor(jobs) as pool:
-        for number, future in enumerate(as_completed([pool.submit(judge, case, slow) for case in chosen]), 1):
+        for number, future in enumerate(
+            as_completed([pool.submit(judge, case, slow) for case in chosen]), 1
+        ):
             verdict = future.result()
             found[verdict.case.title] = verdict
             bad += bool(verdict.faults)
@@ -96,12 +118,24 @@ def _write_failures(verdicts: Sequence[Verdict], out: Path) -> list[Verdict]:
 
 
 def _parsed() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="attack", description="Wrong inputs through the real command.")
-    parser.add_argument("kinds", nargs="*", metavar="KIND", choices=[*KINDS, []], help=f"default: all of {', '.join(KINDS)}")
-    parser.add_argument("--share", type=float, default=1.0, help="of the cases, the same ones every time")
+    parser = argparse.ArgumentParser(
+        prog="attack", description="Wrong inputs through the real command."
+    )
+    parser.add_argument(
+        "kinds",
+        nargs="*",
+        metavar="KIND",
+        choices=[*KINDS, []],
+        help=f"default: all of {', '.join(KINDS)}",
+    )
+    parser.add_argument(
+        "--share", type=float, default=1.0, help="of the cases, the same ones every time"
+    )
     parser.add_argument("--name", default="", help="only cases with this in their title")
     parser.add_argument("--jobs", type=int, default=2, help="commands at a time")
-    parser.add_argument("--out", type=Path, default=Path("out/attack"), help="folder for table.md and failures.md")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/attack"), help="folder for table.md and failures.md"
+    )
     parser.add_argument("--list", action="store_true", help="print the cases and run none")
     return parser.parse_args()
 

@@ -3,7 +3,18 @@
 from collections.abc import Callable, Iterable, Mapping
 
 from .case import Case
-from .kinds import environment, experiments, interruptions, numbers, options, records, scenarios, special_files, streams, sumo_files
+from .kinds import (
+    environment,
+    experiments,
+    interruptions,
+    numbers,
+    options,
+    records,
+    scenarios,
+    special_files,
+    streams,
+    sumo_files,
+)
 
 KINDS: Mapping[str, Callable[[], Iterable[Case]]] = {
     "yaml": scenarios.yaml_cases,

@@ -1,4 +1,5 @@
-"""Good inputs, which cases damage: a short scenario on a small network, the same as a .sumocfg, an experiment, and what driving them leaves behind."""
+"""Good inputs, which cases damage: a short scenario on a small network, the same as a .sumocfg, an
+experiment, and what driving them leaves behind."""
 
 import copy
 import functools
@@ -34,8 +35,18 @@ SCENARIO: dict[str, Any] = {
     "egos": [{"id": "ego"}],
     "traffic": {
         "actors": [
-            {"id": "ego", "vtype": "ego", "route": ["road", "beyond"], "depart": {"lane": 1, "pos_m": 100, "speed_mps": 5}},
-            {"id": "other", "vtype": "car", "route": ["road", "beyond"], "depart": {"lane": 1, "pos_m": 150, "speed_mps": 5}},
+            {
+                "id": "ego",
+                "vtype": "ego",
+                "route": ["road", "beyond"],
+                "depart": {"lane": 1, "pos_m": 100, "speed_mps": 5},
+            },
+            {
+                "id": "other",
+                "vtype": "car",
+                "route": ["road", "beyond"],
+                "depart": {"lane": 1, "pos_m": 150, "speed_mps": 5},
+            },
         ]
     },
     "episode": {"time_limit_s": 3},
@@ -56,7 +67,8 @@ def dumped(data: object) -> str:
 
 
 def with_key(data: Mapping[str, Any], key: str, value: object) -> dict[str, Any]:
-    """A copy of nested mappings and lists in which the `a.b.0` key has another value; mappings that are missing on the way are made."""
+    """A copy of nested mappings and lists in which the `a.b.0` key has another value; mappings that
+    are missing on the way are made."""
     result = copy.deepcopy(dict(data))
     parts: list[Any] = [int(part) if part.isdecimal() else part for part in key.split(".")]
     inner: Any = result
@@ -73,7 +85,9 @@ FILES: dict[str, bytes] = {
     "good.sumocfg": SUMOCFG.encode(),
     "good.yaml": dumped(SCENARIO).encode(),
     "exp.yaml": dumped(EXPERIMENT).encode(),
-    "one.yaml": dumped({**EXPERIMENT, "variants": {"constant": {}}}).encode(),  # two episodes of planner constant
+    "one.yaml": dumped(
+        {**EXPERIMENT, "variants": {"constant": {}}}
+    ).encode(),  # two episodes of planner constant
 }
 
 RUN = ("run", "good.yaml", "--json")
@@ -85,16 +99,29 @@ COMMAND = (sys.executable, "-m", "sumo_mcts")
 
 @functools.cache
 def recorded() -> dict[str, bytes]:
-    """File names and contents of what `batch` leaves of the good experiment, in `rec`, and of what `run` leaves of a left
+    """File names and contents of what `batch` leaves of the good experiment, in `rec`, and of what
+    `run` leaves of a left
     turn by planner mcts, in `one`. The first time it compiles the search."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write(folder, FILES)
         turn = ("unprotected-left-turn", "--iterations", "20", "--time-limit", "2")
-        for words in (("batch", "exp.yaml", "--out", "rec", "--jobs", "1", "--quiet"), ("run", *turn, "--out", "one", "--quiet")):
+        for words in (
+            ("batch", "exp.yaml", "--out", "rec", "--jobs", "1", "--quiet"),
+            ("run", *turn, "--out", "one", "--quiet"),
+        ):
             subprocess.run([*COMMAND, *words], cwd=folder, check=True, capture_output=True)
-        found = [path for top in ("rec", "one") for path in sorted((folder / top).rglob("*")) if path.is_file()]
-        return {str(path.relative_to(folder)): path.read_bytes() for path in found if path.suffix not in (".gif", ".png")}
+        found = [
+            path
+            for top in ("rec", "one")
+            for path in sorted((folder / top).rglob("*"))
+            if path.is_file()
+        ]
+        return {
+            str(path.relative_to(folder)): path.read_bytes()
+            for path in found
+            if path.suffix not in (".gif", ".png")
+        }
 
 
 def recorded_file(pattern: str) -> str:

@@ -1,5 +1,6 @@
-"""`make interruptions`: a batch that is interrupted at random moments in every way, and gone on with, until nothing is left to do. No row may be lost or
-doubled, and digests equal those of a batch that was left alone.
+"""`make interruptions`: a batch that is interrupted at random moments in every way, and gone on
+with, until nothing is left to do. No row may be lost or doubled, and digests equal those of a batch
+that was left alone.
 
     python -m attack.interrupted_batch [--count 60] [--seed 24] [--jobs 2]
 """
@@ -26,7 +27,11 @@ from .judge import MARK, names_in, running
 EXPERIMENT = {
     "name": "interrupted",
     "scenarios": ["good.yaml"],
-    "variants": {"constant": {}, "idm": {"planner.name": "idm"}, "mcts": {"planner.name": "mcts", "planner.iterations": 50}},
+    "variants": {
+        "constant": {},
+        "idm": {"planner.name": "idm"},
+        "mcts": {"planner.name": "mcts", "planner.iterations": 50},
+    },
     "seeds": "0..9",
     "twins": True,
     "traces": "all",
@@ -56,8 +61,18 @@ class Blow(NamedTuple):
         return -self.number if self.number == signal.SIGKILL else 128 + self.number
 
 
-ENDING = [Blow(number, target) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) for target in ("command", "group")]
-BLOWS = [*ENDING, Blow(signal.SIGKILL, "command"), Blow(signal.SIGKILL, "group"), Blow(signal.SIGKILL, "worker"), Blow(signal.SIGSTOP, "worker")]
+ENDING = [
+    Blow(number, target)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    for target in ("command", "group")
+]
+BLOWS = [
+    *ENDING,
+    Blow(signal.SIGKILL, "command"),
+    Blow(signal.SIGKILL, "group"),
+    Blow(signal.SIGKILL, "worker"),
+    Blow(signal.SIGSTOP, "worker"),
+]
 
 
 class Tally(NamedTuple):
@@ -77,7 +92,8 @@ class Batch(NamedTuple):
 
 
 def interrupt(count: int, seed: int, jobs: int, folder: Path) -> Tally:
-    """Interrupt batches in a folder at `count` moments; each is gone on with until it is done, and compared with one that was left alone."""
+    """Interrupt batches in a folder at `count` moments; each is gone on with until it is done, and
+    compared with one that was left alone."""
     write(folder, FILES)
     (folder / "exp.yaml").write_text(dumped(EXPERIMENT), encoding="utf-8")
     begun = time.monotonic()
@@ -92,17 +108,42 @@ def interrupt(count: int, seed: int, jobs: int, folder: Path) -> Tally:
             landed, done, found = _interrupted(batch, blow, moment, chance)
             blows += [blow] if landed else []
             found += _row_problems(_rows(batch), set(expected))
-            problems += [f"{batch.out}: {blow.number.name} to the {blow.target} after {moment:.1f} s: {problem}" for problem in found]
+            problems += [
+                f"{batch.out}: {blow.number.name} to the {blow.target} after {moment:.1f} s: "
+                f"{problem}"
+                for problem in found
+            ]
         stopped = sum(blow.number == signal.SIGSTOP for blow in blows[before:])
-        problems += [f"{batch.out}: {problem}" for problem in _differences(_finished(batch), expected, stopped, folder / batch.out)]
+        problems += [
+            f"{batch.out}: {problem}"
+            for problem in _differences(_finished(batch), expected, stopped, folder / batch.out)
+        ]
         rounds += 1
-        print(f"{len(blows)}/{count} interruptions, {rounds} batches, {len(problems)} problems", file=sys.stderr, flush=True)
-    return Tally(Counter(f"{blow.number.name} to the {blow.target}" for blow in blows), rounds, tuple(problems))
+        print(
+            f"{len(blows)}/{count} interruptions, {rounds} batches, {len(problems)} problems",
+            file=sys.stderr,
+            flush=True,
+        )
+    return Tally(
+        Counter(f"{blow.number.name} to the {blow.target}" for blow in blows),
+        rounds,
+        tuple(problems),
+    )
 
 
 def _words(batch: Batch) -> list[str]:
     limit = ["--episode-timeout", str(STOPPED_S)] if _has_timeout() else []
-    return [*COMMAND, "batch", "exp.yaml", "--out", batch.out, "--jobs", str(batch.jobs), "--quiet", *limit]
+    return [
+        *COMMAND,
+        "batch",
+        "exp.yaml",
+        "--out",
+        batch.out,
+        "--jobs",
+        str(batch.jobs),
+        "--quiet",
+        *limit,
+    ]
 
 
 def _has_timeout() -> bool:
@@ -116,18 +157,38 @@ def _has_timeout() -> bool:
 
 def _finished(batch: Batch) -> list[Row]:
     """The rows, once what is left of the batch was driven undisturbed."""
-    done = subprocess.run(_words(batch), cwd=batch.folder, check=False, timeout=PATIENCE_S, capture_output=True, text=True)
-    if done.returncode not in (0, 1):  # 1: there is a row with outcome error, which the comparison of rows tells
+    done = subprocess.run(
+        _words(batch),
+        cwd=batch.folder,
+        check=False,
+        timeout=PATIENCE_S,
+        capture_output=True,
+        text=True,
+    )
+    if done.returncode not in (
+        0,
+        1,
+    ):  # 1: there is a row with outcome error, which the comparison of rows tells
         raise RuntimeError(f"{batch.out}: the batch cannot be gone on with: {done.stderr}")
     return _rows(batch)
 
 
-def _interrupted(batch: Batch, blow: Blow, moment: float, chance: random.Random) -> tuple[bool, bool, list[str]]:
-    """Start the batch and strike at a moment; whether it struck before the end, whether the batch is done, and what is wrong."""
+def _interrupted(
+    batch: Batch, blow: Blow, moment: float, chance: random.Random
+) -> tuple[bool, bool, list[str]]:
+    """Start the batch and strike at a moment; whether it struck before the end, whether the batch
+    is done, and what is wrong."""
     mark = f"interrupted-{os.getpid()}-{chance.getrandbits(64):x}"
     with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile() as err:
         environment = {**os.environ, MARK: mark, "TMPDIR": scratch}
-        process = subprocess.Popen(_words(batch), cwd=batch.folder, env=environment, stdout=subprocess.DEVNULL, stderr=err, start_new_session=True)
+        process = subprocess.Popen(
+            _words(batch),
+            cwd=batch.folder,
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=err,
+            start_new_session=True,
+        )
         landed = _strike(process, blow, moment, chance)
         if not landed:
             process.wait(PATIENCE_S)
@@ -149,8 +210,13 @@ def _interrupted(batch: Batch, blow: Blow, moment: float, chance: random.Random)
         return True, not blow.ends, problems
 
 
-def _strike(process: "subprocess.Popen[bytes]", blow: Blow, moment: float, chance: random.Random) -> bool:
-    """Wait for the moment, or the first worker after it, and send the signal; False where the batch was over before."""
+def _strike(
+    process: "subprocess.Popen[bytes]", blow: Blow, moment: float, chance: random.Random
+) -> bool:
+    """Wait for the moment, or the first worker after it, and send the signal;
+
+    False where the batch was over before.
+    """
     with suppress(subprocess.TimeoutExpired):
         process.wait(moment)
     while process.poll() is None:
@@ -173,11 +239,16 @@ def _workers(command: int) -> list[int]:
 
 
 def _children(process: int) -> list[int]:
-    return [int(pid) for path in Path(f"/proc/{process}/task").glob("*/children") for pid in path.read_text(encoding="ascii").split()]
+    return [
+        int(pid)
+        for path in Path(f"/proc/{process}/task").glob("*/children")
+        for pid in path.read_text(encoding="ascii").split()
+    ]
 
 
 def _statuses(blow: Blow, moment: float) -> set[int]:
-    """Right exit statuses: a signal before Python has installed its handlers ends the process by itself; a worker that was struck may leave an error."""
+    """Right exit statuses: a signal before Python has installed its handlers ends the process by
+    itself; a worker that was struck may leave an error."""
     if not blow.ends:
         return {0, 1}
     return {blow.status, -blow.number} if moment < EARLY_S else {blow.status}
@@ -220,17 +291,28 @@ def _digests(rows: list[Row]) -> dict[str, tuple[str, str]]:
 
 def _row_problems(rows: list[Row], expected: set[str]) -> Iterator[str]:
     """What is wrong with the rows of a batch at any moment."""
-    yield from (f"{key} stands {count} times" for key, count in Counter(row["key"] for row in rows).items() if count > 1)
+    yield from (
+        f"{key} stands {count} times"
+        for key, count in Counter(row["key"] for row in rows).items()
+        if count > 1
+    )
     yield from (f"{row['key']} was not asked for" for row in rows if row["key"] not in expected)
 
 
-def _differences(rows: list[Row], expected: dict[str, tuple[str, str]], stopped: int, out: Path) -> Iterator[str]:
-    """What is wrong with the rows of a batch that is done. A worker that was stopped may have left its episode as an error."""
+def _differences(
+    rows: list[Row], expected: dict[str, tuple[str, str]], stopped: int, out: Path
+) -> Iterator[str]:
+    """What is wrong with the rows of a batch that is done.
+
+    A worker that was stopped may have left its episode as an error.
+    """
     yield from _row_problems(rows, set(expected))
     found = _digests(rows)
     yield from (f"{key} is lost" for key in expected if key not in found)
     wrong = [key for key in expected if key in found and found[key] != expected[key]]
-    yield from (f"{key} is {found[key]}, not {expected[key]}" for key in wrong if found[key][0] != "error")
+    yield from (
+        f"{key} is {found[key]}, not {expected[key]}" for key in wrong if found[key][0] != "error"
+    )
     errors = [key for key in wrong if found[key][0] == "error"]
     if len(errors) > stopped:
         yield f"{len(errors)} rows are errors, {stopped} workers were stopped"
@@ -244,7 +326,9 @@ def _differences(rows: list[Row], expected: dict[str, tuple[str, str]], stopped:
 
 def main() -> int:
     """Interrupt, and print what came of it as Markdown."""
-    parser = argparse.ArgumentParser(description="Interrupt a batch at random moments, in every way.")
+    parser = argparse.ArgumentParser(
+        description="Interrupt a batch at random moments, in every way."
+    )
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=24)
     parser.add_argument("--jobs", type=int, default=2)
@@ -252,7 +336,18 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="interruptions-") as folder:
         tally = interrupt(asked.count, asked.seed, asked.jobs, Path(folder))
     lines = [f"| {blow} | {count} |" for blow, count in sorted(tally.blows.items())]
-    print("\n".join(["| interruption | times |", "|---|---|", *lines, "", f"{tally.rounds} batches finished, {len(tally.problems)} problems", *tally.problems]))
+    print(
+        "\n".join(
+            [
+                "| interruption | times |",
+                "|---|---|",
+                *lines,
+                "",
+                f"{tally.rounds} batches finished, {len(tally.problems)} problems",
+                *tally.problems,
+            ]
+        )
+    )
     return 1 if tally.problems else 0
 
 

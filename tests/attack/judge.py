@@ -1,4 +1,5 @@
-"""Runs a case with the real command in a process of its own, and tells what is wrong with the answer."""
+"""Runs a case with the real command in a process of its own, and tells what is wrong with the
+answer."""
 
 import json
 import os
@@ -23,11 +24,21 @@ from .good import COMMAND, FILES, recorded, write
 MARK = "SUMO_MCTS_ATTACK"  # in the environment of the command and of all that it starts
 MOST_BYTES = 1_500_000_000  # resident, of one process
 GOOD_S = 2.0  # what the good scenario takes where nothing else runs
-_GUARD_BYTES = 8_000_000_000  # of addresses: what asks for more is stopped before the machine suffers
+_GUARD_BYTES = (
+    8_000_000_000  # of addresses: what asks for more is stopped before the machine suffers
+)
 _GRACE_S = 3.0  # for processes that end with the command
-_OUTCOMES = ("arrived", "collision", "off_route", "timeout", "teleported")  # of an episode with status 0; docs/measures.md
+_OUTCOMES = (
+    "arrived",
+    "collision",
+    "off_route",
+    "timeout",
+    "teleported",
+)  # of an episode with status 0; docs/measures.md
 _PROGRESS = re.compile(r".* \.\.\.|\d+/\d+ episodes.*|note: .*|warning: .*")
-_EPISODE = re.compile(r"error: [^:]+: ego [^:]+: .|error: \d+ of \d+ rows ")  # an outcome names scenario and ego
+_EPISODE = re.compile(
+    r"error: [^:]+: ego [^:]+: .|error: \d+ of \d+ rows "
+)  # an outcome names scenario and ego
 _TRACEBACK = re.compile(r"Traceback \(most recent call last\)|Fatal Python error")
 
 
@@ -53,9 +64,12 @@ class Verdict(NamedTuple):
 
 
 def judge(case: Case, slow: float = 1.0) -> Verdict:
-    """Run a case in temporary folders and compare its answer with what is allowed; a machine that is `slow` times slower has so much more time."""
+    """Run a case in temporary folders and compare its answer with what is allowed; a machine that
+    is `slow` times slower has so much more time."""
     if case.interruption is not None:  # at the same point of its work
-        case = case._replace(interruption=case.interruption._replace(after_s=case.interruption.after_s * slow))
+        case = case._replace(
+            interruption=case.interruption._replace(after_s=case.interruption.after_s * slow)
+        )
     top = Path(tempfile.mkdtemp(prefix="attack-"))
     try:
         work, scratch = top / "work", top / "tmp"
@@ -69,8 +83,17 @@ def judge(case: Case, slow: float = 1.0) -> Verdict:
 
 
 def slowness() -> float:
-    """How many times longer than on an idle machine commands take now; at least 1. Raises RuntimeError where the good input is not answered rightly."""
-    good = Case("good", "the good scenario", ("run", "good.yaml", "--json"), allowed=frozenset({DRIVEN}), patience_s=600.0)
+    """How many times longer than on an idle machine commands take now; at least 1.
+
+    Raises RuntimeError where the good input is not answered rightly.
+    """
+    good = Case(
+        "good",
+        "the good scenario",
+        ("run", "good.yaml", "--json"),
+        allowed=frozenset({DRIVEN}),
+        patience_s=600.0,
+    )
     verdict = judge(good)
     if verdict.faults:
         raise RuntimeError(f"{command_line(good)}: {'; '.join(verdict.faults)}")
@@ -79,8 +102,14 @@ def slowness() -> float:
 
 def command_line(case: Case) -> str:
     """The case for a shell, in a folder with its files."""
-    variables = [f"{key}={shlex.quote(value)}" for key, value in case.environment.items() if value is not None]
-    return " ".join([*variables, *(shlex.quote(word) for word in (*case.prefix, "sumo-mcts", *case.words))])
+    variables = [
+        f"{key}={shlex.quote(value)}"
+        for key, value in case.environment.items()
+        if value is not None
+    ]
+    return " ".join(
+        [*variables, *(shlex.quote(word) for word in (*case.prefix, "sumo-mcts", *case.words))]
+    )
 
 
 # --- running ---
@@ -90,12 +119,15 @@ def run(case: Case, work: Path, scratch: Path, slow: float = 1.0) -> Answer:
     """The answer to a case whose files lie in `work`; temporary files belong into `scratch`."""
     mark = uuid.uuid4().hex
     changed = {"TMPDIR": str(scratch), "DISPLAY": None, **case.environment, MARK: mark}
-    environment = {key: value for key, value in {**os.environ, **changed}.items() if value is not None}
+    environment = {
+        key: value for key, value in {**os.environ, **changed}.items() if value is not None
+    }
     before = names_in(work)
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         begun = time.monotonic()
         process = subprocess.Popen(
-            [*case.prefix, *COMMAND, *case.words], cwd=work, env=environment, stdin=subprocess.DEVNULL, stdout=out, stderr=err,
+            [*case.prefix, *COMMAND, *case.words], cwd=work, env=environment,
+            stdin=subprocess.DEVNULL, stdout=out, stderr=err,
             start_new_session=True,
         )  # fmt: skip
         resource.prlimit(process.pid, resource.RLIMIT_AS, (_GUARD_BYTES, _GUARD_BYTES))
@@ -106,13 +138,17 @@ def run(case: Case, work: Path, scratch: Path, slow: float = 1.0) -> Answer:
         out.seek(0)
         err.seek(0)
         said, told = out.read(), err.read()
-    unfinished = [name for name in names_in(work) - before if name.endswith(".tmp") or name.startswith("core")]
+    unfinished = [
+        name for name in names_in(work) - before if name.endswith(".tmp") or name.startswith("core")
+    ]
     kept = {f"sumo_mcts-{os.getuid()}"}  # compiled kernels, where the cache folder is no good
     leftovers = tuple(sorted([*names_in(scratch) - kept, *unfinished])) if not hung else ()
     return Answer(status, said, told, seconds, usage.ru_maxrss * 1024, hung, orphans, leftovers)
 
 
-def _ended(process: "subprocess.Popen[bytes]", case: Case, begun: float, slow: float) -> tuple[int, resource.struct_rusage, bool]:
+def _ended(
+    process: "subprocess.Popen[bytes]", case: Case, begun: float, slow: float
+) -> tuple[int, resource.struct_rusage, bool]:
     """Exit status, resources, and whether the process had to be killed since its time was over."""
     interruption, hung = case.interruption, False
     while True:
@@ -155,7 +191,13 @@ def running(mark: str) -> dict[int, str]:
         if entry.name.isdecimal():
             with suppress(OSError):  # it has ended, or is not ours
                 if wanted in (entry / "environ").read_bytes().split(b"\0"):
-                    found[int(entry.name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
+                    found[int(entry.name)] = (
+                        (entry / "cmdline")
+                        .read_bytes()
+                        .replace(b"\0", b" ")
+                        .decode(errors="replace")
+                        .strip()
+                    )
     return found
 
 
@@ -175,7 +217,11 @@ def faults(case: Case, answer: Answer) -> Iterator[str]:
     if answer.status not in case.allowed:
         died = -answer.status if answer.status < 0 else answer.status - 128  # as a shell tells it
         allowed = ", ".join(map(str, sorted(case.allowed)))
-        yield f"dies: {_signal_name(died)}" if died > 0 else f"status {answer.status}, allowed {allowed}"
+        yield (
+            f"dies: {_signal_name(died)}"
+            if died > 0
+            else f"status {answer.status}, allowed {allowed}"
+        )
     if answer.most_bytes > MOST_BYTES:
         yield f"takes {answer.most_bytes / 1e9:.1f} GB of memory"
     if answer.orphans:
@@ -234,7 +280,11 @@ def _faults_of_rows(case: Case, out: str) -> Iterator[str]:
     except ValueError as error:
         yield f"standard output is not one JSON document: {error}"
         return
-    rows: list[dict[str, Any]] = document.get("episodes", []) if isinstance(document, dict) and case.words[:1] == ("run",) else []
+    rows: list[dict[str, Any]] = (
+        document.get("episodes", [])
+        if isinstance(document, dict) and case.words[:1] == ("run",)
+        else []
+    )
     for row in rows:
         if row["outcome"] not in _OUTCOMES:
             yield f"status 0 with outcome {row['outcome']}"
@@ -245,8 +295,11 @@ def _refuse(text: str) -> None:
 
 
 def _control_characters(text: str) -> str:
-    """Characters that change what a terminal shows: control characters but the end of a line, and separators of lines."""
-    return "".join(sorted({c for c in text if unicodedata.category(c) in ("Cc", "Zl", "Zp") and c != "\n"}))
+    """Characters that change what a terminal shows: control characters but the end of a line, and
+    separators of lines."""
+    return "".join(
+        sorted({c for c in text if unicodedata.category(c) in ("Cc", "Zl", "Zp") and c != "\n"})
+    )
 
 
 def _raised(text: str) -> str:

@@ -1,11 +1,15 @@
-"""Measures what hypotheses about the others are worth where somebody does what is unlikely. Not a test: nothing is asserted.
+"""Measures what hypotheses about the others are worth where somebody does what is unlikely.
 
-    python tests/closed_loop/intentions.py [--seeds 30] [--scenes NAME...] [--set a.b=c]... [--out FILE]
+Not a test: nothing is asserted.
 
-Each situation comes in kinds that look alike until it happens: cars from a side road that let the ego pass or do not (`jmIgnoreFoeProb`), a leader that
-drives on or brakes hard for no reason, and oncoming cars without turn signal that go straight on, or turn left across the ego's way, with
-or without letting it pass. A row is that of `measure.py --no-twins`, then episodes in which others braked for the ego beyond 2, 3, 4 m/s2, and
-in which the ego braked beyond 4.5 m/s2.
+    python tests/closed_loop/intentions.py [--seeds 30] [--scenes NAME...] [--set a.b=c]... [--out
+    FILE]
+
+Each situation comes in kinds that look alike until it happens: cars from a side road that let the
+ego pass or do not (`jmIgnoreFoeProb`), a leader that drives on or brakes hard for no reason, and
+oncoming cars without turn signal that go straight on, or turn left across the ego's way, with or
+without letting it pass. A row is that of `measure.py --no-twins`, then episodes in which others
+braked for the ego beyond 2, 3, 4 m/s2, and in which the ego braked beyond 4.5 m/s2.
 """
 
 import argparse
@@ -32,10 +36,13 @@ MAIN, SIDE = 3, 1  # priorities
 _SEEN = Observer.scene
 
 
-def actor(name: str, begin: str, end: str, pos_m: float, speed_mps: float, **keys: Any) -> dict[str, Any]:
+def actor(
+    name: str, begin: str, end: str, pos_m: float, speed_mps: float, **keys: Any
+) -> dict[str, Any]:
     """A car from one arm to another, drawn about these values."""
     return {
-        "id": name, "route": [f"{begin}c", f"c{end}"], "vtype": "car", "depart": {"pos_m": pos_m, "speed_mps": speed_mps},
+        "id": name, "route": [f"{begin}c", f"c{end}"], "vtype": "car",
+        "depart": {"pos_m": pos_m, "speed_mps": speed_mps},
         "vary": {"pos_m": 12.0, "speed_mps": 1.5, "time_s": 0.5}, **keys,
     }  # fmt: skip
 
@@ -60,42 +67,86 @@ SCENES: dict[str, list[dict[str, Any]]] = {
 
 def main() -> None:
     """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=30)
     parser.add_argument("--scenes", nargs="*", default=list(SCENES), choices=list(SCENES))
     parser.add_argument("--set", action="append", default=[], dest="sets")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as name, ProcessPoolExecutor(options.processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with (
+        tempfile.TemporaryDirectory() as name,
+        ProcessPoolExecutor(
+            options.processes, mp_context=multiprocessing.get_context("spawn")
+        ) as pool,
+    ):
         folder = Path(name)
-        source = {"net": str(network(folder)), "routes": [str(types(folder))], "options": {"lanechange.duration": 3}}
+        source = {
+            "net": str(network(folder)),
+            "routes": [str(types(folder))],
+            "options": {"lanechange.duration": 3},
+        }
         jobs: list[Job] = [
-            (scene, {"data": {"name": scene, "sumo": source, "egos": [{"id": "ego"}], "traffic": {"actors": [EGO, *SCENES[scene]]}}}, tuple(options.sets), seed)
+            (
+                scene,
+                {
+                    "data": {
+                        "name": scene,
+                        "sumo": source,
+                        "egos": [{"id": "ego"}],
+                        "traffic": {"actors": [EGO, *SCENES[scene]]},
+                    }
+                },
+                tuple(options.sets),
+                seed,
+            )
             for scene in options.scenes
             for seed in range(options.seeds)
         ]
         rows = list(zip((job[0] for job in jobs), pool.map(run_unsignalled, jobs), strict=True))
     if options.out:
-        options.out.write_text("".join(json.dumps({"net": scene, "ego": row, "twin": None}) + "\n" for scene, row in rows))
+        options.out.write_text(
+            "".join(
+                json.dumps({"net": scene, "ego": row, "twin": None}) + "\n" for scene, row in rows
+            )
+        )
     for scene in options.scenes:
         chosen = [row for name, row in rows if name == scene]
-        imposed = " ".join(str(sum((row[f"imposed_brakes_{k}"] or 0) > 0 for row in chosen)) for k in (2, 3, 4))
-        print(f"{lone_row(scene, chosen)} {imposed} | {sum((row['hard_brakes'] or 0) > 0 for row in chosen)} |")
+        imposed = " ".join(
+            str(sum((row[f"imposed_brakes_{k}"] or 0) > 0 for row in chosen)) for k in (2, 3, 4)
+        )
+        print(
+            f"{lone_row(scene, chosen)} {imposed} | "
+            f"{sum((row['hard_brakes'] or 0) > 0 for row in chosen)} |"
+        )
 
 
 def network(folder: Path) -> Path:
     """A main road from west to east that a side road crosses, one lane each way."""
-    nodes = "".join(f'<node id="{name}" x="{x}" y="{y}" type="priority"/>' for name, (x, y) in NODES.items())
+    nodes = "".join(
+        f'<node id="{name}" x="{x}" y="{y}" type="priority"/>' for name, (x, y) in NODES.items()
+    )
     edges = "".join(
-        f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="1" speed="13.9" priority="{MAIN if arm in "we" else SIDE}"/>'
+        f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="1" speed="13.9" '
+        f'priority="{MAIN if arm in "we" else SIDE}"/>'
         for arm in "wesn"
         for a, b in ((arm, "c"), ("c", arm))
     )
     (folder / "x.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
     (folder / "x.edg.xml").write_text(f"<edges>{edges}</edges>")
     net = folder / "x.net.xml"
-    command = [str(Path(sumo.__file__).parent / "bin" / "netconvert"), "-n", "x.nod.xml", "-e", "x.edg.xml", "-o", net.name, "--no-turnarounds"]
+    command = [
+        str(Path(sumo.__file__).parent / "bin" / "netconvert"),
+        "-n",
+        "x.nod.xml",
+        "-e",
+        "x.edg.xml",
+        "-o",
+        net.name,
+        "--no-turnarounds",
+    ]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return net
 

@@ -22,7 +22,19 @@ def forecast(x: Floats, lane: list[list[int]], valid: list[list[bool]] | None = 
     pose[0, :, :, 0], pose[0, :, :, 2] = x, 1.0
     there = np.ones((times, n), np.bool_) if valid is None else np.array(valid)
     none = np.zeros(n)
-    return Forecast(0.5, np.ones(1), pose, np.zeros((1, times, n)), np.array([lane], np.int32), pose[..., 0], there[None], none, none, none > 0, none > 0)
+    return Forecast(
+        0.5,
+        np.ones(1),
+        pose,
+        np.zeros((1, times, n)),
+        np.array([lane], np.int32),
+        pose[..., 0],
+        there[None],
+        none,
+        none,
+        none > 0,
+        none > 0,
+    )
 
 
 X = np.array([[0.0, 50.0, 90.0], [5.0, 50.0, 95.0], [10.0, 50.0, 100.0]])
@@ -31,46 +43,91 @@ ALL = np.ones(3, np.bool_)
 
 
 def test_distance_is_between_centres_and_lanes_are_compared() -> None:
-    found = errors(forecast(X, LANES), 1.0, np.array([[13.0, 4.0], [50.0, 0.0], [100.0, 2.0]]), np.array([1, 5, 4]), ALL)
+    found = errors(
+        forecast(X, LANES),
+        1.0,
+        np.array([[13.0, 4.0], [50.0, 0.0], [100.0, 2.0]]),
+        np.array([1, 5, 4]),
+        ALL,
+    )
     assert found.distance.tolist() == [5.0, 0.0, 2.0]
     assert found.right_lane.tolist() == [True, False, True]
     stats = statistics(found)
-    assert stats == {"pairs": 3, "mean_m": pytest.approx(7 / 3), "p95_m": pytest.approx(4.7), "max_m": 5.0, "right_lane": pytest.approx(2 / 3), "gone": 0}
+    assert stats == {
+        "pairs": 3,
+        "mean_m": pytest.approx(7 / 3),
+        "p95_m": pytest.approx(4.7),
+        "max_m": 5.0,
+        "right_lane": pytest.approx(2 / 3),
+        "gone": 0,
+    }
 
 
 def test_between_two_times_on_a_line_and_beyond_the_last_one_there() -> None:
     truth = np.array([[7.5, 0.0], [50.0, 0.0], [97.5, 0.0]])
-    assert errors(forecast(X, LANES), 0.75, truth, np.array([1, 2, 3]), ALL).distance.tolist() == [0.0, 0.0, 0.0]
-    assert errors(forecast(X, LANES), 9.0, X[2][:, None] * [1.0, 0.0], np.array([1, 2, 4]), ALL).distance.tolist() == [0.0, 0.0, 0.0]
+    assert errors(forecast(X, LANES), 0.75, truth, np.array([1, 2, 3]), ALL).distance.tolist() == [
+        0.0,
+        0.0,
+        0.0,
+    ]
+    assert errors(
+        forecast(X, LANES), 9.0, X[2][:, None] * [1.0, 0.0], np.array([1, 2, 4]), ALL
+    ).distance.tolist() == [0.0, 0.0, 0.0]
     assert errors(forecast(X, LANES), 0.3, truth, np.array([1, 2, 3]), ALL).right_lane.all()
 
 
 def test_who_left_is_no_pair_and_who_was_taken_for_gone_is_off_lane() -> None:
     valid = [[True, True, True], [True, True, True], [True, False, False]]
-    found = errors(forecast(X, LANES, valid), 1.0, np.array([[11.0, 0.0], [50.0, 0.0], [0.0, 0.0]]), np.array([1, 2, -1]), np.array([True, True, False]))
-    assert statistics(found) == {"pairs": 2, "mean_m": 1.0, "p95_m": 1.0, "max_m": 1.0, "right_lane": 0.5, "gone": 1}
+    found = errors(
+        forecast(X, LANES, valid),
+        1.0,
+        np.array([[11.0, 0.0], [50.0, 0.0], [0.0, 0.0]]),
+        np.array([1, 2, -1]),
+        np.array([True, True, False]),
+    )
+    assert statistics(found) == {
+        "pairs": 2,
+        "mean_m": 1.0,
+        "p95_m": 1.0,
+        "max_m": 1.0,
+        "right_lane": 0.5,
+        "gone": 1,
+    }
 
 
 def test_a_pose_of_who_is_taken_for_gone_does_not_count() -> None:
     x = [[0.0, 50.0], [10.0, 50.0], [-999.0, 50.0]]
     there = forecast(np.array(x), [[1, 2]] * 3, [[True, True], [True, True], [False, True]])
     for after in (0.5, 0.6, 0.7):  # half a second apart: between the second and the third
-        assert errors(there, after, np.array([[10.0, 0.0], [50.0, 0.0]]), np.array([1, 2]), ALL[:2]).distance.tolist() == [0.0, 0.0]
+        assert errors(
+            there, after, np.array([[10.0, 0.0], [50.0, 0.0]]), np.array([1, 2]), ALL[:2]
+        ).distance.tolist() == [0.0, 0.0]
 
 
 def test_whoever_is_on_no_lane_does_not_count_among_the_lanes() -> None:
-    found = errors(forecast(X, [[-1, 2, 3]] * 3), 1.0, X[2][:, None] * [1.0, 0.0], np.array([-1, 2, 9]), ALL)
+    found = errors(
+        forecast(X, [[-1, 2, 3]] * 3), 1.0, X[2][:, None] * [1.0, 0.0], np.array([-1, 2, 9]), ALL
+    )
     assert statistics(found)["right_lane"] == 0.5
 
 
 def test_statistics_are_over_all_pairs_not_over_cycles() -> None:
     truth = np.array([[10.0, 0.0], [50.0, 0.0], [100.0, 0.0]])
     many = errors(forecast(X, LANES), 1.0, truth, np.array([1, 2, 4]), ALL)
-    one = errors(forecast(X[:, :1], [[1]] * 3), 1.0, np.array([[18.0, 0.0]]), np.array([1]), ALL[:1])
+    one = errors(
+        forecast(X[:, :1], [[1]] * 3), 1.0, np.array([[18.0, 0.0]]), np.array([1]), ALL[:1]
+    )
     stats = statistics(together([many, one]))
     assert (stats["pairs"], stats["mean_m"], stats["right_lane"]) == (4, 2.0, 1.0)
     empty = statistics(together([]))
-    assert empty == {"pairs": 0, "mean_m": None, "p95_m": None, "max_m": None, "right_lane": None, "gone": 0}
+    assert empty == {
+        "pairs": 0,
+        "mean_m": None,
+        "p95_m": None,
+        "max_m": None,
+        "right_lane": None,
+        "gone": 0,
+    }
 
 
 # --- in episodes ---
@@ -107,8 +164,21 @@ def test_the_copy_is_exact_where_the_ego_does_what_was_nominal(name: str) -> Non
 
 
 def test_horizons_between_two_cycles_are_judged_in_the_nearer_one() -> None:
-    """Cycles 0.3 s apart: 0.9, 3.0 and 5.1 s; between two states of the forecast, 0.2 s apart, nobody leaves a line by more than 4.5 cm at 9 m/s2."""
-    document = compare([scene_of("straight-line", "planner.name=sumo", "planner.period_s=0.3", "episode.time_limit_s=8")], [2], (), nothing)
+    """Cycles 0.3 s apart: 0.9, 3.0 and 5.1 s; between two states of the forecast, 0.2 s apart,
+    nobody leaves a line by more than 4.5 cm at 9 m/s2."""
+    document = compare(
+        [
+            scene_of(
+                "straight-line",
+                "planner.name=sumo",
+                "planner.period_s=0.3",
+                "episode.time_limit_s=8",
+            )
+        ],
+        [2],
+        (),
+        nothing,
+    )
     rows = told(document, "clone")
     assert min(row["pairs"] for row in rows) > 20
     assert rows[1]["max_m"] < 1e-9
@@ -121,7 +191,13 @@ def test_all_are_judged_on_the_same_pairs_and_nothing_is_disturbed() -> None:
     document = compare([scene], [0, 1], (), seen.append)
     for horizon in (1.0, 3.0, 5.0):
         rows = [row for row in document["forecasts"] if row["horizon_s"] == horizon]
-        assert [row["prediction"] for row in rows] == ["constant_velocity", "idm", "routes", "script", "clone"]
+        assert [row["prediction"] for row in rows] == [
+            "constant_velocity",
+            "idm",
+            "routes",
+            "script",
+            "clone",
+        ]
         assert len({row["pairs"] for row in rows}) == 1
     for script, copy in zip(told(document, "script"), told(document, "clone"), strict=True):
         assert script["mean_m"] == pytest.approx(copy["mean_m"], abs=1e-3)
@@ -129,7 +205,15 @@ def test_all_are_judged_on_the_same_pairs_and_nothing_is_disturbed() -> None:
 
 
 def test_each_ego_has_an_episode_of_its_own() -> None:
-    found = forecasts.forecasts("straight-line", ["ego", "ahead.7"], None, ("planner.name=sumo", "episode.depart_limit_s=1"), None, (), nothing)
+    found = forecasts.forecasts(
+        "straight-line",
+        ["ego", "ahead.7"],
+        None,
+        ("planner.name=sumo", "episode.depart_limit_s=1"),
+        None,
+        (),
+        nothing,
+    )
     assert found["outcomes"] == {"arrived": 1, "error": 1}
     assert found["seeds"] == [0]
 
@@ -168,9 +252,24 @@ def test_the_table_shows_every_row() -> None:
         "gone": 1,
         "forecast_ms_p50": 0.31,
     }
-    none = {**row, "horizon_s": 3.0, "pairs": 0, "mean_m": None, "p95_m": None, "max_m": None, "right_lane": None, "gone": 0}
+    none = {
+        **row,
+        "horizon_s": 3.0,
+        "pairs": 0,
+        "mean_m": None,
+        "p95_m": None,
+        "max_m": None,
+        "right_lane": None,
+        "gone": 0,
+    }
     other = [{**each, "prediction": "clone", "forecast_ms_p50": None} for each in (row, none)]
-    document = {"scenario": "s", "variant": "mcts-idm-1000", "outcomes": {"arrived": 2}, "cycles": 40, "forecasts": [row, none, *other]}
+    document = {
+        "scenario": "s",
+        "variant": "mcts-idm-1000",
+        "outcomes": {"arrived": 2},
+        "cycles": 40,
+        "forecasts": [row, none, *other],
+    }
     lines = forecasts.forecast_table(document).splitlines()
     assert lines[0] == "s, driven by mcts-idm-1000: 2 arrived, 40 cycles; after 1, 3 s:"
     assert lines[-2] == "| s | idm | 8 0 | 0.13 - | 1.00 - | 2.00 - | 97.5 - | 1 0 | 0.3 |"

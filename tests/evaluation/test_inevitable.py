@@ -12,7 +12,17 @@ from helpers_model import PHYSICS, WIDTH, lanes_east, road_with_light, scenario,
 
 from sumo_mcts.driver.params import Physics, ego_params
 from sumo_mcts.evaluation import hindsight
-from sumo_mcts.evaluation.hindsight import ALIVE, BEFORE_S, CELL, MARGIN, Future, Futures, Hindsight, drive, way_out
+from sumo_mcts.evaluation.hindsight import (
+    ALIVE,
+    BEFORE_S,
+    CELL,
+    MARGIN,
+    Future,
+    Futures,
+    Hindsight,
+    drive,
+    way_out,
+)
 from sumo_mcts.evaluation.referee import Goal
 from sumo_mcts.model.local_map import GONE, NODE, State, X, Y
 from sumo_mcts.model.motion import begin_change, can_change, pose_of, within_step
@@ -54,11 +64,24 @@ def goal_of(road: RoadMap) -> Goal:
     return Goal(tuple(range(len(road.edge_ids))), -1, 100.0, 10.0)
 
 
-def seen_later(road: RoadMap, ego: EgoState, *cars: Car, success: str = "", signals: Signals | None = None, moves: Physics = PHYSICS) -> Hindsight:
+def seen_later(
+    road: RoadMap,
+    ego: EgoState,
+    *cars: Car,
+    success: str = "",
+    signals: Signals | None = None,
+    moves: Physics = PHYSICS,
+) -> Hindsight:
     """With this ego as its only state."""
     own = edges(road, *[name for name in road.edge_ids if not name.startswith(":")])
     goal = Goal(own, edge(road, success) if success else -1, 100.0, 10.0)
-    result = Hindsight(road, goal, ego._replace(route=own), ego_params(scenario(), ego, moves), futures(*cars, step=moves.step))
+    result = Hindsight(
+        road,
+        goal,
+        ego._replace(route=own),
+        ego_params(scenario(), ego, moves),
+        futures(*cars, step=moves.step),
+    )
     result.note(scene_of(ego._replace(route=own), road, signals=signals, step=moves.step))
     return result
 
@@ -73,15 +96,23 @@ def question(asked: Hindsight) -> tuple:
 # --- walls and followers ---
 
 
-@pytest.mark.parametrize("moves", [PHYSICS, Physics(0.1, True, 3.0), Physics(0.25, False, 3.0)], ids=["euler", "ballistic", "quarter"])
+@pytest.mark.parametrize(
+    "moves",
+    [PHYSICS, Physics(0.1, True, 3.0), Physics(0.25, False, 3.0)],
+    ids=["euler", "ballistic", "quarter"],
+)
 @pytest.mark.parametrize("v", [8.0, 15.0, 25.0])
-def test_a_wall_is_met_from_as_near_as_the_strongest_braking_needs(v: float, moves: Physics) -> None:
+def test_a_wall_is_met_from_as_near_as_the_strongest_braking_needs(
+    v: float, moves: Physics
+) -> None:
     road = lanes_east(3, 1000.0, 30.0)
     ego = ego_at(road, "a_1", 100.0, v)
     need = naive.stopping_distance(ego_params(scenario(), ego, moves), v, 0.0) + MARGIN
 
     def wall(gap: float) -> bool | None:
-        return seen_later(road, ego, *(Car(100.0 + gap + LENGTH, y) for y in (-WIDTH, 0.0, WIDTH)), moves=moves).inevitable()
+        return seen_later(
+            road, ego, *(Car(100.0 + gap + LENGTH, y) for y in (-WIDTH, 0.0, WIDTH)), moves=moves
+        ).inevitable()
 
     assert wall(need - 0.02) is True
     assert wall(need + 0.02) is False
@@ -91,7 +122,9 @@ def test_a_gap_in_the_wall_is_a_way_out() -> None:
     road = lanes_east(3, 1000.0, 30.0)
     ego = ego_at(road, "a_1", 100.0, 20.0)
     row = [Car(155.0, y) for y in (-WIDTH, 0.0)]
-    assert seen_later(road, ego, *row, Car(145.0, WIDTH)).inevitable() is False  # 50 m are enough for braking
+    assert (
+        seen_later(road, ego, *row, Car(145.0, WIDTH)).inevitable() is False
+    )  # 50 m are enough for braking
     assert seen_later(road, ego, Car(129.0, 0.0)).inevitable() is True  # a change takes 3 s
     ego = ego_at(road, "a_1", 100.0, 30.0)
     need = naive.stopping_distance(ego_params(scenario(), ego, PHYSICS), 30.0, 0.0)
@@ -102,11 +135,23 @@ def test_a_gap_in_the_wall_is_a_way_out() -> None:
 
 def test_a_follower_that_does_not_brake_cannot_be_outrun_but_let_past() -> None:
     one, two = lanes_east(1, 1000.0, 15.0), lanes_east(2, 1000.0, 15.0)
-    assert seen_later(one, ego_at(one, "a_0", 200.0, 5.0), Car(150.0, 0.0, 30.0)).inevitable() is True
-    assert seen_later(one, ego_at(one, "a_0", 200.0, 5.0), Car(150.0, 0.0, 14.0)).inevitable() is False
-    assert seen_later(two, ego_at(two, "a_0", 200.0, 10.0), Car(100.0, -WIDTH / 2, 30.0)).inevitable() is False
+    assert (
+        seen_later(one, ego_at(one, "a_0", 200.0, 5.0), Car(150.0, 0.0, 30.0)).inevitable() is True
+    )
+    assert (
+        seen_later(one, ego_at(one, "a_0", 200.0, 5.0), Car(150.0, 0.0, 14.0)).inevitable() is False
+    )
+    assert (
+        seen_later(two, ego_at(two, "a_0", 200.0, 10.0), Car(100.0, -WIDTH / 2, 30.0)).inevitable()
+        is False
+    )
     beside = Car(205.0, WIDTH / 2, 15.0)  # as fast as the ego may drive
-    assert seen_later(two, ego_at(two, "a_0", 200.0, 15.0), Car(165.0, -WIDTH / 2, 30.0), beside).inevitable() is True
+    assert (
+        seen_later(
+            two, ego_at(two, "a_0", 200.0, 15.0), Car(165.0, -WIDTH / 2, 30.0), beside
+        ).inevitable()
+        is True
+    )
 
 
 def test_only_who_is_there_is_met() -> None:
@@ -115,9 +160,13 @@ def test_only_who_is_there_is_met() -> None:
     assert seen_later(road, ego).inevitable() is False
     assert seen_later(road, ego, Car(215.0, 0.0)).inevitable() is True
     assert seen_later(road, ego, Car(215.0, 0.0, end=0.3)).inevitable() is False
-    assert seen_later(road, ego, Car(215.0, 0.0, begin=5.0)).inevitable() is False  # it will have passed, or stopped before
+    assert (
+        seen_later(road, ego, Car(215.0, 0.0, begin=5.0)).inevitable() is False
+    )  # it will have passed, or stopped before
     assert seen_later(road, ego, Car(70.0, 0.0, 33.0)).inevitable() is True
-    assert seen_later(road, ego, Car(70.0, 0.0, 33.0, begin=4.0)).inevitable() is True  # wherever the ego is by then
+    assert (
+        seen_later(road, ego, Car(70.0, 0.0, 33.0, begin=4.0)).inevitable() is True
+    )  # wherever the ego is by then
     assert seen_later(road, ego, Car(70.0, 0.0, 33.0, end=4.0)).inevitable() is False
 
 
@@ -129,7 +178,12 @@ def test_red_holds_the_ego_in_front_of_a_follower() -> None:
 
 
 def test_whoever_arrives_before_is_out_of_it() -> None:
-    road = build([Lane("a", 0, ((0.0, 0.0), (100.0, 0.0)), ("b_0",)), Lane("b", 0, ((100.0, 0.0), (400.0, 0.0)))])
+    road = build(
+        [
+            Lane("a", 0, ((0.0, 0.0), (100.0, 0.0)), ("b_0",)),
+            Lane("b", 0, ((100.0, 0.0), (400.0, 0.0))),
+        ]
+    )
     ego, wall = ego_at(road, "a_0", 90.0, 15.0), Car(110.0, 0.0)
     assert seen_later(road, ego, wall).inevitable() is True
     assert seen_later(road, ego, wall, success="b").inevitable() is False
@@ -170,13 +224,18 @@ def test_unknown_where_the_ego_goes_nobody_knows_where() -> None:
 
 
 def test_the_futures_say_who_is_there_whoever_is_in_view() -> None:
-    """Scenes have those within 100 m, in another order; futures everybody who holds a script, also who has still to depart."""
+    """Scenes have those within 100 m, in another order; futures everybody who holds a script, also
+    who has still to depart."""
     road = lanes_east(2)
     ego = ego_at(road, "a_0", 100.0, 10.0)
     cars = Car(130.0, -1.6), Car(500.0, -1.6, 5.0), Car(520.0, 1.6, 5.0, begin=60.0)
     asked = seen_later(road, ego, *cars)
     answer = asked.inevitable()
-    asked.note(asked._scenes[0]._replace(agents=agents_at(road, Agent("near", "a_0", 130.0), Agent("walks", "", x=140.0, y=9.0))))
+    asked.note(
+        asked._scenes[0]._replace(
+            agents=agents_at(road, Agent("near", "a_0", 130.0), Agent("walks", "", x=140.0, y=9.0))
+        )
+    )
     asked._scenes.popleft()
     assert asked.inevitable() == answer
 
@@ -198,7 +257,10 @@ def naive_way_out(asked: tuple, state: State, level: int, plies: int) -> bool:
             after, end = drive(alone, p, home, before, accel, k, 1, 1)
             assert end == ALIVE
             shares = [(look + 1) / looks for look in range(looks)]
-            free = free and not any(_overlaps(asked, within_step(local, p, before, after, share), k, share) for share in shares)
+            free = free and not any(
+                _overlaps(asked, within_step(local, p, before, after, share), k, share)
+                for share in shares
+            )
         if free and (level + 1 == plies or naive_way_out(asked, after, level + 1, plies)):
             return True
     return False
@@ -209,8 +271,15 @@ def _overlaps(asked: tuple, state: State, row: int, share: float) -> bool:
     x, y, c, n = pose_of(local, p, state)
     own = naive.Box(x, y, math.atan2(n, c), p.half_length + MARGIN, p.half_width + MARGIN)
     before, after = local.agent[row], local.agent[row + 1]
-    there = [(1.0 - share) * b + share * a for b, a in zip(before, after, strict=True) if b[NODE] != GONE and a[NODE] != GONE]
-    return any(naive.overlap_area(own, naive.Box(agent[X], agent[Y], 0.0, LENGTH / 2, BREADTH / 2)) > 0.0 for agent in there)
+    there = [
+        (1.0 - share) * b + share * a
+        for b, a in zip(before, after, strict=True)
+        if b[NODE] != GONE and a[NODE] != GONE
+    ]
+    return any(
+        naive.overlap_area(own, naive.Box(agent[X], agent[Y], 0.0, LENGTH / 2, BREADTH / 2)) > 0.0
+        for agent in there
+    )
 
 
 def test_finds_what_trying_everything_finds() -> None:
@@ -219,12 +288,19 @@ def test_finds_what_trying_everything_finds() -> None:
     found = []
     for _ in range(60):
         ego = ego_at(road, "a_0", 300.0, float(rng.uniform(3.0, 25.0)))
-        ahead = [Car(float(rng.uniform(306.0, 340.0)), side * WIDTH / 2, float(rng.uniform(0.0, 8.0))) for side in (-1, 1)]
+        ahead = [
+            Car(float(rng.uniform(306.0, 340.0)), side * WIDTH / 2, float(rng.uniform(0.0, 8.0)))
+            for side in (-1, 1)
+        ]
         behind = Car(float(rng.uniform(280.0, 294.0)), -WIDTH / 2, float(rng.uniform(0.0, 35.0)))
-        local, p, root, choice, home, ply, _, looks, _ = asked = question(seen_later(road, ego, *ahead, behind))
+        local, p, root, choice, home, ply, _, looks, _ = asked = question(
+            seen_later(road, ego, *ahead, behind)
+        )
         few = choice[[1, 3, 8, 11]]  # two changes to the left, full acceleration, full braking
         expected = naive_way_out((*asked[:3], few, *asked[4:]), root, 0, 3)
-        assert len(way_out(local, p, root, few, home, ply, 3, looks, FINE)) == (3 if expected else 0)
+        assert len(way_out(local, p, root, few, home, ply, 3, looks, FINE)) == (
+            3 if expected else 0
+        )
         found.append(expected)
     assert 15 <= sum(found) <= 45
 
@@ -236,10 +312,21 @@ def test_cells_hide_no_way_out() -> None:
     pairs = []
     for _ in range(60):
         ego = ego_at(road, "a_1", 300.0, float(rng.uniform(3.0, 25.0)))
-        cars = [Car(float(rng.uniform(306.0, 345.0)), side * WIDTH, float(rng.uniform(0.0, 6.0))) for side in (-1, 0, 1)]
-        cars += [Car(float(rng.uniform(270.0, 294.0)), side * WIDTH, float(rng.uniform(10.0, 30.0))) for side in (-1, 0, 1)]
+        cars = [
+            Car(float(rng.uniform(306.0, 345.0)), side * WIDTH, float(rng.uniform(0.0, 6.0)))
+            for side in (-1, 0, 1)
+        ]
+        cars += [
+            Car(float(rng.uniform(270.0, 294.0)), side * WIDTH, float(rng.uniform(10.0, 30.0)))
+            for side in (-1, 0, 1)
+        ]
         local, p, root, choice, home, ply, _, looks, _ = question(seen_later(road, ego, *cars))
-        pairs.append(tuple(bool(len(way_out(local, p, root, choice, home, ply, 5, looks, cell))) for cell in (CELL, FINE)))
+        pairs.append(
+            tuple(
+                bool(len(way_out(local, p, root, choice, home, ply, 5, looks, cell)))
+                for cell in (CELL, FINE)
+            )
+        )
     assert all(fine or not coarse for coarse, fine in pairs)
     assert 10 <= sum(fine for _, fine in pairs) <= 50
     assert sum(coarse != fine for coarse, fine in pairs) <= 2
@@ -248,7 +335,9 @@ def test_cells_hide_no_way_out() -> None:
 def test_the_way_out_touches_nobody_when_it_is_driven() -> None:
     road = lanes_east(3, 1000.0, 30.0)
     ego = ego_at(road, "a_1", 300.0, 18.0)
-    local, p, root, choice, home, ply, plies, looks, cell = question(seen_later(road, ego, Car(345.0, 0.0), Car(335.0, WIDTH, 4.0), Car(240.0, 0.0, 25.0)))
+    local, p, root, choice, home, ply, plies, looks, cell = question(
+        seen_later(road, ego, Car(345.0, 0.0), Car(335.0, WIDTH, 4.0), Car(240.0, 0.0, 25.0))
+    )
     way = way_out(local, p, root, choice, home, ply, plies, looks, cell)
     assert len(way) == plies == 16
     assert choice[way, 1].any()  # it has to make room for who comes from behind

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from helpers import Lane, build, crossing, edges, straight_road
 
-from sumo_mcts.evaluation.metrics import accelerations, comfortable_share, events, free_flow_time, jerks, lateral_accelerations, rms, window
+from sumo_mcts.evaluation.metrics import (
+    accelerations,
+    comfortable_share,
+    events,
+    free_flow_time,
+    jerks,
+    lateral_accelerations,
+    rms,
+    window,
+)
 
 
 @pytest.mark.parametrize(("step", "steps"), [(0.05, 10), (0.1, 5), (0.3, 2), (0.5, 1), (1.0, 1)])
@@ -42,7 +51,9 @@ def test_comfortable_share_counts_steps() -> None:
     # 1 m/s2 of mean acceleration come and go within 0.5 s: 2 m/s3 are fine, the step itself is not
     assert comfortable_share(one_hard_step, np.zeros(40), 0.1) == pytest.approx(38 / 39)
     bend = 0.06 * np.maximum(np.arange(40.0) - 20.0, 0.0)
-    assert comfortable_share(np.full(40, 10.0), bend, 0.1) == pytest.approx(24 / 39)  # 6 m/s2 once the window is full
+    assert comfortable_share(np.full(40, 10.0), bend, 0.1) == pytest.approx(
+        24 / 39
+    )  # 6 m/s2 once the window is full
 
 
 def test_bounds_themselves_are_comfortable() -> None:
@@ -59,7 +70,10 @@ def test_events_need_a_second_of_quiet() -> None:
     assert events([], [], 0.1) == []
     assert events([1.0, 1.1, 1.2, 2.0], [3.0, 5.0, 4.0, 2.5], 0.1) == [5.0]
     assert events([1.0, 1.1, 2.2], [3.0, 5.0, 2.5], 0.1) == [5.0, 2.5]
-    assert events([1.0, 2.0, 3.0, 5.0], [3.0, 2.0, 4.0, 2.5], 1.0) == [4.0, 2.5]  # the same at long steps
+    assert events([1.0, 2.0, 3.0, 5.0], [3.0, 2.0, 4.0, 2.5], 1.0) == [
+        4.0,
+        2.5,
+    ]  # the same at long steps
 
 
 def test_free_flow_time_over_junctions() -> None:
@@ -74,8 +88,16 @@ def test_free_flow_time_over_junctions() -> None:
 def test_free_flow_time_takes_the_connection_of_the_route_and_the_fast_lane() -> None:
     road = crossing()
     turn = float(road.length[road.lane_ids.index(":wn_0")])
-    assert free_flow_time(road, edges(road, "wi", "no"), 0.0, 1.0, inf) == pytest.approx(90 / 15 + turn / 8 + 90 / 15)
-    two = build([Lane("a", 0, ((0, 0), (100, 0)), ("b_0",), 10.0), Lane("a", 1, ((0, 3), (100, 3)), (), 20.0), Lane("b", 0, ((100, 0), (200, 0)), (), 10.0)])
+    assert free_flow_time(road, edges(road, "wi", "no"), 0.0, 1.0, inf) == pytest.approx(
+        90 / 15 + turn / 8 + 90 / 15
+    )
+    two = build(
+        [
+            Lane("a", 0, ((0, 0), (100, 0)), ("b_0",), 10.0),
+            Lane("a", 1, ((0, 3), (100, 3)), (), 20.0),
+            Lane("b", 0, ((100, 0), (200, 0)), (), 10.0),
+        ]
+    )
     assert free_flow_time(two, edges(two, "a", "b"), 20.0, 1.0, inf) == pytest.approx(4.0 + 10.0)
 
 

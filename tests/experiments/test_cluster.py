@@ -1,4 +1,5 @@
-"""The same batch on a real dask.distributed cluster: two worker processes, one of which is killed on the way."""
+"""The same batch on a real dask.distributed cluster: two worker processes, one of which is killed
+on the way."""
 
 import os
 import signal
@@ -30,7 +31,13 @@ pytestmark = [
 def dask(folder: Path, *words: str) -> subprocess.Popen[bytes]:
     environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__MEMORY__TERMINATE": "False"}
     with (folder / f"{words[0]}.log").open("ab") as log:
-        return subprocess.Popen([sys.executable, "-m", "dask", *words, "--no-dashboard"], stdout=log, stderr=log, cwd=folder, env=environment)
+        return subprocess.Popen(
+            [sys.executable, "-m", "dask", *words, "--no-dashboard"],
+            stdout=log,
+            stderr=log,
+            cwd=folder,
+            env=environment,
+        )
 
 
 @pytest.fixture
@@ -46,7 +53,10 @@ def address(tmp_path: Path) -> Iterator[str]:
 
 
 def test_a_cluster_gives_the_same(address: str, tmp_path: Path) -> None:
-    crew = [dask(tmp_path, "worker", address, "--nthreads", "1", "--no-nanny", "--name", str(k)) for k in range(2)]
+    crew = [
+        dask(tmp_path, "worker", address, "--nthreads", "1", "--no-nanny", "--name", str(k))
+        for k in range(2)
+    ]
     told: list[int] = []
 
     def kill_one(at: Progress) -> None:
@@ -64,7 +74,9 @@ def test_a_cluster_gives_the_same(address: str, tmp_path: Path) -> None:
             worker.terminate()
             worker.wait()
     assert timeless(rows) == timeless(alone)
-    assert {path.name for path in (tmp_path / "out" / "traces").iterdir()} == {path.name for path in (tmp_path / "alone" / "traces").iterdir()}
+    assert {path.name for path in (tmp_path / "out" / "traces").iterdir()} == {
+        path.name for path in (tmp_path / "alone" / "traces").iterdir()
+    }
 
 
 def test_a_lost_scheduler_is_told_in_one_line(tmp_path: Path) -> None:
@@ -73,15 +85,30 @@ def test_a_lost_scheduler_is_told_in_one_line(tmp_path: Path) -> None:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     out, address = tmp_path / "out", f"tcp://127.0.0.1:{port}"
-    crew = [dask(tmp_path, "scheduler", "--host", "127.0.0.1", "--port", str(port)), dask(tmp_path, "worker", address, "--nthreads", "1", "--no-nanny")]
+    crew = [
+        dask(tmp_path, "scheduler", "--host", "127.0.0.1", "--port", str(port)),
+        dask(tmp_path, "worker", address, "--nthreads", "1", "--no-nanny"),
+    ]
     many = write(tmp_path, SMALL.replace("0..1", "0..99"))
     try:
         from distributed import Client
 
         with Client(address, timeout=30) as client:
             client.wait_for_workers(1, timeout=30)
-        words = [sys.executable, "-m", "sumo_mcts", "batch", str(many), "--out", str(out), "--scheduler", address]
-        batch = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+        words = [
+            sys.executable,
+            "-m",
+            "sumo_mcts",
+            "batch",
+            str(many),
+            "--out",
+            str(out),
+            "--scheduler",
+            address,
+        ]
+        batch = subprocess.Popen(
+            words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+        )
         until = time.monotonic() + 60.0
         while len(read_rows(out)) < 2 and time.monotonic() < until:
             time.sleep(0.1)
@@ -94,29 +121,42 @@ def test_a_lost_scheduler_is_told_in_one_line(tmp_path: Path) -> None:
     assert batch.returncode == 1, told
     assert told.splitlines()[-1].startswith("error: the workers are lost (")
     assert told.splitlines()[-1].endswith("; what is done is kept, and the same command goes on")
-    assert all(line.startswith(("starting SUMO", "compiling")) or " episodes, " in line for line in told.splitlines()[:-1])
+    assert all(
+        line.startswith(("starting SUMO", "compiling")) or " episodes, " in line
+        for line in told.splitlines()[:-1]
+    )
     assert 2 <= len(read_rows(out)) < 400
 
 
-def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(workers, "ANSWER_S", 3.0)
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         began = time.monotonic()
-        with pytest.raises(ConfigError, match=rf"--scheduler {address}: no scheduler answers: "), cluster(address):
+        with (
+            pytest.raises(ConfigError, match=rf"--scheduler {address}: no scheduler answers: "),
+            cluster(address),
+        ):
             pass
     assert time.monotonic() - began < 20.0
 
 
-def test_a_scheduler_that_is_stopped_on_the_way_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_is_stopped_on_the_way_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(workers, "ANSWER_S", 5.0)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     address = f"tcp://127.0.0.1:{port}"
-    crew = [dask(tmp_path, "scheduler", "--host", "127.0.0.1", "--port", str(port)), dask(tmp_path, "worker", address, "--nthreads", "1", "--no-nanny")]
+    crew = [
+        dask(tmp_path, "scheduler", "--host", "127.0.0.1", "--port", str(port)),
+        dask(tmp_path, "worker", address, "--nthreads", "1", "--no-nanny"),
+    ]
     stopped: list[float] = []
 
     def stop(at: Progress) -> None:
@@ -126,7 +166,12 @@ def test_a_scheduler_that_is_stopped_on_the_way_is_given_up(tmp_path: Path, monk
 
     try:
         with pytest.raises(BatchError, match="the workers are lost"):
-            run_batch(write(tmp_path, SMALL.replace("0..1", "0..49")), tmp_path / "out", scheduler=address, watch=stop)
+            run_batch(
+                write(tmp_path, SMALL.replace("0..1", "0..49")),
+                tmp_path / "out",
+                scheduler=address,
+                watch=stop,
+            )
         assert time.monotonic() - stopped[0] < 60.0
     finally:
         for process in crew:
@@ -135,8 +180,14 @@ def test_a_scheduler_that_is_stopped_on_the_way_is_given_up(tmp_path: Path, monk
 
 
 def test_an_episode_without_an_end_ends_its_process() -> None:
-    code = "from sumo_mcts.experiments import drive; drive.drive = lambda *_: __import__('ctypes').PyDLL(None).sleep(60); drive.drive_within(1.0, None, None)"
-    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=30).returncode == -signal.SIGALRM
+    code = (
+        "from sumo_mcts.experiments import drive; drive.drive = lambda *_: "
+        "__import__('ctypes').PyDLL(None).sleep(60); drive.drive_within(1.0, None, None)"
+    )
+    assert (
+        subprocess.run([sys.executable, "-c", code], check=False, timeout=30).returncode
+        == -signal.SIGALRM
+    )
 
 
 def test_a_worker_with_threads_is_refused(address: str, tmp_path: Path) -> None:
@@ -146,7 +197,12 @@ def test_a_worker_with_threads_is_refused(address: str, tmp_path: Path) -> None:
 
         with Client(address, timeout=30) as client:
             client.wait_for_workers(1, timeout=30)
-        with pytest.raises(ConfigError, match="a worker has 2 threads; start them with --nthreads 1"), cluster(address):
+        with (
+            pytest.raises(
+                ConfigError, match="a worker has 2 threads; start them with --nthreads 1"
+            ),
+            cluster(address),
+        ):
             pass
     finally:
         worker.terminate()

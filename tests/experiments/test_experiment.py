@@ -38,13 +38,25 @@ def test_built_in_experiments(path: Path) -> None:
 def test_the_fixed_table_is_fixed_and_knows_the_scripts() -> None:
     for name, planner in (("table1", "paper"), ("table1-mcts", "mcts")):
         for episode in episodes(load(builtin.experiment_path(name)), {}):
-            assert (episode.config.planner.name, episode.config.prediction.name, episode.config.traffic.vary) == (planner, "script", 0.0)
+            assert (
+                episode.config.planner.name,
+                episode.config.prediction.name,
+                episode.config.traffic.vary,
+            ) == (planner, "script", 0.0)
 
 
 def test_a_configuration_is_that_of_run(tmp_path: Path) -> None:
-    text = SCENES + "set: {cost.jerk: 0.1, planner.iterations: 5}\nvariants: {a: {planner.iterations: 7, planner.accelerations_mps2: [-2, 0, 0.00001]}}\n"
+    text = (
+        SCENES
+        + "set: {cost.jerk: 0.1, planner.iterations: 5}\nvariants: {a: {planner.iterations: 7, "
+        "planner.accelerations_mps2: [-2, 0, 0.00001]}}\n"
+    )
     (episode,) = episodes(plan(tmp_path, text), {})
-    assignments = ("cost.jerk=0.1", "planner.iterations=7", "planner.accelerations_mps2=[-2, 0, 0.00001]")
+    assignments = (
+        "cost.jerk=0.1",
+        "planner.iterations=7",
+        "planner.accelerations_mps2=[-2, 0, 0.00001]",
+    )
     assert episode.config == config.load(builtin.scenario_path("highway-exit"), assignments)
 
 
@@ -57,7 +69,13 @@ sweep: {planner.iterations: [100, 1000], cost.jerk: [0.5]}
 seeds: [0..1, 4]
 twins: true
 """
-    variants = ["mcts-iterations-100-jerk-0.5", "mcts-iterations-1000-jerk-0.5", "idm-iterations-100-jerk-0.5", "idm-iterations-1000-jerk-0.5", "sumo"]
+    variants = [
+        "mcts-iterations-100-jerk-0.5",
+        "mcts-iterations-1000-jerk-0.5",
+        "idm-iterations-100-jerk-0.5",
+        "idm-iterations-1000-jerk-0.5",
+        "sumo",
+    ]
     expected = [[f"highway-exit--{variant}--{seed}" for variant in variants] for seed in (0, 1, 4)]
     expected.insert(1, [f"straight-line--{variant}--7" for variant in variants])
     found = plan(tmp_path, text)
@@ -74,20 +92,37 @@ def test_sweeping_two_keys_with_one_last_part(tmp_path: Path) -> None:
 
 
 def test_twins_that_are_there_already(tmp_path: Path) -> None:
-    found = plan(tmp_path, SCENES + "variants: {mcts: {}, sumo: {planner.name: sumo}}\ntwins: true\n")
+    found = plan(
+        tmp_path, SCENES + "variants: {mcts: {}, sumo: {planner.name: sumo}}\ntwins: true\n"
+    )
     assert list(found.variants) == ["mcts", "sumo"]
 
 
 def test_egos_of_a_network_are_an_episode_each(tmp_path: Path) -> None:
-    text = f"name: x\nscenarios: [{{sumocfg: {GOOD}, egos: [other, ego], name: mine}}]\nvariants: {{a: {{}}, b: {{}}}}\n"
+    text = (
+        f"name: x\nscenarios: [{{sumocfg: {GOOD}, egos: [other, ego], name: mine}}]\nvariants: "
+        f"{{a: {{}}, b: {{}}}}\n"
+    )
     found = plan(tmp_path, text)
-    assert keys(found, {"mine": ("other", "ego")}) == ["mine--a--own--other", "mine--b--own--other", "mine--a--own--ego", "mine--b--own--ego"]
-    assert {episode.seed for episode in episodes(found, {"mine": ("other", "ego")})} == {None}  # the file's own
-    assert {episode.measured for episode in episodes(found, {"mine": ("other", "ego")})} == {("ego", "other")}
+    assert keys(found, {"mine": ("other", "ego")}) == [
+        "mine--a--own--other",
+        "mine--b--own--other",
+        "mine--a--own--ego",
+        "mine--b--own--ego",
+    ]
+    assert {episode.seed for episode in episodes(found, {"mine": ("other", "ego")})} == {
+        None
+    }  # the file's own
+    assert {episode.measured for episode in episodes(found, {"mine": ("other", "ego")})} == {
+        ("ego", "other")
+    }
 
 
 def test_egos_of_a_scenario_file_share_an_episode(tmp_path: Path) -> None:
-    (tmp_path / "two.yaml").write_text(f"base: {builtin.scenario_path('highway-exit')}\nname: two\negos: [{{id: ego}}, {{id: left_lane}}]\n")
+    (tmp_path / "two.yaml").write_text(
+        f"base: {builtin.scenario_path('highway-exit')}\nname: two\negos: [{{id: ego}}, {{id: "
+        "left_lane}}]\n"
+    )
     (episode,) = episodes(plan(tmp_path, "name: x\nscenarios: [two.yaml]\n"), {})
     assert episode.keys == ("two--default--0--ego", "two--default--0--left_lane")
 
@@ -95,7 +130,12 @@ def test_egos_of_a_scenario_file_share_an_episode(tmp_path: Path) -> None:
 def test_the_digest_knows_what_is_driven(tmp_path: Path) -> None:
     first = plan(tmp_path, SCENES).digest
     assert plan(tmp_path, SCENES + "description: words\n").digest == first
-    for more in ("seeds: 0..1\n", "set: {cost.jerk: 0.1}\n", "variants: {a: {}}\n", "twins: true\n"):
+    for more in (
+        "seeds: 0..1\n",
+        "set: {cost.jerk: 0.1}\n",
+        "variants: {a: {}}\n",
+        "twins: true\n",
+    ):
         assert plan(tmp_path, SCENES + more).digest != first
     mine = tmp_path / "mine.yaml"
     digests = set()
@@ -109,7 +149,9 @@ def test_the_digest_knows_what_is_driven(tmp_path: Path) -> None:
 def test_each_episode_is_in_one_shard(count: int) -> None:
     found = episodes(load(builtin.experiment_path("quick")), {})
     parts = [shard(found, number, count) for number in range(1, count + 1)]
-    assert sorted(episode.keys for part in parts for episode in part) == sorted(episode.keys for episode in found)
+    assert sorted(episode.keys for part in parts for episode in part) == sorted(
+        episode.keys for episode in found
+    )
     assert all(part == [episode for episode in found if episode in part] for part in parts)
 
 
@@ -121,62 +163,176 @@ def test_shards_are_of_about_one_size() -> None:
 WRONG = {
     "nothing": ("", "an experiment is a mapping of keys: name, description, scenarios,"),
     "not yaml": ("name: [", "not valid YAML: line 1"),
-    "key unknown": (SCENES + "seed: 3\n", "seed: unknown key; allowed: name, description, scenarios, variants, sweep, seeds, twins, traces, "),
-    "entry key unknown": ("name: x\nscenarios: [{scenario: highway-exit, ego: a}]\n", "scenarios.0.ego: unknown key; allowed: scenario, sumocfg, name, egos"),
+    "key unknown": (
+        SCENES + "seed: 3\n",
+        (
+            "seed: unknown key; allowed: name, description, scenarios, variants, sweep, seeds, twins, "
+            "traces, "
+        ),
+    ),
+    "entry key unknown": (
+        "name: x\nscenarios: [{scenario: highway-exit, ego: a}]\n",
+        "scenarios.0.ego: unknown key; allowed: scenario, sumocfg, name, egos",
+    ),
     "no scenarios": ("name: x\nscenarios: []\n", "scenarios: has to have at least 1 entry"),
-    "unknown scenario": ("name: x\nscenarios: [nowhere]\n", "scenarios.0: nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: highway-exit"),
-    "unknown sumocfg": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: [a]}]\n", "scenarios.0: sumocfg: no.sumocfg: no such file"),
-    "sumocfg without egos": ("name: x\nscenarios: [no.sumocfg]\n", "scenarios.0: egos: vehicle ids or {random: N} belong to a sumocfg, and only there"),
-    "egos of a scenario": ("name: x\nscenarios: [{scenario: highway-exit, egos: [a]}]\n", "egos: vehicle ids or {random: N} belong to a sumocfg"),
-    "no egos": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: []}]\n", "scenarios.0.egos: give vehicle ids or {random: N}"),
-    "egos twice": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: [a, a]}]\n", "scenarios.0.egos: ids: one is named twice"),
-    "random zero": ("name: x\nscenarios: [{sumocfg: no.sumocfg, egos: {random: 0}}]\n", "egos.random: has to be at least 1, got 0"),
-    "both sources": ("name: x\nscenarios: [{scenario: a, sumocfg: b, egos: [c]}]\n", "scenarios.0: give either scenario or sumocfg"),
-    "scenario twice": ("name: x\nscenarios: [highway-exit, highway-exit]\n", "scenarios: highway-exit: named 2 times; give a `name` of its own to each"),
+    "unknown scenario": (
+        "name: x\nscenarios: [nowhere]\n",
+        "scenarios.0: nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: highway-exit",
+    ),
+    "unknown sumocfg": (
+        "name: x\nscenarios: [{sumocfg: no.sumocfg, egos: [a]}]\n",
+        "scenarios.0: sumocfg: no.sumocfg: no such file",
+    ),
+    "sumocfg without egos": (
+        "name: x\nscenarios: [no.sumocfg]\n",
+        "scenarios.0: egos: vehicle ids or {random: N} belong to a sumocfg, and only there",
+    ),
+    "egos of a scenario": (
+        "name: x\nscenarios: [{scenario: highway-exit, egos: [a]}]\n",
+        "egos: vehicle ids or {random: N} belong to a sumocfg",
+    ),
+    "no egos": (
+        "name: x\nscenarios: [{sumocfg: no.sumocfg, egos: []}]\n",
+        "scenarios.0.egos: give vehicle ids or {random: N}",
+    ),
+    "egos twice": (
+        "name: x\nscenarios: [{sumocfg: no.sumocfg, egos: [a, a]}]\n",
+        "scenarios.0.egos: ids: one is named twice",
+    ),
+    "random zero": (
+        "name: x\nscenarios: [{sumocfg: no.sumocfg, egos: {random: 0}}]\n",
+        "egos.random: has to be at least 1, got 0",
+    ),
+    "both sources": (
+        "name: x\nscenarios: [{scenario: a, sumocfg: b, egos: [c]}]\n",
+        "scenarios.0: give either scenario or sumocfg",
+    ),
+    "scenario twice": (
+        "name: x\nscenarios: [highway-exit, highway-exit]\n",
+        "scenarios: highway-exit: named 2 times; give a `name` of its own to each",
+    ),
     "no variants": (SCENES + "variants: {}\n", "variants: has to have at least 1 entry"),
-    "variant twice": (SCENES + "variants:\n  a: {}\n  a: {}\n", "not valid YAML: line 5, column 3: a: given twice"),
+    "variant twice": (
+        SCENES + "variants:\n  a: {}\n  a: {}\n",
+        "not valid YAML: line 5, column 3: a: given twice",
+    ),
     "sweep value twice": (
         SCENES + "sweep: {planner.iterations: [5, 5]}\n",
         "variants: default-iterations-5: two variants have this name",
     ),
-    "empty grid": (SCENES + "sweep: {planner.iterations: []}\n", "sweep.planner.iterations: has to have at least 1 entry"),
-    "variant key": (SCENES + "variants: {a: {planner.iteration: 3}}\n", "variants.a: planner.iteration: unknown key; allowed: name, iterations,"),
-    "variant value": (SCENES + "variants: {a: {planner.iterations: many}}\n", "variants.a: planner.iterations: has to be a whole number"),
-    "sweep value": (SCENES + "sweep: {planner.iterations: [0]}\n", "variants, sweep: default-iterations-0: planner.iterations: has to be at least 1, got 0"),
-    "set key": (SCENES + "set: {cost.heading: 1}\n", "set: cost.heading: unknown key; allowed: contact,"),
+    "empty grid": (
+        SCENES + "sweep: {planner.iterations: []}\n",
+        "sweep.planner.iterations: has to have at least 1 entry",
+    ),
+    "variant key": (
+        SCENES + "variants: {a: {planner.iteration: 3}}\n",
+        "variants.a: planner.iteration: unknown key; allowed: name, iterations,",
+    ),
+    "variant value": (
+        SCENES + "variants: {a: {planner.iterations: many}}\n",
+        "variants.a: planner.iterations: has to be a whole number",
+    ),
+    "sweep value": (
+        SCENES + "sweep: {planner.iterations: [0]}\n",
+        "variants, sweep: default-iterations-0: planner.iterations: has to be at least 1, got 0",
+    ),
+    "set key": (
+        SCENES + "set: {cost.heading: 1}\n",
+        "set: cost.heading: unknown key; allowed: contact,",
+    ),
     "set below a value": (SCENES + "set: {name.x: 1}\n", "set: name.x: name has no keys below it"),
     "entry set": (
         "name: x\nscenarios: [{scenario: highway-exit, set: {cost.jerk: -1}}]\n",
         "scenarios.0.set: cost.jerk: has to be at least 0",
     ),
-    "variant name": (SCENES + "variants: {a: {name: b}}\n", "variants.a: name and egos belong to the entries of `scenarios`"),
+    "variant name": (
+        SCENES + "variants: {a: {name: b}}\n",
+        "variants.a: name and egos belong to the entries of `scenarios`",
+    ),
     "twins of other traffic": (
         SCENES + "variants: {a: {traffic.vary: 0}}\ntwins: true\n",
         "variants.a: changes sumo, egos, traffic, episode, which twins share",
     ),
-    "twins' name": (SCENES + "variants: {sumo: {}}\ntwins: true\n", "variants: sumo: with `twins` this is the name of the twins"),
-    "seeds backwards": (SCENES + "seeds: 9..0\n", "seeds: 9..0: the range runs backwards; write 0..9"),
-    "seeds in a list backwards": (SCENES + "seeds: [1, 5..3]\n", "seeds: 5..3: the range runs backwards"),
-    "too many seeds": (SCENES + "seeds: 0..99999999999\n", "seeds: 0..99999999999: a seed is at most 2147483647"),
-    "too many seeds in ranges": (SCENES + "seeds: [0..999999, 1000000..1999999]\n", "seeds: at most 1000000 seeds"),
-    "too many episodes": (SCENES + "seeds: 0..999999\nvariants: {a: {}, b: {}}\n", "2000000 episodes; at most 1000000"),
+    "twins' name": (
+        SCENES + "variants: {sumo: {}}\ntwins: true\n",
+        "variants: sumo: with `twins` this is the name of the twins",
+    ),
+    "seeds backwards": (
+        SCENES + "seeds: 9..0\n",
+        "seeds: 9..0: the range runs backwards; write 0..9",
+    ),
+    "seeds in a list backwards": (
+        SCENES + "seeds: [1, 5..3]\n",
+        "seeds: 5..3: the range runs backwards",
+    ),
+    "too many seeds": (
+        SCENES + "seeds: 0..99999999999\n",
+        "seeds: 0..99999999999: a seed is at most 2147483647",
+    ),
+    "too many seeds in ranges": (
+        SCENES + "seeds: [0..999999, 1000000..1999999]\n",
+        "seeds: at most 1000000 seeds",
+    ),
+    "too many episodes": (
+        SCENES + "seeds: 0..999999\nvariants: {a: {}, b: {}}\n",
+        "2000000 episodes; at most 1000000",
+    ),
     "too many variants": (
-        SCENES + "sweep: {" + ", ".join(f"planner.options.k{k}: [{', '.join(map(str, range(100)))}]" for k in range(9)) + "}\n",
+        SCENES
+        + "sweep: {"
+        + ", ".join(f"planner.options.k{k}: [{', '.join(map(str, range(100)))}]" for k in range(9))
+        + "}\n",
         "scenarios x variants x sweep: 1000000000000000000; at most 10000",
     ),
-    "key twice inside": (SCENES + "set: {planner.iterations: 5, planner.iterations: 6}\n", "planner.iterations: given twice"),
-    "seeds negative": (SCENES + "seeds: [-1]\n", "seeds: -1: a number from 0 on, or a range such as 0..9"),
-    "seeds number": (SCENES + "seeds: 100\n", "seeds: a range such as 0..9, or a list of numbers and ranges, got 100"),
-    "seeds none": (SCENES + "seeds: []\n", "seeds: a range such as 0..9, or a list of numbers and ranges"),
+    "key twice inside": (
+        SCENES + "set: {planner.iterations: 5, planner.iterations: 6}\n",
+        "planner.iterations: given twice",
+    ),
+    "seeds negative": (
+        SCENES + "seeds: [-1]\n",
+        "seeds: -1: a number from 0 on, or a range such as 0..9",
+    ),
+    "seeds number": (
+        SCENES + "seeds: 100\n",
+        "seeds: a range such as 0..9, or a list of numbers and ranges, got 100",
+    ),
+    "seeds none": (
+        SCENES + "seeds: []\n",
+        "seeds: a range such as 0..9, or a list of numbers and ranges",
+    ),
     "seeds truth": (SCENES + "seeds: [true]\n", "seeds: True: a number from 0 on"),
-    "scenarios text": ("name: x\nscenarios: highway-exit\n", "scenarios: has to be a list, got 'highway-exit'"),
-    "scenario number": ("name: x\nscenarios: [3]\n", "scenarios.0: has to be a mapping of keys, got 3"),
-    "variants list": (SCENES + "variants: [a]\n", "variants: has to be a mapping of keys, got ['a']"),
-    "variant number": (SCENES + "variants: {a: 3}\n", "variants.a: has to be a mapping of keys, got 3"),
-    "variant named by a number": (SCENES + "variants: {3: {}}\n", "not valid YAML: line 3, column 12: 3: a key has to be a text; write it in quotes"),
-    "variant named by a list": (SCENES + "variants: {? [3] : {}}\n", "not valid YAML: line 3, column 14: a key has to be a text"),
-    "section number": (SCENES + "variants: {a: {planner: 3}}\n", "variants.a: planner: has to be a mapping of keys, got 3"),
-    "sweep number": (SCENES + "sweep: {planner.iterations: 3}\n", "sweep.planner.iterations: has to be a list, got 3"),
+    "scenarios text": (
+        "name: x\nscenarios: highway-exit\n",
+        "scenarios: has to be a list, got 'highway-exit'",
+    ),
+    "scenario number": (
+        "name: x\nscenarios: [3]\n",
+        "scenarios.0: has to be a mapping of keys, got 3",
+    ),
+    "variants list": (
+        SCENES + "variants: [a]\n",
+        "variants: has to be a mapping of keys, got ['a']",
+    ),
+    "variant number": (
+        SCENES + "variants: {a: 3}\n",
+        "variants.a: has to be a mapping of keys, got 3",
+    ),
+    "variant named by a number": (
+        SCENES + "variants: {3: {}}\n",
+        "not valid YAML: line 3, column 12: 3: a key has to be a text; write it in quotes",
+    ),
+    "variant named by a list": (
+        SCENES + "variants: {? [3] : {}}\n",
+        "not valid YAML: line 3, column 14: a key has to be a text",
+    ),
+    "section number": (
+        SCENES + "variants: {a: {planner: 3}}\n",
+        "variants.a: planner: has to be a mapping of keys, got 3",
+    ),
+    "sweep number": (
+        SCENES + "sweep: {planner.iterations: 3}\n",
+        "sweep.planner.iterations: has to be a list, got 3",
+    ),
     "twins perhaps": (SCENES + "twins: perhaps\n", "twins: has to be true or false, got 'perhaps'"),
     "no name": ("scenarios: [highway-exit]\n", "name: has to be given"),
     "name": ("name: a b\nscenarios: [highway-exit]\n", "name: has to be a text like ^[A-Za-z0-9]"),
@@ -196,11 +352,20 @@ def test_wrong_files(case: str, tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"nowhere: no such experiment; give a \.yaml, or one of: ablation, baselines"):
+    with pytest.raises(
+        ConfigError,
+        match=r"nowhere: no such experiment; give a \.yaml, or one of: ablation, baselines",
+    ):
         builtin.experiment_path("nowhere")
-    with pytest.raises(ConfigError, match=r"^vared: no such experiment \(near: varied\); give a \.yaml, or one of: ablation, baselines"):
+    with pytest.raises(
+        ConfigError,
+        match=r"^vared: no such experiment \(near: varied\); give a \.yaml, or one of: ablation, "
+        r"baselines",
+    ):
         builtin.experiment_path("vared")
-    with pytest.raises(ConfigError, match=r"^highway-exits: no such scenario \(near: highway-exit, "):
+    with pytest.raises(
+        ConfigError, match=r"^highway-exits: no such scenario \(near: highway-exit, "
+    ):
         builtin.scenario_path("highway-exits")
     with pytest.raises(ConfigError, match=r"nowhere\.yaml: no such file"):
         load(tmp_path / "nowhere.yaml")
@@ -213,17 +378,29 @@ PAGE = (builtin.root() / "docs" / "experiments.md").read_text(encoding="utf-8")
 
 def test_every_key_is_documented() -> None:
     for model in (Experiment, Entry):
-        assert not [name for name, field in model.model_fields.items() if f"| `{field.alias or name}` |" not in PAGE]
+        assert not [
+            name
+            for name, field in model.model_fields.items()
+            if f"| `{field.alias or name}` |" not in PAGE
+        ]
 
 
 def test_the_sizes_of_the_built_in_ones() -> None:
     described: set[str] = set()
-    for names, counts in re.findall(r"^\| (`[^|]*`) \| ([\d, each]+) \|", PAGE.split("## Built-in")[1], re.MULTILINE):
+    for names, counts in re.findall(
+        r"^\| (`[^|]*`) \| ([\d, each]+) \|", PAGE.split("## Built-in")[1], re.MULTILINE
+    ):
         listed = re.findall(r"`([\w-]+)`", names)
-        numbers = [int(number) for number in re.findall(r"\d+", counts)] * (len(listed) if "each" in counts else 1)
+        numbers = [int(number) for number in re.findall(r"\d+", counts)] * (
+            len(listed) if "each" in counts else 1
+        )
         for name, number in zip(listed, numbers, strict=True):
             found = load(builtin.experiment_path(name))
-            egos = {case.name: [str(k) for k in range(case.egos.random or 0)] for case in found.cases if case.egos is not None}
+            egos = {
+                case.name: [str(k) for k in range(case.egos.random or 0)]
+                for case in found.cases
+                if case.egos is not None
+            }
             assert len(episodes(found, egos)) == number, name
         described.update(listed)
     assert {path.stem for path in BUILT_IN} == described
@@ -231,7 +408,11 @@ def test_the_sizes_of_the_built_in_ones() -> None:
 
 def test_a_configuration_by_what_it_holds(tmp_path: Path) -> None:
     (tmp_path / "mine.sumo.cfg").write_text("<configuration/>")
-    with pytest.raises(ConfigError, match=r"scenarios\.0: egos: vehicle ids or {random: N} belong to a sumocfg"):
+    with pytest.raises(
+        ConfigError, match=r"scenarios\.0: egos: vehicle ids or {random: N} belong to a sumocfg"
+    ):
         plan(tmp_path, "name: x\nscenarios: [mine.sumo.cfg]\n")
     found = plan(tmp_path, "name: x\nscenarios: [{sumocfg: mine.sumo.cfg, egos: [a]}]\n")
-    assert [(case.name, case.base.sumo.sumocfg) for case in found.cases] == [("mine_sumo", str(tmp_path / "mine.sumo.cfg"))]
+    assert [(case.name, case.base.sumo.sumocfg) for case in found.cases] == [
+        ("mine_sumo", str(tmp_path / "mine.sumo.cfg"))
+    ]

@@ -11,7 +11,8 @@ from sumo_mcts.experiments import folder
 from sumo_mcts.experiments.experiment import DECIDING
 
 WANTED: dict[str, Any] = {
-    "experiment": {"name": "x"}, "experiment_digest": "d", "shard": "1/1", "versions": dict.fromkeys(DECIDING, "1"), "plugins": [], "files": {}, "egos": {},
+    "experiment": {"name": "x"}, "experiment_digest": "d", "shard": "1/1",
+    "versions": dict.fromkeys(DECIDING, "1"), "plugins": [], "files": {}, "egos": {},
 }  # fmt: skip
 
 

@@ -13,7 +13,11 @@ from sumo_mcts.experiments.workers import DeadWorkerError, LocalPool, SilentWork
 def test_answers_exceptions_and_deaths() -> None:
     with LocalPool(2) as pool:
         before = [pool.submit(echo, k) for k in range(3)]
-        bad, dead, unsent = pool.submit(raise_value_error), pool.submit(die), pool.submit(echo, lambda: 0)
+        bad, dead, unsent = (
+            pool.submit(raise_value_error),
+            pool.submit(die),
+            pool.submit(echo, lambda: 0),
+        )
         after = [pool.submit(echo, k) for k in range(3)]
         assert [future.result(30) for future in before + after] == [0, 1, 2, 0, 1, 2]
         with pytest.raises(ValueError, match="as asked"):

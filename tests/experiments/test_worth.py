@@ -12,45 +12,80 @@ from sumo_mcts.reporting.tables import worth_a_look
 SCORES = st.one_of(st.none(), st.sampled_from([0.0, 0.5, 1.0, 2.0, 4.5]))
 
 QUIET = {
-    "key": "k", "scenario": "s", "variant": "a", "planner": "mcts", "seed": 1, "ego": None, "outcome": "arrived", "at_fault": None, "prediction": "idm",
-    "failsafe_interventions": 0, "imposed_max_decel_mps2": 0.0, "min_ttc_s": None, "min_pet_s": None,
+    "key": "k", "scenario": "s", "variant": "a", "planner": "mcts", "seed": 1, "ego": None,
+    "outcome": "arrived", "at_fault": None, "prediction": "idm",
+    "failsafe_interventions": 0, "imposed_max_decel_mps2": 0.0, "min_ttc_s": None,
+    "min_pet_s": None,
 }  # fmt: skip
 
 
 @st.composite
 def rows(draw: st.DrawFn) -> list[dict[str, Any]]:
     """Rows of two variants, in some order, with many ties."""
-    seeds, calm = draw(st.permutations(range(25))), draw(st.booleans())  # calm: nothing happens to the second
+    seeds, calm = (
+        draw(st.permutations(range(25))),
+        draw(st.booleans()),
+    )  # calm: nothing happens to the second
     found = [
         {
-            "key": f"{variant}-{k}", "scenario": "s", "variant": variant, "planner": "mcts", "seed": seeds[k], "ego": None, "at_fault": None,
-            "prediction": "idm", "outcome": draw(st.sampled_from(["arrived", "arrived", "arrived", "collision"])),
-            "failsafe_interventions": draw(st.sampled_from([0, 0, 0, 0, 1, None])), "imposed_max_decel_mps2": draw(SCORES), "min_ttc_s": draw(SCORES),
+            "key": f"{variant}-{k}", "scenario": "s", "variant": variant, "planner": "mcts",
+            "seed": seeds[k], "ego": None, "at_fault": None,
+            "prediction": "idm", "outcome": draw(st.sampled_from(["arrived", "arrived", "arrived",
+            "collision"])),
+            "failsafe_interventions": draw(st.sampled_from([0, 0, 0, 0, 1, None])),
+            "imposed_max_decel_mps2": draw(SCORES), "min_ttc_s": draw(SCORES),
             "min_pet_s": draw(SCORES),
         }
         for variant in ("a", "b")
         for k in range(draw(st.integers(0, 25)))
     ]  # fmt: skip
-    nothing = {key: QUIET[key] for key in ("outcome", "failsafe_interventions", "imposed_max_decel_mps2", "min_ttc_s", "min_pet_s")}
-    return draw(st.permutations([{**row, **nothing} if calm and row["variant"] == "b" else row for row in found]))
+    nothing = {
+        key: QUIET[key]
+        for key in (
+            "outcome",
+            "failsafe_interventions",
+            "imposed_max_decel_mps2",
+            "min_ttc_s",
+            "min_pet_s",
+        )
+    }
+    return draw(
+        st.permutations(
+            [{**row, **nothing} if calm and row["variant"] == "b" else row for row in found]
+        )
+    )
 
 
 def obvious(found: list[dict[str, Any]]) -> set[str]:
-    """What went wrong, and the first few of each variant in each respect, a collision being no close call; or its first episode."""
-    kept = {row["key"] for row in found if row["outcome"] != "arrived" or row["failsafe_interventions"]}
+    """What went wrong, and the first few of each variant in each respect, a collision being no
+    close call; or its first episode."""
+    kept = {
+        row["key"] for row in found if row["outcome"] != "arrived" or row["failsafe_interventions"]
+    }
     for variant in ("a", "b"):
         of = [row for row in found if row["variant"] == variant]
-        kept |= {row["key"] for row in sorted((r for r in of if r["imposed_max_decel_mps2"]), key=lambda r: (-r["imposed_max_decel_mps2"], r["key"]))[:HARDEST]}
+        kept |= {
+            row["key"]
+            for row in sorted(
+                (r for r in of if r["imposed_max_decel_mps2"]),
+                key=lambda r: (-r["imposed_max_decel_mps2"], r["key"]),
+            )[:HARDEST]
+        }
         for name in ("min_ttc_s", "min_pet_s"):
             close = [row for row in of if row[name] is not None and row["outcome"] != "collision"]
-            kept |= {row["key"] for row in sorted(close, key=lambda r, name=name: (r[name], r["key"]))[:HARDEST]}
+            kept |= {
+                row["key"]
+                for row in sorted(close, key=lambda r, name=name: (r[name], r["key"]))[:HARDEST]
+            }
         if of and not kept & {row["key"] for row in of}:
             kept.add(min(of, key=lambda row: row["seed"])["key"])
     return kept
 
 
 @given(rows(), st.data())
-def test_what_is_kept_does_not_depend_on_the_order(found: list[dict[str, Any]], data: st.DataObject) -> None:
+def test_what_is_kept_does_not_depend_on_the_order(
+    found: list[dict[str, Any]], data: st.DataObject
+) -> None:
     worth, kept, flying = Worth("worth"), set(), []
     for row in found:
         flying.append((row, worth.bar("s", row["variant"])))  # the bar when its episode begins
@@ -104,7 +139,12 @@ def test_nobody_who_had_to_brake_is_no_hard_moment() -> None:
 
 @pytest.mark.parametrize("rule", ["worth", "all", "none"])
 def test_an_unknown_row_is_judged(rule: str) -> None:
-    nothing = {**QUIET, "outcome": "error", "failsafe_interventions": None, "imposed_max_decel_mps2": None}
+    nothing = {
+        **QUIET,
+        "outcome": "error",
+        "failsafe_interventions": None,
+        "imposed_max_decel_mps2": None,
+    }
     worth = Worth(rule)
     assert is_worth(nothing, worth.bar("s", "a")) is (rule != "none")
     assert worth.add(nothing) == ({"k"} if rule == "none" else set())

@@ -8,13 +8,33 @@ import naive
 import numpy as np
 import pytest
 from helpers import Lane, build, crossing, edges, ego_at, lights
-from helpers_model import PHYSICS, lanes_east, local_of, road_with_light, scenario, scene_of, task_of
+from helpers_model import (
+    PHYSICS,
+    lanes_east,
+    local_of,
+    road_with_light,
+    scenario,
+    scene_of,
+    task_of,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_mcts.driver.params import Physics
 from sumo_mcts.model.local_map import Local, State
-from sumo_mcts.model.motion import FREE, GOAL, OFF_END, RED_LINE, EgoParams, advance, begin_change, can_change, follow_accel, pose_of, within_step
+from sumo_mcts.model.motion import (
+    FREE,
+    GOAL,
+    OFF_END,
+    RED_LINE,
+    EgoParams,
+    advance,
+    begin_change,
+    can_change,
+    follow_accel,
+    pose_of,
+    within_step,
+)
 from sumo_mcts.model.route import LENGTH, STATION
 from sumo_mcts.planners.base import Task
 from sumo_mcts.scene import GREEN, RED, RoadMap, Signals
@@ -27,11 +47,20 @@ PHYSICS_OF = {
     "half": Physics(0.5, False, 0.0),
     "second": Physics(1.0, False, 3.0),
 }
-accelerations = st.lists(st.sampled_from([-8.0, -4.5, -3.0, -1.0, 0.0, 1.0, 2.6, 99.0]), min_size=1, max_size=8)
+accelerations = st.lists(
+    st.sampled_from([-8.0, -4.5, -3.0, -1.0, 0.0, 1.0, 2.6, 99.0]), min_size=1, max_size=8
+)
 
 
 def on_road(
-    road: RoadMap, name: str, s: float, v: float, moves: Physics = PHYSICS, *, route: Sequence[str] = (), signals: Signals | None = None
+    road: RoadMap,
+    name: str,
+    s: float,
+    v: float,
+    moves: Physics = PHYSICS,
+    *,
+    route: Sequence[str] = (),
+    signals: Signals | None = None,
 ) -> tuple[Task, Local, State]:
     """An ego alone."""
     ego = ego_at(road, name, s, v, route=edges(road, *(route or road.edge_ids[:1])))
@@ -40,8 +69,11 @@ def on_road(
     return task, local, state
 
 
-def drive(local: Local, p: EgoParams, state: State, asked: Sequence[float], seconds: float = 1.0) -> list[tuple[State, int]]:
-    """The state after every step, each acceleration asked for during `seconds`; until something happens."""
+def drive(
+    local: Local, p: EgoParams, state: State, asked: Sequence[float], seconds: float = 1.0
+) -> list[tuple[State, int]]:
+    """The state after every step, each acceleration asked for during `seconds`; until something
+    happens."""
     states: list[tuple[State, int]] = []
     for accel in asked:
         for _ in range(max(1, round(seconds / p.step))):
@@ -57,7 +89,15 @@ def patchwork(limits: Sequence[float], lengths: Sequence[float]) -> RoadMap:
     x, lanes = 0.0, []
     for k, limit in enumerate(limits):
         length = 200.0 if k in (0, len(limits) - 1) else lengths[k]
-        lanes.append(Lane(f"e{k}", 0, ((x, 0.0), (x + length, 0.0)), (f"e{k + 1}_0",) if k + 1 < len(limits) else (), speed=limit))
+        lanes.append(
+            Lane(
+                f"e{k}",
+                0,
+                ((x, 0.0), (x + length, 0.0)),
+                (f"e{k + 1}_0",) if k + 1 < len(limits) else (),
+                speed=limit,
+            )
+        )
         x += length
     return build(lanes)
 
@@ -70,9 +110,14 @@ lengths = st.lists(st.floats(1.0, 80.0), min_size=6, max_size=6)
 
 @pytest.mark.parametrize("moves", PHYSICS_OF.values(), ids=PHYSICS_OF)
 @given(limits, lengths, st.floats(0.0, 1.0), accelerations)
-def test_bounds_and_limits_hold(moves: Physics, limits: list[float], lengths: list[float], share: float, asked: list[float]) -> None:
-    """Never backwards, never beyond the strongest braking and acceleration, never above a limit by more than 0.1 m/s."""
-    task, local, state = on_road(road := patchwork(limits, lengths), "e0_0", 20.0, 0.0, moves, route=road.edge_ids)
+def test_bounds_and_limits_hold(
+    moves: Physics, limits: list[float], lengths: list[float], share: float, asked: list[float]
+) -> None:
+    """Never backwards, never beyond the strongest braking and acceleration, never above a limit by
+    more than 0.1 m/s."""
+    task, local, state = on_road(
+        road := patchwork(limits, lengths), "e0_0", 20.0, 0.0, moves, route=road.edge_ids
+    )
     route, p = task.route, task.ego
     state = state._replace(v=share * float(route.cap[20]))
     for after, event in drive(local, p, state, asked, 2.0):
@@ -83,15 +128,25 @@ def test_bounds_and_limits_hold(moves: Physics, limits: list[float], lengths: li
         assert after.v == 0.0 or abs(after.a - state.a) <= p.emergency_jerk * p.step + 1e-6
         assert after.v <= route.limit[after.node] + 0.1
         moved = (0.5 * (state.v + after.v) if p.ballistic else after.v) * p.step
-        assert event == GOAL or route.station[after.node] + after.s == pytest.approx(route.station[state.node] + state.s + moved)
+        assert event == GOAL or route.station[after.node] + after.s == pytest.approx(
+            route.station[state.node] + state.s + moved
+        )
         state = after
 
 
 @pytest.mark.parametrize("moves", PHYSICS_OF.values(), ids=PHYSICS_OF)
 @given(st.floats(5.0, 30.0), st.floats(0.0, 1.0), accelerations)
 def test_jerk_is_bounded(moves: Physics, limit: float, share: float, asked: list[float]) -> None:
-    """Between a stand and the limit, which come before comfort; more than the ordinary jerk only into and out of hard braking."""
-    task, local, state = on_road(patchwork([limit] * 3, [50.0] * 3), "e0_0", 20.0, share * limit, moves, route=("e0", "e1", "e2"))
+    """Between a stand and the limit, which come before comfort; more than the ordinary jerk only
+    into and out of hard braking."""
+    task, local, state = on_road(
+        patchwork([limit] * 3, [50.0] * 3),
+        "e0_0",
+        20.0,
+        share * limit,
+        moves,
+        route=("e0", "e1", "e2"),
+    )
     p = task.ego
     for accel in asked:
         for after, _ in drive(local, p, state, [accel]):
@@ -113,7 +168,9 @@ def test_a_wish_is_fulfilled() -> None:
 
 
 def test_the_end_of_the_route_is_the_goal_and_a_dead_end_a_wall() -> None:
-    task, local, state = on_road(patchwork([15.0] * 3, [50.0] * 3), "e0_0", 150.0, 15.0, route=("e0", "e1", "e2"))
+    task, local, state = on_road(
+        patchwork([15.0] * 3, [50.0] * 3), "e0_0", 150.0, 15.0, route=("e0", "e1", "e2")
+    )
     states = drive(local, task.ego, state, [0.0] * 60)
     assert states[-1][1] == GOAL and states[-1][0].node == 2
     lanes = [Lane("e", k, ((0, 3.0 * k), (100, 3.0 * k)), ("f_0",) if k else ()) for k in range(2)]
@@ -123,7 +180,9 @@ def test_the_end_of_the_route_is_the_goal_and_a_dead_end_a_wall() -> None:
     assert all(event == FREE for _, event in states)
     assert 98.0 < states[-1][0].s <= 100.0 and states[-1][0].v == pytest.approx(0.0, abs=0.05)
     assert min(s.a for s, _ in states) > -3.0  # without haste
-    (held, event), *_ = drive(local, task.ego, state._replace(s=99.5, v=15.0), [0.0])  # too late: SUMO holds it there
+    (held, event), *_ = drive(
+        local, task.ego, state._replace(s=99.5, v=15.0), [0.0]
+    )  # too late: SUMO holds it there
     assert (held.s, held.v, event) == (100.0, 0.0, OFF_END)
 
 
@@ -139,7 +198,9 @@ CLOSED = lights(RED)
 def test_it_stops_before_a_closed_line_whenever_the_strongest_braking_suffices(
     moves: Physics, v: float, a: float, times: float, more: float, asked: list[float]
 ) -> None:
-    task, local, state = on_road(road_with_light(), "a_0", 10.0, v, moves, route=("a", "b"), signals=CLOSED)
+    task, local, state = on_road(
+        road_with_light(), "a_0", 10.0, v, moves, route=("a", "b"), signals=CLOSED
+    )
     line = int(np.flatnonzero(task.route.stop)[0]) - local.first
     local.closed[line] = 1  # also where the light changed too late for a stop in comfort
     state = state._replace(s=200.0 - naive.stopping_distance(task.ego, v, a) * times - more, a=a)
@@ -150,26 +211,45 @@ def test_it_stops_before_a_closed_line_whenever_the_strongest_braking_suffices(
 
 @pytest.mark.parametrize("moves", PHYSICS_OF.values(), ids=PHYSICS_OF)
 @given(st.floats(3.0, 15.0), st.floats(100.0, 190.0))
-def test_from_afar_it_stops_a_little_before_the_line_in_comfort(moves: Physics, v: float, distance: float) -> None:
-    task, local, state = on_road(road_with_light(), "a_0", 200.0 - distance, v, moves, route=("a", "b"), signals=CLOSED)
+def test_from_afar_it_stops_a_little_before_the_line_in_comfort(
+    moves: Physics, v: float, distance: float
+) -> None:
+    task, local, state = on_road(
+        road_with_light(), "a_0", 200.0 - distance, v, moves, route=("a", "b"), signals=CLOSED
+    )
     states = drive(local, task.ego, state, [0.0] * 120)
     assert states[-1][0].v < 0.05 and 0.5 < 200.0 - states[-1][0].s < 3.0
-    assert min(after.a for after, _ in states) > -(1.2 if moves.step < 0.4 else 1.5) * task.ego.comfort_decel
+    assert (
+        min(after.a for after, _ in states)
+        > -(1.2 if moves.step < 0.4 else 1.5) * task.ego.comfort_decel
+    )
 
 
 @pytest.mark.parametrize("moves", PHYSICS_OF.values(), ids=PHYSICS_OF)
 @given(st.floats(8.0, 15.0), st.floats(2.5, 5.0))
-def test_a_line_that_closes_late_is_met_by_braking_evenly(moves: Physics, v: float, needed: float) -> None:
-    """Not with all that the brakes give until the ego is as slow as it would have been, had it known before."""
-    task, local, state = on_road(road_with_light(), "a_0", 10.0, v, moves, route=("a", "b"), signals=CLOSED)
+def test_a_line_that_closes_late_is_met_by_braking_evenly(
+    moves: Physics, v: float, needed: float
+) -> None:
+    """Not with all that the brakes give until the ego is as slow as it would have been, had it
+    known before."""
+    task, local, state = on_road(
+        road_with_light(), "a_0", 10.0, v, moves, route=("a", "b"), signals=CLOSED
+    )
     local.closed[int(np.flatnonzero(task.route.stop)[0]) - local.first] = 1
-    states = drive(local, task.ego, state._replace(s=200.0 - task.ego.stop_gap - v * v / (2.0 * needed)), [0.0] * 12)
+    states = drive(
+        local,
+        task.ego,
+        state._replace(s=200.0 - task.ego.stop_gap - v * v / (2.0 * needed)),
+        [0.0] * 12,
+    )
     assert states[-1][0].v < 0.5 and states[-1][0].s <= 200.0
     assert min(after.a for after, _ in states) > -max(1.15 * needed, 1.15 * task.ego.comfort_decel)
 
 
 def test_an_open_line_is_crossed_and_a_closed_one_is_told() -> None:
-    task, local, state = on_road(road_with_light(), "a_0", 180.0, 12.0, route=("a", "b"), signals=lights(GREEN))
+    task, local, state = on_road(
+        road_with_light(), "a_0", 180.0, 12.0, route=("a", "b"), signals=lights(GREEN)
+    )
     assert all(event == FREE for _, event in drive(local, task.ego, state, [0.0] * 5))
     line = int(np.flatnonzero(task.route.stop)[0]) - local.first
     local.closed[line, 5:] = 1  # too late: 1 s from now, 8 m before the line
@@ -177,27 +257,45 @@ def test_an_open_line_is_crossed_and_a_closed_one_is_told() -> None:
 
 
 def test_a_line_that_opens_again_is_waited_for() -> None:
-    signals = Signals(np.array([0, 1], np.int32), np.array([[RED, GREEN]], np.int32), np.array([[6.0, math.inf]]))
-    task, local, state = on_road(road_with_light(), "a_0", 150.0, 12.0, route=("a", "b"), signals=signals)
+    signals = Signals(
+        np.array([0, 1], np.int32), np.array([[RED, GREEN]], np.int32), np.array([[6.0, math.inf]])
+    )
+    task, local, state = on_road(
+        road_with_light(), "a_0", 150.0, 12.0, route=("a", "b"), signals=signals
+    )
     states = drive(local, task.ego, state, [2.6] * 12)
     crossed = next(k for k, (after, _) in enumerate(states) if after.node > 0) * 0.1
     assert all(event == FREE for _, event in states) and 6.0 < crossed < 9.0
 
 
-@given(st.floats(70.0, 90.0), st.floats(0.0, 15.0), st.sampled_from(["second", "half", "quarter"]), st.floats(0.0, 1.0))
-def test_within_a_long_step_the_ego_stays_on_the_curve(s: float, v: float, moves: str, share: float) -> None:
+@given(
+    st.floats(70.0, 90.0),
+    st.floats(0.0, 15.0),
+    st.sampled_from(["second", "half", "quarter"]),
+    st.floats(0.0, 1.0),
+)
+def test_within_a_long_step_the_ego_stays_on_the_curve(
+    s: float, v: float, moves: str, share: float
+) -> None:
     road = crossing()
     task, local, state = on_road(road, "wi_0", s, v, PHYSICS_OF[moves], route=("wi", "no"))
     for k in range(12):
         after, event = advance(local, task.ego, state, 1.0, k * task.ego.step)
         if event != FREE:
             break
-        between, end = within_step(local, task.ego, state, after, share), within_step(local, task.ego, state, after, 1.0)
+        between, end = (
+            within_step(local, task.ego, state, after, share),
+            within_step(local, task.ego, state, after, 1.0),
+        )
         assert end == after
-        begin, there, target = (local.node[each.node, STATION] + each.s for each in (state, between, after))
+        begin, there, target = (
+            local.node[each.node, STATION] + each.s for each in (state, between, after)
+        )
         assert there - begin == pytest.approx(share * (target - begin), abs=1e-6)
         assert 0.0 <= between.s <= local.node[between.node, LENGTH] + 1e-9
-        assert pose_of(local, task.ego, between) == pose_of(local, task.ego, State(between.node, between.s, 0.0, 0.0, 0.0, -1, 0.0))
+        assert pose_of(local, task.ego, between) == pose_of(
+            local, task.ego, State(between.node, between.s, 0.0, 0.0, 0.0, -1, 0.0)
+        )
         state = after
 
 
@@ -206,30 +304,47 @@ def test_within_a_long_step_the_ego_stays_on_the_curve(s: float, v: float, moves
 
 @pytest.mark.parametrize("moves", [PHYSICS, Physics(0.1, False, 0.0), Physics(0.25, True, 2.0)])
 @given(st.floats(0.0, 15.0), accelerations)
-def test_a_change_to_the_right_mirrors_one_to_the_left(moves: Physics, v: float, asked: list[float]) -> None:
+def test_a_change_to_the_right_mirrors_one_to_the_left(
+    moves: Physics, v: float, asked: list[float]
+) -> None:
     task, local, state = on_road(lanes_east(3, 900.0), "a_1", 50.0, v, moves)
     ways = []
     for side in (1, -1):
         assert can_change(local, task.ego, state, side)
         states = drive(local, task.ego, begin_change(local, task.ego, state, side), asked)
         ways.append(np.array([pose_of(local, task.ego, after) for after, _ in states]))
-        assert [after.node - state.node for after, _ in states] == sorted((after.node - state.node for after, _ in states), reverse=side < 0)
+        assert [after.node - state.node for after, _ in states] == sorted(
+            (after.node - state.node for after, _ in states), reverse=side < 0
+        )
     assert ways[0] == pytest.approx(ways[1] * (1, -1, 1, -1))
 
 
 @pytest.mark.parametrize(("side", "target"), [(1, 3.2), (-1, -3.2)])
 def test_a_change_takes_its_time_and_flips_the_lane_at_half(side: int, target: float) -> None:
     task, local, state = on_road(lanes_east(), "a_1", 50.0, 10.0)
-    states = [after for after, _ in drive(local, task.ego, begin_change(local, task.ego, state, side), [0.0] * 4)]
+    states = [
+        after
+        for after, _ in drive(
+            local, task.ego, begin_change(local, task.ego, state, side), [0.0] * 4
+        )
+    ]
     poses = np.array([pose_of(local, task.ego, after) for after in states])
     front, rear = (poses[:, 1] + end * task.ego.half_length * poses[:, 3] for end in (1, -1))
     assert np.diff(front[:30]) == pytest.approx(np.full(29, target / 30), abs=1e-4)
     assert front[29:] == pytest.approx(target, abs=1e-4)
-    assert np.all(np.abs(rear) <= np.abs(front) + 1e-9) and rear[-1] == pytest.approx(target, abs=0.1)  # the rear trails, and comes in
+    assert np.all(np.abs(rear) <= np.abs(front) + 1e-9) and rear[-1] == pytest.approx(
+        target, abs=0.1
+    )  # the rear trails, and comes in
     assert abs(rear[29]) < abs(target) - 0.3
-    assert [k for k, (a, b) in enumerate(pairwise(states)) if a.node != b.node] == [14]  # with the 16th of 30 steps, as SUMO's rounding has it
-    assert not can_change(local, task.ego, states[10], 1) and not can_change(local, task.ego, states[10], -1)
-    assert not can_change(local, task.ego, states[-1], side) and can_change(local, task.ego, states[-1], -side)
+    assert [k for k, (a, b) in enumerate(pairwise(states)) if a.node != b.node] == [
+        14
+    ]  # with the 16th of 30 steps, as SUMO's rounding has it
+    assert not can_change(local, task.ego, states[10], 1) and not can_change(
+        local, task.ego, states[10], -1
+    )
+    assert not can_change(local, task.ego, states[-1], side) and can_change(
+        local, task.ego, states[-1], -side
+    )
 
 
 def test_no_change_begins_that_the_lane_is_too_short_for() -> None:
@@ -241,7 +356,16 @@ def test_no_change_begins_that_the_lane_is_too_short_for() -> None:
 # --- car following ---
 
 
-@given(st.floats(0.0, 40.0), st.floats(5.0, 40.0), st.one_of(st.floats(0.5, 200.0), st.just(math.inf)), st.floats(0.0, 40.0))
-def test_car_following_is_the_intelligent_driver_model(v: float, limit: float, gap: float, leader_v: float) -> None:
+@given(
+    st.floats(0.0, 40.0),
+    st.floats(5.0, 40.0),
+    st.one_of(st.floats(0.5, 200.0), st.just(math.inf)),
+    st.floats(0.0, 40.0),
+)
+def test_car_following_is_the_intelligent_driver_model(
+    v: float, limit: float, gap: float, leader_v: float
+) -> None:
     p = task_of(road := lanes_east(), ego_at(road, "a_1", 50.0), scenario()).ego
-    assert follow_accel(p, v, limit, gap, leader_v) == pytest.approx(naive.follow(p, v, limit, gap, leader_v), rel=1e-9, abs=1e-9)
+    assert follow_accel(p, v, limit, gap, leader_v) == pytest.approx(
+        naive.follow(p, v, limit, gap, leader_v), rel=1e-9, abs=1e-9
+    )

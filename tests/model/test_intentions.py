@@ -1,4 +1,5 @@
-"""Hypotheses about what others will do: what they are, what they follow from, and that they are forecasts like any other."""
+"""Hypotheses about what others will do: what they are, what they follow from, and that they are
+forecasts like any other."""
 
 from itertools import pairwise
 
@@ -27,7 +28,21 @@ from sumo_mcts.prediction.hypotheses import (
     way_worth,
 )
 from sumo_mcts.prediction.paths import likely_paths
-from sumo_mcts.scene import BRAKES, FORCES, LEFT, RIGHT, STARTS, STRAIGHT, TURNS, VEHICLE_CLASSES, EgoState, Forecast, Intent, RoadMap, Scene
+from sumo_mcts.scene import (
+    BRAKES,
+    FORCES,
+    LEFT,
+    RIGHT,
+    STARTS,
+    STRAIGHT,
+    TURNS,
+    VEHICLE_CLASSES,
+    EgoState,
+    Forecast,
+    Intent,
+    RoadMap,
+    Scene,
+)
 
 
 def _crossing() -> RoadMap:
@@ -46,43 +61,79 @@ FIELDS = ("pose", "v", "lane", "s", "valid", "yields")
 
 def ego_lanes(road: RoadMap, ego: EgoState) -> np.ndarray:
     """The ego's lanes through the crossing."""
-    return np.array([lane(road, name) for name in (("wi_0", ":we_0", "eo_0") if ego.route == EASTBOUND else ("si_0", ":sn_0", "no_0"))], np.int32)
+    return np.array(
+        [
+            lane(road, name)
+            for name in (
+                ("wi_0", ":we_0", "eo_0") if ego.route == EASTBOUND else ("si_0", ":sn_0", "no_0")
+            )
+        ],
+        np.int32,
+    )
 
 
 def foreseen(scene: Scene, most: int, road: RoadMap = ROAD) -> Forecast:
-    return foresee(road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params(), 10.0, -np.inf, most)
+    return foresee(
+        road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params(), 10.0, -np.inf, most
+    )
 
 
 def usual(scene: Scene, intent: Intent | None = None, road: RoadMap = ROAD) -> Forecast:
     more = {} if intent is None else {"intent": intent}
-    return predict(road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params(), 10.0, Told(), **more)
+    return predict(
+        road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params(), 10.0, Told(), **more
+    )
 
 
 def expected(scene: Scene, road: RoadMap = ROAD) -> np.ndarray:
     """What the agents would do now, whatever they did of late, m/s2."""
-    plain = predict(road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params()._replace(persistence=0.0), 10.0, Told())
+    plain = predict(
+        road,
+        scene,
+        ego_lanes(road, scene.ego),
+        np.zeros(0),
+        traffic_params()._replace(persistence=0.0),
+        10.0,
+        Told(),
+    )
     return (plain.v[0, 1] - plain.v[0, 0]) / plain.dt
 
 
 def others(scene: Scene, road: RoadMap = ROAD) -> dict[tuple[int, int], float]:
     """Odds of every alternative, by agent and what it does."""
-    found = alternatives(road, scene, ego_lanes(road, scene.ego), usual(scene, road=road), expected(scene, road), traffic_params())
+    found = alternatives(
+        road,
+        scene,
+        ego_lanes(road, scene.ego),
+        usual(scene, road=road),
+        expected(scene, road),
+        traffic_params(),
+    )
     return {(each.intent.agent, each.intent.does): each.odds for each in found}
 
 
 def seen(scene: Scene, **columns: list[float]) -> Scene:
     """The scene with other columns of its agents."""
-    return scene._replace(agents=scene.agents._replace(**{k: np.array(c, dtype=getattr(scene.agents, k).dtype) for k, c in columns.items()}))
+    return scene._replace(
+        agents=scene.agents._replace(
+            **{k: np.array(c, dtype=getattr(scene.agents, k).dtype) for k, c in columns.items()}
+        )
+    )
 
 
 def may_turn(road: RoadMap = ROAD) -> Scene:
-    """A car from the west that goes straight on or turns left, 30 m before the junction; the ego comes from the south."""
-    return scene_of(ego_at(road, "si_0", 50.0, 8.0, route=NORTHBOUND), road, Agent("w", "wi_0", 60.0, 9.0))
+    """A car from the west that goes straight on or turns left, 30 m before the junction; the ego
+    comes from the south."""
+    return scene_of(
+        ego_at(road, "si_0", 50.0, 8.0, route=NORTHBOUND), road, Agent("w", "wi_0", 60.0, 9.0)
+    )
 
 
 def may_force(v: float = 10.0, s: float = 55.0) -> Scene:
     """A car from the south that has to let the ego pass."""
-    return scene_of(ego_at(ROAD, "wi_0", 55.0, 10.0, route=EASTBOUND), ROAD, Agent("n", "si_0", s, v))
+    return scene_of(
+        ego_at(ROAD, "wi_0", 55.0, 10.0, route=EASTBOUND), ROAD, Agent("n", "si_0", s, v)
+    )
 
 
 def behind(*ahead: Agent) -> Scene:
@@ -99,18 +150,35 @@ def test_one_hypothesis_is_the_plain_forecast() -> None:
         assert len(several.weight) > 1 and single.weight.tolist() == [1.0]
         for name in FIELDS:  # and it is one of several
             assert np.array_equal(getattr(plain, name), getattr(single, name))
-            assert any(np.array_equal(getattr(plain, name)[0], getattr(several, name)[h]) for h in range(len(several.weight)))
+            assert any(
+                np.array_equal(getattr(plain, name)[0], getattr(several, name)[h])
+                for h in range(len(several.weight))
+            )
 
 
 agents = st.lists(
-    st.tuples(st.sampled_from(["wi_0", "si_0", "eo_0", ":we_0", ":sn_0", ":wn_0"]), st.floats(0.0, 1.0), st.floats(0.0, 15.0), st.floats(-5.0, 2.0)), max_size=5
+    st.tuples(st.sampled_from(["wi_0", "si_0", "eo_0", ":we_0", ":sn_0", ":wn_0"]),
+    st.floats(0.0, 1.0), st.floats(0.0, 15.0), st.floats(-5.0, 2.0)), max_size=5
 )  # fmt: skip
 
 
-@given(agents, st.integers(1, 8), st.sampled_from([("wi_0", EASTBOUND), ("si_0", NORTHBOUND)]), st.integers(0, 2))
+@given(
+    agents,
+    st.integers(1, 8),
+    st.sampled_from([("wi_0", EASTBOUND), ("si_0", NORTHBOUND)]),
+    st.integers(0, 2),
+)
 @settings(max_examples=40, deadline=None)
-def test_of_any_scene(those: list[tuple[str, float, float, float]], most: int, ego: tuple[str, tuple[int, ...]], blinker: int) -> None:
-    cars = [Agent(f"a{k}", on, share * float(ROAD.length[lane(ROAD, on)]), v) for k, (on, share, v, _) in enumerate(those)]
+def test_of_any_scene(
+    those: list[tuple[str, float, float, float]],
+    most: int,
+    ego: tuple[str, tuple[int, ...]],
+    blinker: int,
+) -> None:
+    cars = [
+        Agent(f"a{k}", on, share * float(ROAD.length[lane(ROAD, on)]), v)
+        for k, (on, share, v, _) in enumerate(those)
+    ]
     scene = scene_of(ego_at(ROAD, ego[0], 40.0, 9.0, route=ego[1]), ROAD, *cars)
     scene = seen(scene, trend=[trend for *_, trend in those], blinker=[blinker - 1] * len(those))
     forecast = foreseen(scene, most)
@@ -118,16 +186,25 @@ def test_of_any_scene(those: list[tuple[str, float, float, float]], most: int, e
     assert 1 <= count <= most and forecast.weight.sum() == pytest.approx(1.0)
     assert np.all(np.diff(forecast.weight) <= 0.0) and np.all(forecast.weight > 0.0)
     assert all(len(getattr(forecast, name)) == count for name in FIELDS)
-    successors = [set(ROAD.successor[a:b].tolist()) for a, b in zip(ROAD.successor_offset[:-1], ROAD.successor_offset[1:], strict=True)]
+    successors = [
+        set(ROAD.successor[a:b].tolist())
+        for a, b in zip(ROAD.successor_offset[:-1], ROAD.successor_offset[1:], strict=True)
+    ]
     for h in range(count):
-        assert np.array_equal(forecast.pose[h, 0], forecast.pose[0, 0])  # everybody begins where he is
+        assert np.array_equal(
+            forecast.pose[h, 0], forecast.pose[0, 0]
+        )  # everybody begins where he is
         for i in range(len(those)):
             way = list(dict.fromkeys(forecast.lane[h, :, i].tolist()))
             assert all(b in successors[a] for a, b in pairwise(way)), "only where lanes lead"
 
 
 def test_no_more_than_asked_for_and_the_likeliest_of_them() -> None:
-    scene = behind(Agent("a", "wi_0", 45.0, 10.0), Agent("b", "wi_0", 60.0, 10.0), Agent("n", "si_0", 55.0, 10.0))
+    scene = behind(
+        Agent("a", "wi_0", 45.0, 10.0),
+        Agent("b", "wi_0", 60.0, 10.0),
+        Agent("n", "si_0", 55.0, 10.0),
+    )
     weights = [foreseen(scene, most).weight for most in (1, 2, 3, 8)]
     assert [len(weight) for weight in weights] == [1, 2, 3, 1 + len(others(scene))]
     odds = sorted(others(scene).values(), reverse=True)
@@ -137,7 +214,16 @@ def test_no_more_than_asked_for_and_the_likeliest_of_them() -> None:
 
 def test_constant_velocity_has_no_alternatives() -> None:
     scene = may_turn()
-    forecast = foresee(ROAD, scene, ego_lanes(ROAD, scene.ego), np.zeros(0), traffic_params(interacting=False), 5.0, -np.inf, 4)
+    forecast = foresee(
+        ROAD,
+        scene,
+        ego_lanes(ROAD, scene.ego),
+        np.zeros(0),
+        traffic_params(interacting=False),
+        5.0,
+        -np.inf,
+        4,
+    )
     assert forecast.weight.tolist() == [1.0]
 
 
@@ -149,24 +235,37 @@ def test_the_turn_signal_tells_the_way() -> None:
     assert 0.03 < plain < 0.3
     left = seen(may_turn(), blinker=[1])
     forecast = foreseen(left, 4)
-    assert lane(ROAD, ":wn_0") in forecast.lane[0, :, 0] and forecast.weight[0] > 0.95  # nearly certain
-    assert others(seen(may_turn(), blinker=[-1]))[0, TURNS] > plain  # something is going to happen, and there is no way to the right
+    assert (
+        lane(ROAD, ":wn_0") in forecast.lane[0, :, 0] and forecast.weight[0] > 0.95
+    )  # nearly certain
+    assert (
+        others(seen(may_turn(), blinker=[-1]))[0, TURNS] > plain
+    )  # something is going to happen, and there is no way to the right
     for turn in (STRAIGHT, LEFT, RIGHT):
         assert sum(signal_worth(turn, side) for side in (-1, 0, 1)) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(("blinker", "d", "tells"), [(1, 0.0, True), (1, -0.4, False), (1, 0.4, True), (-1, 0.4, False)])
-def test_the_turn_signal_of_who_comes_over_from_the_next_lane_tells_little(blinker: int, d: float, tells: bool) -> None:
-    """A car that has changed lanes to its left still has its left signal on until it is in the middle."""
+@pytest.mark.parametrize(
+    ("blinker", "d", "tells"), [(1, 0.0, True), (1, -0.4, False), (1, 0.4, True), (-1, 0.4, False)]
+)
+def test_the_turn_signal_of_who_comes_over_from_the_next_lane_tells_little(
+    blinker: int, d: float, tells: bool
+) -> None:
+    """A car that has changed lanes to its left still has its left signal on until it is in the
+    middle."""
     agents = seen(may_turn(), blinker=[blinker], d=[d]).agents
-    straight, left = (way_worth(ROAD, agents, 0, lane(ROAD, name), 30.0, 0.0, 2.5) for name in (":we_0", ":wn_0"))
+    straight, left = (
+        way_worth(ROAD, agents, 0, lane(ROAD, name), 30.0, 0.0, 2.5) for name in (":we_0", ":wn_0")
+    )
     if blinker > 0:
         assert (left / straight > 20.0) == tells
     assert (straight > 0.9 * COMES_OVER * left) == (not tells or blinker < 0)
 
 
 def test_both_ways_are_equally_likely_where_nothing_tells() -> None:
-    road = ROAD._replace(direction=np.full_like(ROAD.direction, LEFT), speed=np.full_like(ROAD.speed, 15.0))
+    road = ROAD._replace(
+        direction=np.full_like(ROAD.direction, LEFT), speed=np.full_like(ROAD.speed, 15.0)
+    )
     assert others(may_turn(road), road)[0, TURNS] == pytest.approx(1.0)
 
 
@@ -178,8 +277,12 @@ def test_slowing_down_makes_a_turn_likelier() -> None:
 
 
 def test_too_fast_for_a_turn() -> None:
-    assert (0, TURNS) in others(may_turn()._replace(agents=agents_at(ROAD, Agent("w", "wi_0", 86.0, 8.0))))
-    assert (0, TURNS) not in others(may_turn()._replace(agents=agents_at(ROAD, Agent("w", "wi_0", 86.0, 15.0))))
+    assert (0, TURNS) in others(
+        may_turn()._replace(agents=agents_at(ROAD, Agent("w", "wi_0", 86.0, 8.0)))
+    )
+    assert (0, TURNS) not in others(
+        may_turn()._replace(agents=agents_at(ROAD, Agent("w", "wi_0", 86.0, 15.0)))
+    )
 
 
 def test_only_ways_that_cars_may_take() -> None:
@@ -214,7 +317,9 @@ def test_who_forces_drives_through() -> None:
 
 
 def test_who_need_not_let_the_ego_pass_is_no_question() -> None:
-    scene = scene_of(ego_at(ROAD, "si_0", 55.0, 10.0, route=NORTHBOUND), ROAD, Agent("w", "wi_0", 55.0, 10.0))
+    scene = scene_of(
+        ego_at(ROAD, "si_0", 55.0, 10.0, route=NORTHBOUND), ROAD, Agent("w", "wi_0", 55.0, 10.0)
+    )
     assert all(does != FORCES for _, does in others(scene))
 
 
@@ -238,12 +343,25 @@ def test_who_brakes_comes_to_a_stand_and_the_next_one_reacts() -> None:
 
 
 def test_only_the_nearest_ahead_brake() -> None:
-    scene = behind(*(Agent(name, "wi_0", s, 10.0) for name, s in zip("abcd", (8.0, 40.0, 55.0, 70.0), strict=True)))
-    assert {i for i, does in others(scene) if does == BRAKES} == {1, 2}  # a is behind, d is the third
+    scene = behind(
+        *(
+            Agent(name, "wi_0", s, 10.0)
+            for name, s in zip("abcd", (8.0, 40.0, 55.0, 70.0), strict=True)
+        )
+    )
+    assert {i for i, does in others(scene) if does == BRAKES} == {
+        1,
+        2,
+    }  # a is behind, d is the third
 
 
-@pytest.mark.parametrize(("v", "trend", "odds"), [(0.0, 0.0, STAYING), (0.5, 0.2, STAYING), (0.5, 0.5, 0.0), (1.5, 0.0, 0.0), (0.0, -3.0, 1.0)])
-def test_who_waits_ahead_may_go_on_waiting_until_it_shows_that_it_does_not(v: float, trend: float, odds: float) -> None:
+@pytest.mark.parametrize(
+    ("v", "trend", "odds"),
+    [(0.0, 0.0, STAYING), (0.5, 0.2, STAYING), (0.5, 0.5, 0.0), (1.5, 0.0, 0.0), (0.0, -3.0, 1.0)],
+)
+def test_who_waits_ahead_may_go_on_waiting_until_it_shows_that_it_does_not(
+    v: float, trend: float, odds: float
+) -> None:
     """Its forecast says that it moves off at once."""
     found = others(seen(behind(Agent("a", "wi_0", 45.0, v)), trend=[trend])).get((0, BRAKES), 0.0)
     assert found >= odds if trend < 0.0 else found == odds
@@ -262,7 +380,9 @@ def test_who_brakes_for_no_reason_goes_on_braking() -> None:
 
 def at_the_line(standing_s: float, s: float = 86.0, x: float = 75.0) -> Scene:
     """A car from the south that stands before the junction; the ego comes from the west."""
-    scene = scene_of(ego_at(ROAD, "wi_0", x, 3.0, route=EASTBOUND), ROAD, Agent("n", "si_0", s, 0.0))
+    scene = scene_of(
+        ego_at(ROAD, "wi_0", x, 3.0, route=EASTBOUND), ROAD, Agent("n", "si_0", s, 0.0)
+    )
     return seen(scene, standing_s=[standing_s])
 
 
@@ -276,7 +396,9 @@ def test_who_has_stood_for_a_while_may_start() -> None:
 
 def test_the_longer_it_has_stood_the_less() -> None:
     odds = [starting_odds(s) for s in (0.0, 2.0, 4.0, 8.0, 20.0, 300.0)]
-    assert odds == sorted(odds, reverse=True) and odds[1] > 0.5 and odds[4] < 0.1 and odds[-1] <= LEAST
+    assert (
+        odds == sorted(odds, reverse=True) and odds[1] > 0.5 and odds[4] < 0.1 and odds[-1] <= LEAST
+    )
 
 
 def test_only_those_start_whom_nothing_but_patience_holds() -> None:
@@ -287,7 +409,9 @@ def test_only_those_start_whom_nothing_but_patience_holds() -> None:
     assert not starts(at_the_line(1.0, x=110.0))  # nobody expects it to stay
     assert not starts(at_the_line(3.0, s=40.0, x=110.0))  # far away
     queued = at_the_line(3.0, x=110.0)
-    queued = queued._replace(agents=agents_at(ROAD, Agent("m", "si_0", 80.5, 0.0), Agent("n", "si_0", 86.0, 0.0)))
+    queued = queued._replace(
+        agents=agents_at(ROAD, Agent("m", "si_0", 80.5, 0.0), Agent("n", "si_0", 86.0, 0.0))
+    )
     queued = seen(queued, standing_s=[3.0, 600.0])
     assert not starts(queued)  # behind somebody who stays
 
@@ -298,7 +422,8 @@ MIDDLE = -1.6  # m, y of the way of who comes from the west
 
 
 def on_foot(y: float, v: float = 1.0, x: float = -40.0) -> Scene:
-    """The ego comes from the west; somebody walks north, `y` m from the middle of its way, and ahead of it where x > -60."""
+    """The ego comes from the west; somebody walks north, `y` m from the middle of its way, and
+    ahead of it where x > -60."""
     walker = Agent("w", "", v=v, length=0.4, width=0.5, x=x, y=MIDDLE + y)
     return scene_of(ego_at(ROAD, "wi_0", 40.0, 8.0, route=EASTBOUND), ROAD, walker)
 
@@ -312,7 +437,10 @@ def test_who_walks_across_the_way_may_stop_on_it(y: float) -> None:
     assert walked == pytest.approx([10.0, 0.0]) and forecast.v[1, 1:, 0].max() == 0.0
 
 
-@pytest.mark.parametrize("scene", [on_foot(-4.0), on_foot(2.5), on_foot(0.0, v=0.0), on_foot(0.0, x=-70.0), on_foot(1.0, x=-5.0)])
+@pytest.mark.parametrize(
+    "scene",
+    [on_foot(-4.0), on_foot(2.5), on_foot(0.0, v=0.0), on_foot(0.0, x=-70.0), on_foot(1.0, x=-5.0)],
+)
 def test_but_not_who_stands_or_walks_elsewhere(scene: Scene) -> None:
     assert not others(scene)
 
@@ -322,13 +450,17 @@ def test_distance_from_the_way_against_points_on_it(x: float, y: float) -> None:
     ego = ego_at(ROAD, "wi_0", 70.0, 8.0, route=EASTBOUND)
     paths = likely_paths(ROAD, agents_at(ROAD), ego, ego_lanes(ROAD, ego), {}, 10.0)
     on_it = np.linspace(-30.0, 100.0, 2601)
-    assert from_way(ROAD, paths, 70.0, x, y) == pytest.approx(np.hypot(on_it - x, y - MIDDLE).min(), abs=0.06)
+    assert from_way(ROAD, paths, 70.0, x, y) == pytest.approx(
+        np.hypot(on_it - x, y - MIDDLE).min(), abs=0.06
+    )
 
 
 def test_worth_of_a_way_is_that_of_its_evidence() -> None:
     scene, straight, left = may_turn(), lane(ROAD, ":we_0"), lane(ROAD, ":wn_0")
     against = way_worth(ROAD, scene.agents, 0, straight, 30.0, 0.0, 2.5)
-    assert others(scene)[0, TURNS] == pytest.approx(way_worth(ROAD, scene.agents, 0, left, 30.0, 0.0, 2.5) / against)
+    assert others(scene)[0, TURNS] == pytest.approx(
+        way_worth(ROAD, scene.agents, 0, left, 30.0, 0.0, 2.5) / against
+    )
 
 
 def test_the_likeliest_alone_is_the_first() -> None:
@@ -337,4 +469,7 @@ def test_the_likeliest_alone_is_the_first() -> None:
     alone = likeliest(several)
     assert len(several.weight) > 1 and alone.weight.tolist() == [1.0]
     for name in ("pose", "v", "lane", "s", "valid", "yields"):
-        assert np.array_equal(getattr(alone, name)[0], getattr(several, name)[0]) and len(getattr(alone, name)) == 1
+        assert (
+            np.array_equal(getattr(alone, name)[0], getattr(several, name)[0])
+            and len(getattr(alone, name)) == 1
+        )

@@ -54,10 +54,14 @@ def test_folders_that_it_makes_are_closed_to_the_group_whatever_the_habit(own: P
     assert stat.S_IMODE((own / "cache").stat().st_mode) == 0o700
 
 
-def test_without_a_named_cache_folder_it_lies_in_the_home(own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_named_cache_folder_it_lies_in_the_home(
+    own: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("HOME", str(own / "home"))
     monkeypatch.setenv("XDG_CACHE_HOME", "")
-    assert folder_for("key", _quiet) != own / "home" / ".cache" / "sumo_mcts" / "kernels-key"  # a home that there is not is not made
+    assert (
+        folder_for("key", _quiet) != own / "home" / ".cache" / "sumo_mcts" / "kernels-key"
+    )  # a home that there is not is not made
     assert not (own / "home").exists()
     (own / "home").mkdir()
     for ignored in ("", "relative/cache"):
@@ -95,22 +99,45 @@ def _is_circle(own: Path) -> None:
     (own / "cache").symlink_to(own / "cache")
 
 
-@pytest.mark.parametrize("spoil", [_is_file, _is_open_to_others, _is_open_to_the_group, _is_link_of_its_own, _is_link_into_an_open_folder, _is_circle])
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        _is_file,
+        _is_open_to_others,
+        _is_open_to_the_group,
+        _is_link_of_its_own,
+        _is_link_into_an_open_folder,
+        _is_circle,
+    ],
+)
 def test_where_the_cache_folder_is_no_good_it_lies_in_one_of_the_users_own_in_the_temporary_folder(
     own: Path, spoil: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(grp, "getgrgid", lambda group: grp.struct_group(("staff", "x", group, ["somebody"])))
+    monkeypatch.setattr(
+        grp, "getgrgid", lambda group: grp.struct_group(("staff", "x", group, ["somebody"]))
+    )
     spoil(own)
     assert folder_for("key", _quiet) == _fallback(own)
     assert stat.S_IMODE(_fallback(own).parent.stat().st_mode) == 0o700
 
 
-@pytest.mark.parametrize(("name", "members", "ours"), [("me", [], True), ("me", ["me"], True), ("me", ["me", "her"], False), ("staff", [], False)])
-def test_a_group_of_this_user_alone_may_write(name: str, members: list[str], ours: bool, own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("name", "members", "ours"),
+    [("me", [], True), ("me", ["me"], True), ("me", ["me", "her"], False), ("staff", [], False)],
+)
+def test_a_group_of_this_user_alone_may_write(
+    name: str, members: list[str], ours: bool, own: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As in the homes of systems that give each user a group."""
     _is_open_to_the_group(own)
-    monkeypatch.setattr(grp, "getgrgid", lambda group: grp.struct_group((name, "x", group, members)))
-    monkeypatch.setattr(pwd, "getpwuid", lambda user: pwd.struct_passwd(("me", "x", user, own.stat().st_gid, "", str(own), "")))
+    monkeypatch.setattr(
+        grp, "getgrgid", lambda group: grp.struct_group((name, "x", group, members))
+    )
+    monkeypatch.setattr(
+        pwd,
+        "getpwuid",
+        lambda user: pwd.struct_passwd(("me", "x", user, own.stat().st_gid, "", str(own), "")),
+    )
     assert is_ours(own / "cache" / "sumo_mcts" / "kernels-key") == ours
 
 
@@ -142,15 +169,23 @@ def _foreign(monkeypatch: pytest.MonkeyPatch, *paths: Path) -> None:
     monkeypatch.setattr(Path, "lstat", lstat)
 
 
-def test_what_belongs_to_somebody_else_is_not_used(own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_belongs_to_somebody_else_is_not_used(
+    own: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert folder_for("key", _quiet) == own / "cache" / "sumo_mcts" / "kernels-key"
-    for place in (own / "cache", own / "cache" / "sumo_mcts", own / "cache" / "sumo_mcts" / "kernels-key"):
+    for place in (
+        own / "cache",
+        own / "cache" / "sumo_mcts",
+        own / "cache" / "sumo_mcts" / "kernels-key",
+    ):
         with monkeypatch.context() as patch:
             _foreign(patch, place)
             assert folder_for("key", _quiet) == _fallback(own)
 
 
-def test_a_link_that_somebody_else_made_is_not_followed(own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_link_that_somebody_else_made_is_not_followed(
+    own: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (own / "disk").mkdir(mode=0o700)
     (own / "cache").symlink_to(own / "disk")
     _foreign(monkeypatch, own / "cache")
@@ -158,7 +193,9 @@ def test_a_link_that_somebody_else_made_is_not_followed(own: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o702, None])
-def test_where_somebody_was_there_first_the_folder_is_this_processs_alone(own: Path, mode: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_somebody_was_there_first_the_folder_is_this_processs_alone(
+    own: Path, mode: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In the temporary folder anybody can make a folder with our name."""
     monkeypatch.setattr("tempfile.tempdir", str(own))
     monkeypatch.setattr("atexit.register", lambda *_: None)
@@ -177,7 +214,9 @@ def test_where_somebody_was_there_first_the_folder_is_this_processs_alone(own: P
     assert not _fallback(own).exists()
 
 
-def test_where_nothing_can_be_written_nothing_is_kept(own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_nothing_can_be_written_nothing_is_kept(
+    own: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     _is_file(own)
     monkeypatch.setattr("tempfile.tempdir", str(own / "cache"))
     monkeypatch.setenv("TMPDIR", str(own / "cache"))
@@ -199,7 +238,9 @@ if (child := os.fork()) == 0:
 os.waitpid(child, 0)
 print(folder, folder.is_dir())
 """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     folder, there = done.stdout.split()
     assert there == "True"
     assert Path(folder).parent == own / "tmp"
@@ -237,9 +278,19 @@ def test_what_is_written_can_be_read(file: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "damage", [lambda b: b"", lambda b: b[:10], lambda b: b[:-1], lambda b: b[:40] + b"?" + b[41:], lambda b: b + b"?", lambda b: b"\0" * 99]
+    "damage",
+    [
+        lambda b: b"",
+        lambda b: b[:10],
+        lambda b: b[:-1],
+        lambda b: b[:40] + b"?" + b[41:],
+        lambda b: b + b"?",
+        lambda b: b"\0" * 99,
+    ],
 )
-def test_what_is_damaged_is_as_if_it_were_not_there(file: Path, damage: Callable[[bytes], bytes]) -> None:
+def test_what_is_damaged_is_as_if_it_were_not_there(
+    file: Path, damage: Callable[[bytes], bytes]
+) -> None:
     _write(file, bytes(range(100)))
     file.write_bytes(damage(file.read_bytes()))
     assert Kept(file).read() is None
@@ -277,7 +328,9 @@ def test_only_one_holds_the_lock_and_the_others_wait(file: Path) -> None:
     assert not one.is_taken()
 
 
-def test_a_process_that_holds_the_lock_too_long_stops_nobody(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_holds_the_lock_too_long_stops_nobody(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(kept, "LONGEST_WAIT_S", 0.2)
     one, other = Kept(file), Kept(file)
     one.take(_waits)
@@ -299,7 +352,9 @@ time.sleep(60)
 
 
 def test_the_lock_of_a_process_that_was_killed_is_free(file: Path) -> None:
-    with subprocess.Popen([sys.executable, "-c", HOLDER, str(file)], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(file)], stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "held\n"
         assert Kept(file).is_taken()

@@ -18,7 +18,15 @@ import pytest
 
 import sumo_mcts
 from sumo_mcts.numerics import kernel, prepare
-from sumo_mcts.numerics.announce import COMPILING, WAITING, Growth, Teller, announced, unannounced, watched
+from sumo_mcts.numerics.announce import (
+    COMPILING,
+    WAITING,
+    Growth,
+    Teller,
+    announced,
+    unannounced,
+    watched,
+)
 from sumo_mcts.numerics.kept import NOTHING_KEPT, Kept
 
 pytestmark = pytest.mark.skipif(kernel.is_plain(), reason="nothing is compiled")
@@ -93,12 +101,19 @@ def test_python_runs_the_source_of_a_kernel_that_only_kernels_call(toys: ModuleT
 
 def test_a_constant_or_a_shorter_integer_is_no_reason_to_compile_again(toys: ModuleType) -> None:
     assert toys.total(VALUES, SHORT) == pytest.approx(6.5)
-    assert {tuple(map(str, each)) for each in toys.clipped.signatures} == {("int64", "int64"), ("float64", "float64")}
+    assert {tuple(map(str, each)) for each in toys.clipped.signatures} == {
+        ("int64", "int64"),
+        ("float64", "float64"),
+    }
 
 
-def test_what_is_compiled_is_announced_and_kept(toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_compiled_is_announced_and_kept(
+    toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     said = _said(lambda: toys.total(VALUES, SHORT))
-    assert [line.partition("  ")[0] for line in said] == [COMPILING] * 5  # total, and two of each other
+    assert [line.partition("  ")[0] for line in said] == [
+        COMPILING
+    ] * 5  # total, and two of each other
     assert said[-1].endswith("  5 kernels")
     assert kernel.kept_kernels() == 5
     again = _anew(monkeypatch)
@@ -106,7 +121,9 @@ def test_what_is_compiled_is_announced_and_kept(toys: ModuleType, kept_in: Path,
     assert again.total(VALUES, SHORT) == pytest.approx(6.5)
 
 
-def test_a_changed_source_is_compiled(toys: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_changed_source_is_compiled(
+    toys: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert toys.counted(4) == 6
     (tmp_path / "toys.py").write_text(SOURCE.replace(".sum()", ".sum() + 100"))
     kernel._source.cache_clear()
@@ -115,7 +132,9 @@ def test_a_changed_source_is_compiled(toys: ModuleType, tmp_path: Path, monkeypa
 
 
 @pytest.mark.parametrize("keep", [0, 1, 40, -1])
-def test_a_damaged_file_is_compiled_again_without_a_word_of_it(toys: ModuleType, kept_in: Path, keep: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_damaged_file_is_compiled_again_without_a_word_of_it(
+    toys: ModuleType, kept_in: Path, keep: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     toys.counted(4)
     (file,) = kept_in.glob("toys.counted-*")
     whole = file.read_bytes()
@@ -127,7 +146,9 @@ def test_a_damaged_file_is_compiled_again_without_a_word_of_it(toys: ModuleType,
     assert file.stat().st_size == pytest.approx(len(whole), abs=200)
 
 
-def test_a_whole_file_that_means_nothing_is_compiled_again(toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_whole_file_that_means_nothing_is_compiled_again(
+    toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     toys.counted(4)
     (file,) = kept_in.glob("toys.counted-*")
     for content in (b"no pickle", b"cos\nnothing_like_that\n."):
@@ -138,7 +159,9 @@ def test_a_whole_file_that_means_nothing_is_compiled_again(toys: ModuleType, kep
         assert _anew(monkeypatch).counted(4) == 6
 
 
-def test_on_a_full_disk_it_goes_on_and_says_so_once(toys: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_on_a_full_disk_it_goes_on_and_says_so_once(
+    toys: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def fails(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
@@ -153,14 +176,21 @@ def test_on_a_full_disk_it_goes_on_and_says_so_once(toys: ModuleType, monkeypatc
     assert rest == ""
 
 
-def test_where_nothing_can_be_kept_it_works_too(toys: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_nothing_can_be_kept_it_works_too(
+    toys: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(kernel, "folder", lambda: None)
     assert toys.total(VALUES, SHORT) == pytest.approx(6.5)
     assert kernel.kept_kernels() == 0
 
 
-def test_what_fails_to_compile_leaves_no_lock(tmp_path: Path, toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "wrong.py").write_text("from sumo_mcts.numerics.kernel import entry\n\n@entry\ndef wrong(x):\n    return x.nothing\n")
+def test_what_fails_to_compile_leaves_no_lock(
+    tmp_path: Path, toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "wrong.py").write_text(
+        "from sumo_mcts.numerics.kernel import entry\n\n@entry\ndef wrong(x):\n    return "
+        "x.nothing\n"
+    )
     wrong = importlib.import_module("wrong").wrong
     with pytest.raises(Exception, match="nothing"):
         wrong(1.0)
@@ -171,12 +201,20 @@ def test_what_fails_to_compile_leaves_no_lock(tmp_path: Path, toys: ModuleType, 
 # --- which environment it is for ---
 
 
-def test_each_environment_has_a_folder_of_its_own_and_compiles_aloud(tmp_path: Path, toys: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What another version of numba or Python, or another processor, left in its folder does not count."""
+def test_each_environment_has_a_folder_of_its_own_and_compiles_aloud(
+    tmp_path: Path, toys: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What another version of numba or Python, or another processor, left in its folder does not
+    count."""
     monkeypatch.setattr(kernel, "_given", [])
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     folders = set()
-    places = [("numba.__version__", "0.99"), ("sys.version", "4.0"), ("sumo_mcts.numerics.kernel.version", lambda _: "99"), (None, None)]
+    places = [
+        ("numba.__version__", "0.99"),
+        ("sys.version", "4.0"),
+        ("sumo_mcts.numerics.kernel.version", lambda _: "99"),
+        (None, None),
+    ]
     for place, value in places:
         with monkeypatch.context() as patch:
             if place is not None:
@@ -185,7 +223,9 @@ def test_each_environment_has_a_folder_of_its_own_and_compiles_aloud(tmp_path: P
             folders.add(kernel.folder())
             module = _anew(patch)
             assert kernel.kept_kernels() == 0
-            assert [line.partition("  ")[0] for line in _said(lambda m=module: m.counted(4))] == [COMPILING]
+            assert [line.partition("  ")[0] for line in _said(lambda m=module: m.counted(4))] == [
+                COMPILING
+            ]
             assert kernel.kept_kernels() == 1
     kernel._own_folder.cache_clear()
     assert len(folders) == len(places)
@@ -200,7 +240,9 @@ def test_the_environment_names_the_processor() -> None:
 # --- prepared ---
 
 
-def test_what_is_missing_runs_as_plain_python_and_is_compiled_then(toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_missing_runs_as_plain_python_and_is_compiled_then(
+    toys: ModuleType, kept_in: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The result is that of the compiled function, which is not compiled again when it is used."""
     results: list[float] = []
 
@@ -221,7 +263,11 @@ def test_what_is_called_is_compiled_before_what_calls_it(toys: ModuleType) -> No
         toys.total(VALUES, SHORT)
     tasks = trial.tasks()
     assert [task.kernel.py_func.__name__ for task in tasks] == ["smallest", "clipped", "total"]
-    assert [{called.py_func.__name__ for called in task.calls} for task in tasks] == [set(), {"smallest"}, {"clipped"}]
+    assert [{called.py_func.__name__ for called in task.calls} for task in tasks] == [
+        set(),
+        {"smallest"},
+        {"clipped"},
+    ]
 
 
 def test_what_takes_too_long_as_plain_python_is_compiled_at_once(toys: ModuleType) -> None:
@@ -232,7 +278,9 @@ def test_what_takes_too_long_as_plain_python_is_compiled_at_once(toys: ModuleTyp
     prepare.prepare(use)
 
 
-def test_what_is_kept_is_not_compiled_however_much_of_it_is_used(toys: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_kept_is_not_compiled_however_much_of_it_is_used(
+    toys: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
     toys.total(VALUES, SHORT)
     again = _anew(monkeypatch)
     assert _said(lambda: prepare.prepare(lambda: again.total(VALUES, SHORT))) == []
@@ -240,7 +288,9 @@ def test_what_is_kept_is_not_compiled_however_much_of_it_is_used(toys: ModuleTyp
 
 
 @pytest.mark.parametrize("damaged", ["toys.*", "toys.total-*", "toys.smallest-*"])
-def test_what_is_damaged_is_prepared_anew(toys: ModuleType, kept_in: Path, damaged: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_damaged_is_prepared_anew(
+    toys: ModuleType, kept_in: Path, damaged: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As far as it is needed: what is part of another kernel is not asked for."""
     toys.total(VALUES, SHORT)
     for file in kept_in.glob(damaged):
@@ -252,7 +302,9 @@ def test_what_is_damaged_is_prepared_anew(toys: ModuleType, kept_in: Path, damag
     assert again.total(VALUES, SHORT) == pytest.approx(6.5)
 
 
-def test_an_interrupted_compilation_goes_on_where_it_was(toys: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_compilation_goes_on_where_it_was(
+    toys: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupt(line: str) -> None:
         if "5 kernels" in line:
             raise KeyboardInterrupt
@@ -282,12 +334,20 @@ print(sum("compiling the search" in line for line in said))
 """
 
 
-def test_processes_that_start_at_the_same_time_compile_everything_once(toys: ModuleType, tmp_path: Path, kept_in: Path) -> None:
+def test_processes_that_start_at_the_same_time_compile_everything_once(
+    toys: ModuleType, tmp_path: Path, kept_in: Path
+) -> None:
     """Together; and with a process of their own to help them."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
 
     def run(few: int) -> int:
-        done = subprocess.run([sys.executable, "-c", TWO, str(kept_in), str(few)], capture_output=True, text=True, check=True, env=environment)
+        done = subprocess.run(
+            [sys.executable, "-c", TWO, str(kept_in), str(few)],
+            capture_output=True,
+            text=True,
+            check=True,
+            env=environment,
+        )
         return int(done.stdout)
 
     with ThreadPoolExecutor() as pool:
@@ -299,7 +359,9 @@ def test_processes_that_start_at_the_same_time_compile_everything_once(toys: Mod
     assert kernel.kept_kernels() == 5
 
 
-def test_a_helper_that_cannot_start_or_fails_is_done_without(toys: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_helper_that_cannot_start_or_fails_is_done_without(
+    toys: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(prepare, "FEW", 0)
     monkeypatch.setattr(sys, "executable", "/bin/false")
     prepare.prepare(lambda: toys.total(VALUES, SHORT))
@@ -327,18 +389,28 @@ prepare.prepare(lambda: toys.total(np.ones(3), np.ones(1, np.int32)))
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the system tells processes of their parent's death")
-def test_the_helper_dies_with_the_process_that_it_helps(toys: ModuleType, tmp_path: Path, kept_in: Path) -> None:
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="the system tells processes of their parent's death"
+)
+def test_the_helper_dies_with_the_process_that_it_helps(
+    toys: ModuleType, tmp_path: Path, kept_in: Path
+) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
     command = [sys.executable, "-c", KILLED, str(kept_in)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment) as process:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    ) as process:
         assert process.stdout is not None
         helper = Path("/proc") / process.stdout.readline().strip()
         assert helper.is_dir()
         time.sleep(0.5)
         process.kill()
     until = time.monotonic() + 20.0
-    while helper.is_dir() and "Z" not in (helper / "stat").read_text().split()[2] and time.monotonic() < until:
+    while (
+        helper.is_dir()
+        and "Z" not in (helper / "stat").read_text().split()[2]
+        and time.monotonic() < until
+    ):
         time.sleep(0.1)
     assert time.monotonic() < until
 
@@ -355,7 +427,8 @@ prepare._work_off = lambda tasks: print(*(f"{t.kernel.py_func.__module__.rpartit
 scenario = config.load(builtin.scenario_path("unprotected-left-turn"))
 warm_up(scenario, read_roadmap(str(scenario.sumo.net)), Physics(0.1, False, 3.0))
 """
-# By default each of these is compiled before the first decision, and what they call where the ego of the trial does not come to it.
+# By default each of these is compiled before the first decision, and what they call where the ego
+# of the trial does not come to it.
 NEEDED = {
     "cost": """
         _before_sign _behind _gap_ahead _gap_behind _headway _leaves _near _nearness _swept _to_leaving
@@ -385,21 +458,33 @@ NEEDED = {
 def test_by_default_just_so_much_is_compiled(tmp_path: Path) -> None:
     """A kernel more costs a quarter of a second of the first minute: it is to be noticed."""
     done = subprocess.run(
-        [sys.executable, "-c", NAMES], capture_output=True, text=True, check=True, env={**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
+        [sys.executable, "-c", NAMES],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_DISABLE_JIT": "0"},
     )
-    assert sorted(done.stdout.split()) == sorted(f"{module}.{name}" for module, names in NEEDED.items() for name in names.split())
+    assert sorted(done.stdout.split()) == sorted(
+        f"{module}.{name}" for module, names in NEEDED.items() for name in names.split()
+    )
 
 
 def _functions(module: ModuleType) -> Iterator[FunctionType]:
     """The functions of a module that are plain Python, those of its classes too."""
     for found in vars(module).values():
         within = vars(found).values() if inspect.isclass(found) else [found]
-        yield from (each for each in within if isinstance(each, FunctionType) and each.__module__ == module.__name__)
+        yield from (
+            each
+            for each in within
+            if isinstance(each, FunctionType) and each.__module__ == module.__name__
+        )
 
 
-# Python calls these a few times a decision: what that takes as plain Python is nothing beside their compilation.
+# Python calls these a few times a decision: what that takes as plain Python is nothing beside their
+# compilation.
 CHEAP = {
-    "advance", "begin_change", "box_distance", "can_change", "entry_of", "follow_accel", "lane_pose", "may_change", "place_is_free", "pose_of", "side_of",
+    "advance", "begin_change", "box_distance", "can_change", "entry_of", "follow_accel",
+    "lane_pose", "may_change", "place_is_free", "pose_of", "side_of",
     "step_comfort",
 }  # fmt: skip
 
@@ -411,9 +496,20 @@ def _names(code: CodeType) -> set[str]:
 
 
 def test_python_calls_no_kernel_that_runs_as_plain_python_but_the_cheap_ones() -> None:
-    rooms = [room.name for room in pkgutil.walk_packages(sumo_mcts.__path__, "sumo_mcts.") if room.name not in ("sumo_mcts.__main__", "sumo_mcts.gym")]
-    functions = [function for room in rooms for function in _functions(importlib.import_module(room))]
-    called = {name for function in functions for name in _names(function.__code__) if isinstance(function.__globals__.get(name), kernel.Part)}
+    rooms = [
+        room.name
+        for room in pkgutil.walk_packages(sumo_mcts.__path__, "sumo_mcts.")
+        if room.name not in ("sumo_mcts.__main__", "sumo_mcts.gym")
+    ]
+    functions = [
+        function for room in rooms for function in _functions(importlib.import_module(room))
+    ]
+    called = {
+        name
+        for function in functions
+        for name in _names(function.__code__)
+        if isinstance(function.__globals__.get(name), kernel.Part)
+    }
     assert len(functions) > 500
     assert called == CHEAP
 
@@ -421,7 +517,9 @@ def test_python_calls_no_kernel_that_runs_as_plain_python_but_the_cheap_ones() -
 # --- what is said ---
 
 
-def test_where_nobody_listens_standard_error_is_told_once(toys: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_where_nobody_listens_standard_error_is_told_once(
+    toys: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr("sumo_mcts.numerics.announce._said", set())
     toys.total(VALUES, SHORT)
     assert capsys.readouterr().err == f"sumo-mcts: {COMPILING}\n"
@@ -446,12 +544,19 @@ def test_of_a_plan_it_is_said_how_far_it_is() -> None:
     assert said == [f"{COMPILING}  7 of 90 kernels"]
 
 
-def test_that_other_processes_compile_is_seen_from_what_they_keep(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_that_other_processes_compile_is_seen_from_what_they_keep(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     counts = iter([5, 5, 6, 8, 8])
     now = iter([100.0, 100.5, 100.5, 101.0, 101.0, 104.0])
     monkeypatch.setattr("time.monotonic", lambda: next(now))
     growth = Growth(lambda: next(counts))
-    assert [growth.news() for _ in range(4)] == ["", f"{COMPILING}  1 kernels", f"{COMPILING}  3 kernels", ""]
+    assert [growth.news() for _ in range(4)] == [
+        "",
+        f"{COMPILING}  1 kernels",
+        f"{COMPILING}  3 kernels",
+        "",
+    ]
 
 
 def test_while_a_worker_compiles_whoever_waits_for_it_is_told() -> None:
@@ -471,19 +576,48 @@ def test_while_a_worker_compiles_whoever_waits_for_it_is_told() -> None:
 
 def test_help_loads_nothing_that_takes_long() -> None:
     heavy = ("numba", "numpy", "sumo_mcts.config", "libsumo")
-    program = f"import sys; from sumo_mcts.cli import status; status(); print([m for m in {heavy} if m in sys.modules])"
+    program = (
+        f"import sys; from sumo_mcts.cli import status; status(); print([m for m in {heavy} "
+        "if m in sys.modules])"
+    )
     for words in ([], ["run"]):
-        done = subprocess.run([sys.executable, "-c", program, *words, "--help"], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, "-c", program, *words, "--help"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         assert done.stdout.splitlines()[-1] == "[]"
 
 
 @pytest.mark.slow
-def test_a_run_without_a_home_keeps_what_it_compiles_in_the_temporary_folder(tmp_path: Path) -> None:
+def test_a_run_without_a_home_keeps_what_it_compiles_in_the_temporary_folder(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "tmp").mkdir(mode=0o700)
-    homes = {"HOME": str(tmp_path / "file" / "home"), "XDG_CACHE_HOME": str(tmp_path / "file" / "cache"), "TMPDIR": str(tmp_path / "tmp")}
-    command = [sys.executable, "-m", "sumo_mcts", "run", "straight-line", "--planner", "constant", "--seed", "1"]
-    first, again = (subprocess.run(command, capture_output=True, text=True, check=True, env={**os.environ, **homes}) for _ in range(2))
+    homes = {
+        "HOME": str(tmp_path / "file" / "home"),
+        "XDG_CACHE_HOME": str(tmp_path / "file" / "cache"),
+        "TMPDIR": str(tmp_path / "tmp"),
+    }
+    command = [
+        sys.executable,
+        "-m",
+        "sumo_mcts",
+        "run",
+        "straight-line",
+        "--planner",
+        "constant",
+        "--seed",
+        "1",
+    ]
+    first, again = (
+        subprocess.run(
+            command, capture_output=True, text=True, check=True, env={**os.environ, **homes}
+        )
+        for _ in range(2)
+    )
     assert COMPILING in first.stderr
     assert COMPILING not in again.stderr
     assert [path.name for path in (tmp_path / "tmp").iterdir()] == [f"sumo_mcts-{os.getuid()}"]

@@ -18,17 +18,50 @@ CAR, BICYCLE = VEHICLE_CLASSES.index("passenger"), VEHICLE_CLASSES.index("bicycl
 
 
 def roundabout(radius: float = 14.0, pieces: int = 8) -> RoadMap:
-    """A ring r0, r1, .. counter-clockwise from the east, into which lane in_0 leads from the south at the beginning of r6; the ring has the right of way."""
+    """A ring r0, r1, .. counter-clockwise from the east, into which lane in_0 leads from the south
+    at the beginning of r6; the ring has the right of way."""
     angles = [2.0 * math.pi * k / pieces for k in range(pieces + 1)]
     corners = [(radius * math.cos(a), radius * math.sin(a)) for a in angles]
-    lanes = [Lane(f"r{k}", 0, (corners[k], corners[k + 1]), (f"r{(k + 1) % pieces}_0",), 8.0, junction="m" if k == 6 else "") for k in range(pieces)]
+    lanes = [
+        Lane(
+            f"r{k}",
+            0,
+            (corners[k], corners[k + 1]),
+            (f"r{(k + 1) % pieces}_0",),
+            8.0,
+            junction="m" if k == 6 else "",
+        )
+        for k in range(pieces)
+    ]
     south = corners[6]
     lanes += [
-        Lane("in", 0, ((south[0] - 20.0, south[1] - 90.0), (south[0] - 8.0, south[1] - 8.0)), (":in_0",), 8.0),
-        Lane(":in", 0, ((south[0] - 8.0, south[1] - 8.0), corners[7]), ("r7_0",), 8.0, junction="m"),
+        Lane(
+            "in",
+            0,
+            ((south[0] - 20.0, south[1] - 90.0), (south[0] - 8.0, south[1] - 8.0)),
+            (":in_0",),
+            8.0,
+        ),
+        Lane(
+            ":in", 0, ((south[0] - 8.0, south[1] - 8.0), corners[7]), ("r7_0",), 8.0, junction="m"
+        ),
     ]
     length = math.dist((south[0] - 8.0, south[1] - 8.0), corners[7])
-    return away_lane(lanes, [Conflict(":in_0", 3.0, length, "r6_0", 2.0, math.dist(corners[6], corners[7]), merge=True, yields=":in_0")])
+    return away_lane(
+        lanes,
+        [
+            Conflict(
+                ":in_0",
+                3.0,
+                length,
+                "r6_0",
+                2.0,
+                math.dist(corners[6], corners[7]),
+                merge=True,
+                yields=":in_0",
+            )
+        ],
+    )
 
 
 def away_lane(road: list[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
@@ -46,7 +79,12 @@ def forecast_in(road: RoadMap, *agents: Agent, **traits: list[float]) -> Forecas
 
 def test_who_drives_round_a_roundabout_does_not_drive_through_who_stands_there() -> None:
     road = roundabout()
-    forecast = forecast_in(road, Agent("behind", "r0_0", 6.0, 6.0), Agent("stands", "r2_0", 8.0, 0.0), standing_s=[0.0, 30.0])
+    forecast = forecast_in(
+        road,
+        Agent("behind", "r0_0", 6.0, 6.0),
+        Agent("stands", "r2_0", 8.0, 0.0),
+        standing_s=[0.0, 30.0],
+    )
     between = np.hypot(*(forecast.pose[0, :, 0, :2] - forecast.pose[0, :, 1, :2]).T)
     assert between.min() > 4.5 and forecast.v[0, -1, 0] < 0.5
 
@@ -54,7 +92,9 @@ def test_who_drives_round_a_roundabout_does_not_drive_through_who_stands_there()
 def test_who_enters_a_roundabout_lets_who_comes_round_pass() -> None:
     road = roundabout()
     alone = forecast_in(road, Agent("enters", "in_0", 70.0, 6.0))
-    forecast = forecast_in(road, Agent("enters", "in_0", 70.0, 6.0), Agent("round", "r4_0", 4.0, 6.0))
+    forecast = forecast_in(
+        road, Agent("enters", "in_0", 70.0, 6.0), Agent("round", "r4_0", 4.0, 6.0)
+    )
     assert forecast.v[0, :, 0].min() < 0.6 * alone.v[0, :, 0].min()
     between = np.hypot(*(forecast.pose[0, :, 0, :2] - forecast.pose[0, :, 1, :2]).T)
     assert between.min() > 4.5
@@ -84,21 +124,33 @@ def test_everybody_stays_on_lanes_of_its_kind(vclass: int, lane: str) -> None:
 def test_no_hypothesis_has_a_car_on_a_cycle_track() -> None:
     """The ego's way leads along both."""
     road = beside_a_track()
-    ego = ego_at(road, "a_0", 10.0, 10.0, route=(road.edge_ids.index("a"), road.edge_ids.index("b")))
+    ego = ego_at(
+        road, "a_0", 10.0, 10.0, route=(road.edge_ids.index("a"), road.edge_ids.index("b"))
+    )
     for vclass in (CAR, BICYCLE):
         scene = scene_of(ego, road, Agent("x", "a_0", 80.0, 8.0))
         scene = scene._replace(agents=scene.agents._replace(vclass=np.array([vclass], np.int32)))
         usual = forecast_of(task_of(road, ego), scene)
-        found = alternatives(road, scene, np.array([0, 2], np.int32), usual, np.zeros(1), traffic_params())
+        found = alternatives(
+            road, scene, np.array([0, 2], np.int32), usual, np.zeros(1), traffic_params()
+        )
         assert all(one.intent.does != TURNS for one in found)
 
 
 def test_nobody_changes_lanes_onto_a_footway() -> None:
     """Off its centre line and with the turn signal on, as before a turn where lanes are wide."""
     walk = 1 << VEHICLE_CLASSES.index("pedestrian")
-    road = away_lane([Lane("a", 0, ((0.0, -3.2), (300.0, -3.2)), classes=walk), Lane("a", 1, ((0.0, 0.0), (300.0, 0.0)), classes=ALL_CLASSES & ~walk)])
+    road = away_lane(
+        [
+            Lane("a", 0, ((0.0, -3.2), (300.0, -3.2)), classes=walk),
+            Lane("a", 1, ((0.0, 0.0), (300.0, 0.0)), classes=ALL_CLASSES & ~walk),
+        ]
+    )
     forecast = forecast_in(road, Agent("x", "a_1", 60.0, 10.0, -0.4), blinker=[-1])
-    assert set(forecast.lane[0, :, 0].tolist()) == {road.lane_ids.index("a_1")} and forecast.valid.all()
+    assert (
+        set(forecast.lane[0, :, 0].tolist()) == {road.lane_ids.index("a_1")}
+        and forecast.valid.all()
+    )
 
 
 # --- where roads and paths end ---
@@ -119,7 +171,11 @@ def acceleration_lane(length: float = 150.0) -> RoadMap:
 def test_whoever_creeps_on_a_lane_that_ends_stands_at_its_end(s: float, v: float) -> None:
     road = acceleration_lane()
     forecast = forecast_in(road, Agent("x", "a_0", s, v))
-    assert forecast.valid.all() and forecast.s[0, -1, 0] == pytest.approx(149.0, abs=1.2) and forecast.v[0, -1, 0] < 0.2
+    assert (
+        forecast.valid.all()
+        and forecast.s[0, -1, 0] == pytest.approx(149.0, abs=1.2)
+        and forecast.v[0, -1, 0] < 0.2
+    )
 
 
 @pytest.mark.parametrize(("s", "v"), [(147.0, 8.0), (110.0, 13.0)])
@@ -138,10 +194,25 @@ def test_whoever_comes_to_the_end_of_the_network_leaves_it() -> None:
 
 def test_a_fast_driver_has_a_path_for_the_whole_forecast() -> None:
     """Thirty metres a lane, forty metres a second."""
-    lanes = [Lane(f"m{k}", 0, ((30.0 * k, 0.0), (30.0 * k + 30.0, 0.0)), (f"m{k + 1}_0",) if k < 29 else (), 40.0) for k in range(30)]
+    lanes = [
+        Lane(
+            f"m{k}",
+            0,
+            ((30.0 * k, 0.0), (30.0 * k + 30.0, 0.0)),
+            (f"m{k + 1}_0",) if k < 29 else (),
+            40.0,
+        )
+        for k in range(30)
+    ]
     road = away_lane(lanes)
     scene, forecast = predicted(road, Agent("x", "m0_0", 10.0, 40.0), ego="away_0", seconds=9.0)
     assert forecast.s[0, :, 0].max() <= 30.1 and forecast.valid.all()
     assert road.lane_ids[forecast.lane[0, -1, 0]] == f"m{int((10.0 + 40.0 * 9.0) / 30.0)}_0"
-    slow = likely_paths(road, scene.agents._replace(v=np.array([1.0])), scene.ego, np.array([30], np.int32), {}, 1.0)
-    assert slow.offset[1, slow.count[1]] < PATH + 50.0 and slow.count[1] < LANES and slow.ends[1] != NARROWS
+    slow = likely_paths(
+        road, scene.agents._replace(v=np.array([1.0])), scene.ego, np.array([30], np.int32), {}, 1.0
+    )
+    assert (
+        slow.offset[1, slow.count[1]] < PATH + 50.0
+        and slow.count[1] < LANES
+        and slow.ends[1] != NARROWS
+    )

@@ -27,9 +27,16 @@ def view(v: float, *agents: Agent, reactive: int = 4) -> tuple[Task, Local, Stat
     return task, *local_of(task, scene_of(ego, road, *agents), reactive=reactive)
 
 
-def drive(task: Task, local: Local, state: State, accels: Sequence[float]) -> tuple[list[State], list[tuple[float, float]], list[float]]:
+def drive(
+    task: Task, local: Local, state: State, accels: Sequence[float]
+) -> tuple[list[State], list[tuple[float, float]], list[float]]:
     """The ego's states, position and speed of agent 0 beside each, and the braking imposed."""
-    others, states, rows, imposed = at_rest(local, 4), [state], [(float(local.agent[0, 0, S]), float(local.agent[0, 0, V]))], [0.0]
+    others, states, rows, imposed = (
+        at_rest(local, 4),
+        [state],
+        [(float(local.agent[0, 0, S]), float(local.agent[0, 0, V]))],
+        [0.0],
+    )
     for k, accel in enumerate(accels):
         v = max(0.0, state.v + accel * DT)
         state = state._replace(s=state.s + v * DT, v=v)
@@ -45,12 +52,20 @@ def test_who_has_nobody_ahead_does_as_forecast() -> None:
     others = at_rest(local, 4)
     for k in range(1, 40):
         assert react(local, task.ego, state._replace(s=300.0 + 2.0 * k), others, k, DT) == 0.0
-        assert seen(local, others, 0, k) == pytest.approx((*local.agent[k, 0, [X, Y, COS, SIN, V, S]], k))
+        assert seen(local, others, 0, k) == pytest.approx(
+            (*local.agent[k, 0, [X, Y, COS, SIN, V, S]], k)
+        )
 
 
 @settings(deadline=None)
-@given(st.floats(0.0, 15.0), st.floats(3.0, 60.0), st.lists(st.floats(-DECEL, 2.6), min_size=30, max_size=30))
-def test_a_careful_driver_never_touches_an_ego_that_brakes_no_harder(v: float, gap: float, accels: list[float]) -> None:
+@given(
+    st.floats(0.0, 15.0),
+    st.floats(3.0, 60.0),
+    st.lists(st.floats(-DECEL, 2.6), min_size=30, max_size=30),
+)
+def test_a_careful_driver_never_touches_an_ego_that_brakes_no_harder(
+    v: float, gap: float, accels: list[float]
+) -> None:
     follower = min(15.0, safe_speed(gap - STANDSTILL, v, USUAL_S))
     task, local, state = view(v, Agent("behind", "a_1", 300.0 - LENGTH - gap, follower))
     states, rows, _ = drive(task, local, state, accels)
@@ -63,7 +78,8 @@ def test_a_careful_driver_never_touches_an_ego_that_brakes_no_harder(v: float, g
 
 @given(st.floats(0.0, 15.0), st.floats(0.0, 80.0), st.floats(0.1, 2.0))
 def test_the_safe_speed_leaves_room_to_stop(leader_v: float, gap: float, reaction: float) -> None:
-    """After its reaction, both braking equally, it stands where the leader does; and the safe gap is the other side of the same rule."""
+    """After its reaction, both braking equally, it stands where the leader does; and the safe gap
+    is the other side of the same rule."""
     v = safe_speed(gap, leader_v, reaction)
     assert v * reaction + v * v / (2.0 * DECEL) == pytest.approx(gap + leader_v**2 / (2.0 * DECEL))
     assert safe_speed(-0.01, leader_v, reaction) == 0.0
@@ -86,7 +102,10 @@ def test_who_is_held_up_drives_as_its_slow_twin() -> None:
         if s >= local.agent[k, 0, S]:
             s, v = local.agent[k, 0, S], local.agent[k, 0, V]
         assert rows[k] == pytest.approx((s, v)) and imposed[k] == pytest.approx(asked), k
-    assert rows[-1][1] < 1.5 and STANDSTILL - 0.5 < states[-1].s - LENGTH - rows[-1][0] < STANDSTILL + 2.5
+    assert (
+        rows[-1][1] < 1.5
+        and STANDSTILL - 0.5 < states[-1].s - LENGTH - rows[-1][0] < STANDSTILL + 2.5
+    )
 
 
 def test_a_lane_change_close_in_front_imposes_braking_and_one_far_ahead_does_not() -> None:
@@ -98,10 +117,19 @@ def test_a_lane_change_close_in_front_imposes_braking_and_one_far_ahead_does_not
 
 
 def test_the_nearest_that_react_on_the_way_are_moved() -> None:
-    those = [Agent("far", "a_1", 200.0, 9.0), Agent("near", "a_1", 280.0, 9.0), Agent("ahead", "a_2", 310.0, 9.0), Agent("walks", "", x=290.0, y=9.0)]
+    those = [
+        Agent("far", "a_1", 200.0, 9.0),
+        Agent("near", "a_1", 280.0, 9.0),
+        Agent("ahead", "a_2", 310.0, 9.0),
+        Agent("walks", "", x=290.0, y=9.0),
+    ]
     _, local, _ = view(10.0, *those, reactive=2)
     names = sorted(agent.id for agent in those)
-    assert {name: slot for name, slot in zip(names, local.trait[:, SLOT].tolist(), strict=True) if slot >= 0} == {"ahead": 0.0, "near": 1.0}
+    assert {
+        name: slot
+        for name, slot in zip(names, local.trait[:, SLOT].tolist(), strict=True)
+        if slot >= 0
+    } == {"ahead": 0.0, "near": 1.0}
     assert at_rest(local, 2)[:, [CLOCK, SPEED]].tolist() == [[0.0, 9.0], [0.0, 9.0]]
     _, local, _ = view(10.0, *those, reactive=0)
     assert np.all(local.trait[:, SLOT] == -1) and at_rest(local, 0).shape == (0, 2)

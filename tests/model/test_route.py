@@ -1,8 +1,12 @@
-"""The layout of a route against what SUMO knows of its own vehicles, and its speed caps against a slow twin.
+"""The layout of a route against what SUMO knows of its own vehicles, and its speed caps against a
+slow twin.
 
-Compared with libsumo for every vehicle of real traffic, every second, on every lane of its present edge that its class may use:
-- the lanes that it can drive from there without a lane change: `next` against getBestLanes' list, which SUMO may end early (a bounded look-ahead);
-- how far they reach: `reach` without the internal lanes, which SUMO's list leaves out, where the list ends before the route does;
+Compared with libsumo for every vehicle of real traffic, every second, on every lane of its present
+edge that its class may use:
+- the lanes that it can drive from there without a lane change: `next` against getBestLanes' list,
+  which SUMO may end early (a bounded look-ahead);
+- how far they reach: `reach` without the internal lanes, which SUMO's list leaves out, where the
+  list ends before the route does;
 - `changes` against the offset to the best lane.
 """
 
@@ -41,7 +45,9 @@ class Seen(NamedTuple):
 
     ego: EgoState
     whole: tuple[int, ...]  # its route from the start, edges
-    best: tuple[tuple[str, float, float, int, bool, tuple[str, ...]], ...]  # getBestLanes; empty inside junctions
+    best: tuple[
+        tuple[str, float, float, int, bool, tuple[str, ...]], ...
+    ]  # getBestLanes; empty inside junctions
     settled: float  # m driven since its last lane change
 
 
@@ -49,8 +55,23 @@ class Seen(NamedTuple):
 def observed(name: str) -> tuple[RoadMap, tuple[Seen, ...]]:
     """A minute of traffic, looked at every second."""
     with TemporaryDirectory() as folder:
-        arguments = ["-c", str(GAME / f"{name}.sumocfg")] if name in GAMES else _scene_arguments(name, Path(folder))
-        libsumo.start(["sumo", *arguments, "--no-step-log", "true", "--no-warnings", "true", "--message-log", "/dev/null"])
+        arguments = (
+            ["-c", str(GAME / f"{name}.sumocfg")]
+            if name in GAMES
+            else _scene_arguments(name, Path(folder))
+        )
+        libsumo.start(
+            [
+                "sumo",
+                *arguments,
+                "--no-step-log",
+                "true",
+                "--no-warnings",
+                "true",
+                "--message-log",
+                "/dev/null",
+            ]
+        )
         try:
             road = read_roadmap(libsumo.simulation.getOption("net-file"))
             step = libsumo.simulation.getDeltaT()
@@ -61,7 +82,14 @@ def observed(name: str) -> tuple[RoadMap, tuple[Seen, ...]]:
 
 def _scene_arguments(name: str, folder: Path) -> list[str]:
     config = load(scenario_path(name))
-    return ["-n", str(config.sumo.net), "-r", ",".join([*config.sumo.routes, str(write_routes(Cast(config.traffic.actors), folder))]), "--step-length", "0.1"]
+    return [
+        "-n",
+        str(config.sumo.net),
+        "-r",
+        ",".join([*config.sumo.routes, str(write_routes(Cast(config.traffic.actors), folder))]),
+        "--step-length",
+        "0.1",
+    ]
 
 
 def _watch(road: RoadMap, steps: int, every: int) -> list[Seen]:
@@ -74,13 +102,17 @@ def _watch(road: RoadMap, steps: int, every: int) -> list[Seen]:
         for vehicle in libsumo.vehicle.getIDList():
             here, driven = libsumo.vehicle.getLaneID(vehicle), libsumo.vehicle.getDistance(vehicle)
             before = lane.get(vehicle, "")
-            if before != here and (not before or before.rpartition("_")[0] == here.rpartition("_")[0]):
+            if before != here and (
+                not before or before.rpartition("_")[0] == here.rpartition("_")[0]
+            ):
                 changed[vehicle] = driven
             lane[vehicle] = here
             if k % every == 0:
                 whole = tuple(edge[name] for name in libsumo.vehicle.getRoute(vehicle))
                 best = () if here.startswith(":") else tuple(libsumo.vehicle.getBestLanes(vehicle))
-                seen.append(Seen(observer.ego(vehicle, Change()), whole, best, driven - changed[vehicle]))
+                seen.append(
+                    Seen(observer.ego(vehicle, Change()), whole, best, driven - changed[vehicle])
+                )
     return seen
 
 
@@ -107,13 +139,22 @@ def test_lanes_changes_and_reach_are_sumos(name: str) -> None:
             chain = [road.lane_ids[i] for i in ordinary_lanes(road, route, int(node))]
             cut += len(following) < len(chain)
             assert chain[: len(following)] == list(following), (vehicle.ego.id, lane_id)
-            assert len(following) == len(chain) or len(following) >= LOOK_AHEAD, (vehicle.ego.id, lane_id)
+            assert len(following) == len(chain) or len(following) >= LOOK_AHEAD, (
+                vehicle.ego.id,
+                lane_id,
+            )
             assert route.changes[node] == offset, (vehicle.ego.id, lane_id)
-            inside = sum(float(route.length[i]) for i in naive.chain_of(route, int(node)) if route.internal[i])
+            inside = sum(
+                float(route.length[i])
+                for i in naive.chain_of(route, int(node))
+                if route.internal[i]
+            )
             last = len(chain) == len(vehicle.ego.route)
             assert math.isinf(route.reach[node]) == last
             if not last:
-                assert route.reach[node] - inside == pytest.approx(sum(float(road.length[number[i]]) for i in following), abs=0.01)
+                assert route.reach[node] - inside == pytest.approx(
+                    sum(float(road.length[number[i]]) for i in following), abs=0.01
+                )
             compared += 1
     assert compared > 50
     assert cut < compared / 2
@@ -121,9 +162,11 @@ def test_lanes_changes_and_reach_are_sumos(name: str) -> None:
 
 @pytest.mark.parametrize("name", [*GAMES, *SCENES])
 def test_poses_are_sumos(name: str) -> None:
-    """Within 1 cm and half a degree on straight lanes, 10 cm and 2 degrees in turns, whatever the lengths of lane and shape.
+    """Within 1 cm and half a degree on straight lanes, 10 cm and 2 degrees in turns, whatever the
+    lengths of lane and shape.
 
-    Vehicles that have been in their lane for longer than they are; those of 13 m and less: SUMO bends the longest ones at their joint.
+    Vehicles that have been in their lane for longer than they are; those of 13 m and less: SUMO
+    bends the longest ones at their joint.
     """
     road, seen = observed(name)
     straight, turning = [], []
@@ -134,7 +177,10 @@ def test_poses_are_sumos(name: str) -> None:
         route = laid_out(name, vehicle.whole, ego.vclass, ego.length)
         (node,) = np.flatnonzero(route.lane == ego.lane)
         x, y, c, n = lane_pose(route.table, route.rows, int(node), ego.s)
-        error = (math.hypot(x - ego.x, y - ego.y), math.degrees(abs(math.remainder(math.atan2(n, c) - ego.heading, math.tau))))
+        error = (
+            math.hypot(x - ego.x, y - ego.y),
+            math.degrees(abs(math.remainder(math.atan2(n, c) - ego.heading, math.tau))),
+        )
         points = road.point_offset[ego.lane + 1] - road.point_offset[ego.lane]
         (straight if points == 2 and ego.s > ego.length else turning).append(error)
     assert len(straight) + len(turning) > 50
@@ -150,7 +196,9 @@ def test_stations_grow_along_next(name: str) -> None:
         nodes = np.flatnonzero(route.next >= 0)
         assert np.all(route.next[nodes] > nodes)
         room = route.station[route.next[nodes]] - route.station[nodes] - route.length[nodes]
-        assert np.all(room > -1e-6)  # ways through a junction may be shorter than the longest of them
+        assert np.all(
+            room > -1e-6
+        )  # ways through a junction may be shorter than the longest of them
         assert np.all(np.diff(route.leg[nodes]) >= 0)
         assert not np.any(route.internal & ((route.left >= 0) | (route.right >= 0)))
 
@@ -161,14 +209,22 @@ def test_lanes_upstream_are_those_from_which_a_search_ahead_finds_the_route(name
     compared = 0
     for vehicle in seen[:: max(1, len(seen) // 5)]:
         route = laid_out(name, vehicle.whole, vehicle.ego.vclass, vehicle.ego.length)
-        found = {lane: (onto, begin) for lane, onto, begin in zip(*(column.tolist() for column in route.upstream), strict=True)}
+        found = {
+            lane: (onto, begin)
+            for lane, onto, begin in zip(
+                *(column.tolist() for column in route.upstream), strict=True
+            )
+        }
         own, ways = set(route.lane.tolist()), dict[int, float]()
         for lane in set(range(len(road.lane_ids))) - own:
             way = metres_to_the_route(road, own, lane)
             if way < UPSTREAM_VIEW:
                 ways[lane] = way
         assert found.keys() == ways.keys() and {onto for onto, _ in found.values()} <= own
-        assert all(begin == pytest.approx(-ways[lane] - road.length[lane]) for lane, (_, begin) in found.items())
+        assert all(
+            begin == pytest.approx(-ways[lane] - road.length[lane])
+            for lane, (_, begin) in found.items()
+        )
         compared += len(found)
     assert compared > 0
 
@@ -179,7 +235,9 @@ def metres_to_the_route(road: RoadMap, own: set[int], lane: int) -> float:
     nearest = math.inf
     while todo:
         here = todo.pop()
-        for after in road.successor[road.successor_offset[here] : road.successor_offset[here + 1]].tolist():
+        for after in road.successor[
+            road.successor_offset[here] : road.successor_offset[here + 1]
+        ].tolist():
             if after in own:
                 nearest = min(nearest, best[here])
             elif best[here] + road.length[after] < min(UPSTREAM_VIEW, best.get(after, math.inf)):
@@ -192,7 +250,8 @@ def metres_to_the_route(road: RoadMap, own: set[int], lane: int) -> float:
 
 
 def two_ways() -> RoadMap:
-    """Edge a (3 lanes) leads to b by lanes 1 and 2 and to the side road x by lane 0; of b's two lanes only the left one goes on to c."""
+    """Edge a (3 lanes) leads to b by lanes 1 and 2 and to the side road x by lane 0; of b's two
+    lanes only the left one goes on to c."""
     lanes = [
         Lane("a", 0, ((0, 0), (100, 0)), (":j_0",)),
         Lane("a", 1, ((0, 3), (100, 3)), (":k_0",)),
@@ -216,12 +275,42 @@ def node_of(road: RoadMap, route: RouteMap, name: str) -> int:
 def test_a_route_with_dead_ends() -> None:
     road = two_ways()
     route = route_map(road, edges(road, "a", "b", "c"), 0, 5.0, 1.0, 50.0, 2.0)
-    at = {name: node_of(road, route, name) for name in ("a_0", "a_1", "a_2", ":k_0", "b_0", "b_1", ":m_0", "c_0")}
-    assert [route.changes[at[name]] for name in ("a_0", "a_1", "a_2", "b_0", "b_1", "c_0")] == [2, 1, 0, 1, 0, 0]
-    assert [route.reach[at[name]] for name in ("a_0", "a_1", "a_2", ":k_0", "b_0", "b_1")] == [100.0, 170.0, math.inf, 70.0, 60.0, math.inf]
-    assert route.next[at["a_0"]] == -1 and route.next[at["b_0"]] == -1 and route.next[at["b_1"]] == at[":m_0"]
-    assert [bool(route.stop[at[name]]) for name in ("a_1", "b_0", "b_1", "c_0")] == [False, False, True, False]
-    assert route.sign[at["b_1"]] and route.left[at["a_1"]] == at["a_2"] and route.right[at["a_0"]] == -1
+    at = {
+        name: node_of(road, route, name)
+        for name in ("a_0", "a_1", "a_2", ":k_0", "b_0", "b_1", ":m_0", "c_0")
+    }
+    assert [route.changes[at[name]] for name in ("a_0", "a_1", "a_2", "b_0", "b_1", "c_0")] == [
+        2,
+        1,
+        0,
+        1,
+        0,
+        0,
+    ]
+    assert [route.reach[at[name]] for name in ("a_0", "a_1", "a_2", ":k_0", "b_0", "b_1")] == [
+        100.0,
+        170.0,
+        math.inf,
+        70.0,
+        60.0,
+        math.inf,
+    ]
+    assert (
+        route.next[at["a_0"]] == -1
+        and route.next[at["b_0"]] == -1
+        and route.next[at["b_1"]] == at[":m_0"]
+    )
+    assert [bool(route.stop[at[name]]) for name in ("a_1", "b_0", "b_1", "c_0")] == [
+        False,
+        False,
+        True,
+        False,
+    ]
+    assert (
+        route.sign[at["b_1"]]
+        and route.left[at["a_1"]] == at["a_2"]
+        and route.right[at["a_0"]] == -1
+    )
     assert route.station[at["c_0"]] == 175.0
 
 
@@ -238,7 +327,10 @@ def test_lanes_closed_to_the_vehicle_are_not_there() -> None:
 def test_of_two_ways_that_end_alike_the_one_with_fewer_changes_to_come_is_taken() -> None:
     lanes = [
         Lane("a", 0, ((0, 0), (100, 0)), ("b_0", "b_1")),
-        *(Lane("b", k, ((100, 3.0 * k), (150, 3.0 * k)), ("c_0",) if k == 2 else ()) for k in range(3)),
+        *(
+            Lane("b", k, ((100, 3.0 * k), (150, 3.0 * k)), ("c_0",) if k == 2 else ())
+            for k in range(3)
+        ),
         Lane("c", 0, ((150, 6), (250, 6))),
     ]
     road = build(lanes)
@@ -249,8 +341,13 @@ def test_of_two_ways_that_end_alike_the_one_with_fewer_changes_to_come_is_taken(
 # --- speed caps ---
 
 
-def chain(lengths: Sequence[float], limits: Sequence[float], dead: bool) -> tuple[RoadMap, tuple[int, ...]]:
-    """A road of edges e0, e1, ... without junctions between them; `dead`: its last edge is only beside the end of the one before."""
+def chain(
+    lengths: Sequence[float], limits: Sequence[float], dead: bool
+) -> tuple[RoadMap, tuple[int, ...]]:
+    """A road of edges e0, e1, ... without junctions between them;
+
+    `dead`: its last edge is only beside the end of the one before.
+    """
     x, lanes = 0.0, []
     for k, (length, limit) in enumerate(zip(lengths, limits, strict=True)):
         last = k + 1 == len(lengths)
@@ -263,13 +360,17 @@ def chain(lengths: Sequence[float], limits: Sequence[float], dead: bool) -> tupl
 
 roads = st.integers(2, 6).flatmap(
     lambda n: st.tuples(
-        st.lists(st.floats(naive.END_GAP + 0.1, 60.0), min_size=n, max_size=n), st.lists(st.floats(2.0, 40.0), min_size=n, max_size=n), st.booleans()
+        st.lists(st.floats(naive.END_GAP + 0.1, 60.0), min_size=n, max_size=n),
+        st.lists(st.floats(2.0, 40.0), min_size=n, max_size=n),
+        st.booleans(),
     )
 )
 
 
 @given(roads, st.floats(0.5, 5.0), st.floats(0.8, 1.2), st.floats(5.0, 35.0))
-def test_caps_are_the_least_over_all_places_ahead(road: tuple[list[float], list[float], bool], decel: float, factor: float, top: float) -> None:
+def test_caps_are_the_least_over_all_places_ahead(
+    road: tuple[list[float], list[float], bool], decel: float, factor: float, top: float
+) -> None:
     made, route_edges = chain(*road)
     route = route_map(made, route_edges, 0, 5.0, factor, top, decel)
     assert route.limit.tolist() == pytest.approx([min(limit * factor, top) for limit in road[1]])
@@ -277,12 +378,21 @@ def test_caps_are_the_least_over_all_places_ahead(road: tuple[list[float], list[
     for node in range(len(route.lane)):
         *rows, (last, s) = naive.rows_of(route, node)
         for row, s in rows:
-            assert route.cap[row] == pytest.approx(naive.cap(route, node, s, decel, goal), abs=1e-6), (node, s)
-        # The last row lies at the lane's end or beyond; read between the last two, the end has its own cap, but where that would be below zero.
+            assert route.cap[row] == pytest.approx(
+                naive.cap(route, node, s, decel, goal), abs=1e-6
+            ), (node, s)
+        # The last row lies at the lane's end or beyond; read between the last two, the end has its
+        # own cap, but where that would be below zero.
         assert s + SPACING >= route.length[node] > s - 1e-9
-        at_end = route.cap[last - 1] + (route.length[node] - s) / SPACING * (route.cap[last] - route.cap[last - 1])
-        assert at_end == pytest.approx(naive.cap(route, node, float(route.length[node]), decel, goal), abs=1e-6) or (route.cap[last] == 0.0 and not goal[node])
+        at_end = route.cap[last - 1] + (route.length[node] - s) / SPACING * (
+            route.cap[last] - route.cap[last - 1]
+        )
+        assert at_end == pytest.approx(
+            naive.cap(route, node, float(route.length[node]), decel, goal), abs=1e-6
+        ) or (route.cap[last] == 0.0 and not goal[node])
 
 
 def test_the_networks_are_there() -> None:
-    assert (root() / "networks").is_dir() and all((GAME / f"{name}.sumocfg").is_file() for name in GAMES)
+    assert (root() / "networks").is_dir() and all(
+        (GAME / f"{name}.sumocfg").is_file() for name in GAMES
+    )

@@ -8,7 +8,16 @@ import naive
 import numpy as np
 import pytest
 from helpers import Agent, Lane, build, crossing, ego_at, lights
-from helpers_model import forecast_of, lanes_east, predicted, road_with_light, scenario, scene_of, task_of, traffic_params
+from helpers_model import (
+    forecast_of,
+    lanes_east,
+    predicted,
+    road_with_light,
+    scenario,
+    scene_of,
+    task_of,
+    traffic_params,
+)
 from helpers_networks import netconvert, simulation
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,7 +28,19 @@ from sumo_mcts.episode import run_episode
 from sumo_mcts.numerics.signals import signal_states
 from sumo_mcts.prediction.behaviour import HARD, MOST_HABIT, _Course, _stop_place
 from sumo_mcts.prediction.forecast import CRUISING, Told, predict
-from sumo_mcts.scene import ALLWAY, BRAKES, GREEN, LEFT, RED, STRAIGHT, YELLOW, Forecast, Intent, RoadMap, Signals
+from sumo_mcts.scene import (
+    ALLWAY,
+    BRAKES,
+    GREEN,
+    LEFT,
+    RED,
+    STRAIGHT,
+    YELLOW,
+    Forecast,
+    Intent,
+    RoadMap,
+    Signals,
+)
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap, read_roadmap
 
@@ -27,11 +48,19 @@ STEP = 0.2  # s between forecast times
 
 
 def along(road: RoadMap, forecast: Forecast, agent: int, *names: str) -> list[float]:
-    """How far an agent is at each time, m from the start of the first of these lanes, one behind the other."""
+    """How far an agent is at each time, m from the start of the first of these lanes, one behind
+    the other."""
     begins = dict(
-        zip((road.lane_ids.index(name) for name in names), np.cumsum([0.0, *(road.length[road.lane_ids.index(name)] for name in names)]), strict=False)
+        zip(
+            (road.lane_ids.index(name) for name in names),
+            np.cumsum([0.0, *(road.length[road.lane_ids.index(name)] for name in names)]),
+            strict=False,
+        )
     )
-    return [float(begins[int(lane)] + s) for lane, s in zip(forecast.lane[0, :, agent], forecast.s[0, :, agent], strict=True)]
+    return [
+        float(begins[int(lane)] + s)
+        for lane, s in zip(forecast.lane[0, :, agent], forecast.s[0, :, agent], strict=True)
+    ]
 
 
 # --- alone ---
@@ -44,7 +73,16 @@ def test_constant_velocity_is_constant(v: float, s: float) -> None:
     times = np.arange(forecast.v.shape[1]) * STEP
     assert np.all(forecast.v[0, :, 0] == v) and np.all(forecast.lane[0] == 2)
     assert forecast.s[0, :, 0] == pytest.approx(s + v * times)
-    assert forecast.pose[0, :, 0] == pytest.approx(np.column_stack([s - 2.5 + v * times, np.full(len(times), 3.2), np.ones(len(times)), np.zeros(len(times))]))
+    assert forecast.pose[0, :, 0] == pytest.approx(
+        np.column_stack(
+            [
+                s - 2.5 + v * times,
+                np.full(len(times), 3.2),
+                np.ones(len(times)),
+                np.zeros(len(times)),
+            ]
+        )
+    )
 
 
 @given(st.floats(0.0, 15.0), st.floats(50.0, 200.0), st.sampled_from([0.1, 0.2, 0.5]))
@@ -53,16 +91,24 @@ def test_a_free_car_accelerates_up_to_the_limit(v: float, s: float, step: float)
     params = traffic_params(step)._replace(persistence=0.0)
     _, forecast = predicted(road, Agent("a", "a_2", s, v), params=params, trend=[2.0])
     expected = naive.free_drive(s, v, 15.0, params.accel, step, forecast.v.shape[1])
-    assert np.column_stack([forecast.s[0, :, 0], forecast.v[0, :, 0]]) == pytest.approx(np.array(expected))
+    assert np.column_stack([forecast.s[0, :, 0], forecast.v[0, :, 0]]) == pytest.approx(
+        np.array(expected)
+    )
 
 
 @pytest.mark.parametrize("step", [0.1, 0.5, 1.0])
 def test_who_brakes_comes_as_far_as_in_sumo_with_its_steps(step: float) -> None:
-    """With Euler integration a position follows the speed at the end of a step: with steps of a second a stop from 12 m/s is 6 m shorter."""
+    """With Euler integration a position follows the speed at the end of a step: with steps of a
+    second a stop from 12 m/s is 6 m shorter."""
     road = lanes_east(3, 900.0)
     params = traffic_params(0.1)._replace(euler=0.5 * step)
-    scene, nowhere = scene_of(ego_at(road, "a_0", 10.0, 0.0), road, Agent("a", "a_2", 100.0, 12.0)), np.zeros(0, np.int32)
-    forecast = predict(road, scene, nowhere, np.zeros(0), params, 8.0, Told(), intent=Intent(0, BRAKES))
+    scene, nowhere = (
+        scene_of(ego_at(road, "a_0", 10.0, 0.0), road, Agent("a", "a_2", 100.0, 12.0)),
+        np.zeros(0, np.int32),
+    )
+    forecast = predict(
+        road, scene, nowhere, np.zeros(0), params, 8.0, Told(), intent=Intent(0, BRAKES)
+    )
     s, v = 100.0, 12.0
     while v > 0.0:
         v = max(0.0, v - HARD * step)
@@ -79,31 +125,54 @@ def test_who_cruises_goes_on_cruising() -> None:
 
 
 @given(st.floats(2.0, 14.0), st.floats(-3.0, 2.0), st.sampled_from([0.1, 0.2, 0.5]))
-def test_what_a_driver_does_otherwise_than_expected_goes_on_and_fades(v: float, trend: float, step: float) -> None:
+def test_what_a_driver_does_otherwise_than_expected_goes_on_and_fades(
+    v: float, trend: float, step: float
+) -> None:
     params = traffic_params(step)
-    _, forecast = predicted(lanes_east(3, 900.0), Agent("a", "a_2", 50.0, v), params=params, trend=[trend], standing_s=[0.0])
+    _, forecast = predicted(
+        lanes_east(3, 900.0),
+        Agent("a", "a_2", 50.0, v),
+        params=params,
+        trend=[trend],
+        standing_s=[0.0],
+    )
     speeds = forecast.v[0, :, 0]
     likes = v if abs(trend) < CRUISING and v > 3.0 else 15.0
     free = np.clip((likes - speeds) / step, -params.decel, params.accel)
     fades = abs(trend) >= CRUISING or v <= 3.0
-    habit = np.clip(trend - free[0], -MOST_HABIT, MOST_HABIT) * np.exp(-np.arange(len(speeds)) * step / params.persistence * fades)
-    moving = (np.minimum(speeds[:-1], speeds[1:]) > 0.5) & (speeds[:-1] < 15.0)  # not at a stand, nor beyond the limit
+    habit = np.clip(trend - free[0], -MOST_HABIT, MOST_HABIT) * np.exp(
+        -np.arange(len(speeds)) * step / params.persistence * fades
+    )
+    moving = (np.minimum(speeds[:-1], speeds[1:]) > 0.5) & (
+        speeds[:-1] < 15.0
+    )  # not at a stand, nor beyond the limit
     assert (np.diff(speeds) / step)[moving] == pytest.approx((free + habit)[:-1][moving], abs=1e-6)
 
 
 def test_who_rolls_to_a_stand_is_expected_to_do_so() -> None:
-    """However slow it is: what it stops for may be nothing that the map tells, as in a junction without lanes."""
+    """However slow it is: what it stops for may be nothing that the map tells, as in a junction
+    without lanes."""
     _, forecast = predicted(lanes_east(3, 900.0), Agent("a", "a_2", 50.0, 0.8), trend=[-2.0])
     assert forecast.v[0, :6, 0].max() <= 0.8 and forecast.v[0, 1:4, 0].min() < 0.5
     _, forecast = predicted(lanes_east(3, 900.0), Agent("a", "a_2", 50.0, 0.8), trend=[1.5])
-    without = predicted(lanes_east(3, 900.0), Agent("a", "a_2", 50.0, 0.8), params=traffic_params()._replace(persistence=0.0), trend=[1.5])[1]
+    without = predicted(
+        lanes_east(3, 900.0),
+        Agent("a", "a_2", 50.0, 0.8),
+        params=traffic_params()._replace(persistence=0.0),
+        trend=[1.5],
+    )[1]
     assert 2.0 < forecast.v[0, 5, 0] < without.v[0, 5, 0] - 0.3
 
 
 def test_who_keeps_closer_than_the_model_is_expected_to_go_on_doing_so() -> None:
     pair = Agent("a", "a_2", 100.0, 10.0), Agent("b", "a_2", 114.0, 10.0)
     _, forecast = predicted(lanes_east(3, 900.0), *pair, trend=[0.0, 0.0])
-    _, without = predicted(lanes_east(3, 900.0), *pair, params=traffic_params()._replace(persistence=0.0), trend=[0.0, 0.0])
+    _, without = predicted(
+        lanes_east(3, 900.0),
+        *pair,
+        params=traffic_params()._replace(persistence=0.0),
+        trend=[0.0, 0.0],
+    )
     assert forecast.v[0, :20, 0] == pytest.approx(10.0, abs=0.5)
     assert without.v[0, 10, 0] < 9.0
 
@@ -111,25 +180,46 @@ def test_who_keeps_closer_than_the_model_is_expected_to_go_on_doing_so() -> None
 def test_who_accelerates_stops_for_red_all_the_same() -> None:
     road = road_with_light()
     _, forecast = predicted(road, Agent("a", "a_0", 120.0, 10.0), signals=lights(RED), trend=[2.6])
-    assert forecast.v[0, -1, 0] < 0.5 and forecast.s[0, -1, 0] < 200.0 and forecast.lane[0, -1, 0] == 0
+    assert (
+        forecast.v[0, -1, 0] < 0.5 and forecast.s[0, -1, 0] < 200.0 and forecast.lane[0, -1, 0] == 0
+    )
 
 
 def test_an_offset_from_the_lane_dies_away_and_people_walk_on() -> None:
     road = lanes_east(3, 900.0)
-    _, forecast = predicted(road, Agent("a", "a_2", 100.0, 9.0, d=1.0), Agent("p", "", v=1.0, x=50.0, y=-20.0, length=0.3, width=0.5, heading=math.pi / 2))
+    _, forecast = predicted(
+        road,
+        Agent("a", "a_2", 100.0, 9.0, d=1.0),
+        Agent("p", "", v=1.0, x=50.0, y=-20.0, length=0.3, width=0.5, heading=math.pi / 2),
+    )
     aside = forecast.pose[0, :, 0, 1] - 3.2
     assert aside[0] == pytest.approx(1.0) and np.all(np.diff(aside) < 0.0) and aside[-1] < 0.05
-    assert forecast.pose[0, -1, 1, :2] == pytest.approx((50.0, -10.0)) and np.all(forecast.lane[0, :, 1] == -1)
+    assert forecast.pose[0, -1, 1, :2] == pytest.approx((50.0, -10.0)) and np.all(
+        forecast.lane[0, :, 1] == -1
+    )
 
 
 @pytest.mark.parametrize(
     ("ego", "d", "error", "lane"),
-    [("a_0", 0.3, 0.0, 2), ("a_0", 0.3, 0.3, 1), ("a_1", 0.3, 0.3, 1), ("a_0", 1.0, 0.3, 2), ("a_2", 0.3, 0.3, 2), ("a_2", -0.3, 0.0, 1), ("a_2", 0.0, 0.0, 1)],
+    [
+        ("a_0", 0.3, 0.0, 2),
+        ("a_0", 0.3, 0.3, 1),
+        ("a_1", 0.3, 0.3, 1),
+        ("a_0", 1.0, 0.3, 2),
+        ("a_2", 0.3, 0.3, 2),
+        ("a_2", -0.3, 0.0, 1),
+        ("a_2", 0.0, 0.0, 1),
+    ],
 )
-def test_who_blinks_changes_lanes_unless_it_would_make_room_and_may_only_seem_to(ego: str, d: float, error: float, lane: int) -> None:
-    """Off its centre line by what may be the sensor's error, it is expected where it leaves the ego less room."""
+def test_who_blinks_changes_lanes_unless_it_would_make_room_and_may_only_seem_to(
+    ego: str, d: float, error: float, lane: int
+) -> None:
+    """Off its centre line by what may be the sensor's error, it is expected where it leaves the ego
+    less room."""
     params = traffic_params(config=scenario(f"sensor.position_error_m={error}"))
-    _, forecast = predicted(lanes_east(3, 900.0), Agent("a", "a_1", 100.0, 10.0, d), ego=ego, params=params, blinker=[1])
+    _, forecast = predicted(
+        lanes_east(3, 900.0), Agent("a", "a_1", 100.0, 10.0, d), ego=ego, params=params, blinker=[1]
+    )
     assert set(forecast.lane[0, :, 0].tolist()) == {lane}
 
 
@@ -139,7 +229,15 @@ def forked() -> RoadMap:
         [
             Lane("a", 0, ((0, 0), (100, 0)), (":s_0", ":l_0")),
             Lane(":s", 0, ((100, 0), (110, 0)), ("b_0",), junction="j", direction=STRAIGHT),
-            Lane(":l", 0, ((100, 0), (107, 3), (110, 10)), ("c_0",), 8.0, junction="j", direction=LEFT),
+            Lane(
+                ":l",
+                0,
+                ((100, 0), (107, 3), (110, 10)),
+                ("c_0",),
+                8.0,
+                junction="j",
+                direction=LEFT,
+            ),
             Lane("b", 0, ((110, 0), (300, 0))),
             Lane("c", 0, ((110, 10), (110, 200))),
         ]
@@ -162,8 +260,12 @@ def test_who_turns_slows_down_for_the_turn() -> None:
 
 def test_who_reaches_the_end_of_the_road_is_gone() -> None:
     road = lanes_east(3, 200.0)
-    _, forecast = predicted(road, Agent("a", "a_2", 150.0, 10.0), params=traffic_params(interacting=False))
-    assert forecast.valid[0, :, 0].tolist() == [150.0 + 10.0 * k * STEP <= 200.1 for k in range(forecast.valid.shape[1])]
+    _, forecast = predicted(
+        road, Agent("a", "a_2", 150.0, 10.0), params=traffic_params(interacting=False)
+    )
+    assert forecast.valid[0, :, 0].tolist() == [
+        150.0 + 10.0 * k * STEP <= 200.1 for k in range(forecast.valid.shape[1])
+    ]
 
 
 # --- with others ---
@@ -173,7 +275,10 @@ platoons = st.lists(st.tuples(st.floats(0.0, 15.0), st.floats(0.5, 40.0)), min_s
 
 @given(platoons, st.booleans())
 def test_nobody_overlaps_the_leader(platoon: list[tuple[float, float]], wall: bool) -> None:
-    """Where braking at 4.5 m/s2 after a second would do to begin with; `wall`: the first one stands and stays."""
+    """Where braking at 4.5 m/s2 after a second would do to begin with;
+
+    `wall`: the first one stands and stays.
+    """
     road = lanes_east(3, 900.0)
     place, ahead, agents = 500.0, 0.0, []
     for k, (speed, more) in enumerate(platoon):
@@ -181,7 +286,9 @@ def test_nobody_overlaps_the_leader(platoon: list[tuple[float, float]], wall: bo
         place -= 5.0 + more + v + max(0.0, v * v - ahead * ahead) / 9.0
         agents.append(Agent(f"v{k}", "a_2", place, v))
         ahead = v
-    _, forecast = predicted(road, *agents, standing_s=[9.0 if wall and k == 0 else 0.0 for k in range(len(agents))])
+    _, forecast = predicted(
+        road, *agents, standing_s=[9.0 if wall and k == 0 else 0.0 for k in range(len(agents))]
+    )
     s = forecast.s[0]
     assert np.all(s[:, :-1] - s[:, 1:] >= 5.0)
     assert np.all(np.diff(s, axis=0) >= 0.0) and np.all(forecast.v >= 0.0)
@@ -190,7 +297,13 @@ def test_nobody_overlaps_the_leader(platoon: list[tuple[float, float]], wall: bo
 
 def test_a_follower_keeps_the_gap_it_likes() -> None:
     road, params = lanes_east(3, 2000.0), traffic_params()
-    _, forecast = predicted(road, Agent("a", "a_2", 200.0, 8.0), Agent("b", "a_2", 160.0, 12.0), seconds=60.0, trend=[0.0, 1.0])
+    _, forecast = predicted(
+        road,
+        Agent("a", "a_2", 200.0, 8.0),
+        Agent("b", "a_2", 160.0, 12.0),
+        seconds=60.0,
+        trend=[0.0, 1.0],
+    )
     gap = float(forecast.s[0, -1, 0] - forecast.s[0, -1, 1]) - 5.0
     wish = naive.desired_gap(8.0, 8.0, params.gap, params.headway, params.accel, params.decel)
     assert forecast.v[0, -1] == pytest.approx(8.0, abs=0.05)
@@ -213,7 +326,9 @@ def test_a_follower_stops_behind_a_standing_ego() -> None:
     task = task_of(road, ego)
     standing = forecast_of(task, scene, 10.0)
     # the nominal ego drives off by car following; one that is known to stand is stopped for
-    waited = predict(road, scene, np.array([0], np.int32), np.zeros(100), traffic_params(), 10.0, Told())
+    waited = predict(
+        road, scene, np.array([0], np.int32), np.zeros(100), traffic_params(), 10.0, Told()
+    )
     assert standing.s[0, -1, 0] > 200.0
     assert 188.0 < waited.s[0, -1, 0] < 195.0
     assert waited.v[0, -1, 0] < 0.3 and waited.reacts[0]
@@ -225,8 +340,14 @@ def test_a_follower_stops_behind_a_standing_ego() -> None:
 def test_a_car_stops_for_red_and_goes_on_at_green() -> None:
     road = road_with_light()
     _, forecast = predicted(road, Agent("a", "a_0", 120.0, 12.0), signals=lights(RED), seconds=15.0)
-    assert 195.0 < forecast.s[0, -1, 0] <= 200.0 and forecast.v[0, -1, 0] < 0.3 and np.all(forecast.lane[0] == 0)
-    opening = Signals(np.array([0, 1], np.int32), np.array([[RED, GREEN]], np.int32), np.array([[10.0, np.inf]]))
+    assert (
+        195.0 < forecast.s[0, -1, 0] <= 200.0
+        and forecast.v[0, -1, 0] < 0.3
+        and np.all(forecast.lane[0] == 0)
+    )
+    opening = Signals(
+        np.array([0, 1], np.int32), np.array([[RED, GREEN]], np.int32), np.array([[10.0, np.inf]])
+    )
     _, forecast = predicted(road, Agent("a", "a_0", 120.0, 12.0), signals=opening, seconds=15.0)
     crossed = np.flatnonzero(forecast.lane[0, :, 0] != 0)
     assert len(crossed) and 10.0 < crossed[0] * STEP < 14.0
@@ -237,9 +358,16 @@ def test_a_car_stops_for_red_and_goes_on_at_green() -> None:
 @pytest.mark.parametrize("v", [5.0, 9.0, 13.0])
 def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
     """As late as possible, and to a stand where SUMO's driver stands."""
-    nodes = '<node id="w" x="0" y="0"/><node id="m" x="200" y="0" type="traffic_light"/><node id="e" x="400" y="0"/><node id="s" x="200" y="-200"/>'
-    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}" speed="{v}"/>' for a, b in ("wm", "me", "sm"))
-    net = netconvert(tmp_path, nodes, edges, '<connection from="wm" to="me"/><connection from="sm" to="me"/>')
+    nodes = (
+        '<node id="w" x="0" y="0"/><node id="m" x="200" y="0" type="traffic_light"/><node '
+        'id="e" x="400" y="0"/><node id="s" x="200" y="-200"/>'
+    )
+    edges = "".join(
+        f'<edge id="{a}{b}" from="{a}" to="{b}" speed="{v}"/>' for a, b in ("wm", "me", "sm")
+    )
+    net = netconvert(
+        tmp_path, nodes, edges, '<connection from="wm" to="me"/><connection from="sm" to="me"/>'
+    )
     (tmp_path / "x.rou.xml").write_text(
         f'''<routes><vType id="car" sigma="0" speedFactor="1" speedDev="0"/><vehicle id="ego" depart="0" departPos="10"><route edges="sm me"/></vehicle>
         <vehicle id="other" type="car" depart="0" departPos="100" departSpeed="{v}"><route edges="wm me"/></vehicle></routes>'''
@@ -251,9 +379,19 @@ def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
         scene = Observer(road).scene("ego", Change(), 300.0, timing=False)
         driven = []
         for _ in range(200):
-            driven.append((libsumo.vehicle.getLanePosition("other"), libsumo.vehicle.getSpeed("other")))
+            driven.append(
+                (libsumo.vehicle.getLanePosition("other"), libsumo.vehicle.getSpeed("other"))
+            )
             libsumo.simulationStep()
-    forecast = predict(road, scene, np.array([scene.ego.lane], np.int32), np.zeros(0), traffic_params(), 19.8, Told())
+    forecast = predict(
+        road,
+        scene,
+        np.array([scene.ego.lane], np.int32),
+        np.zeros(0),
+        traffic_params(),
+        19.8,
+        Told(),
+    )
     theirs = np.array(driven)[::2]
     assert np.abs(forecast.s[0, : len(theirs), 0] - theirs[:, 0]).max() < 1.0
     assert theirs[-1, 1] == pytest.approx(0.0, abs=0.01) and forecast.v[0, len(theirs) - 1, 0] < 0.1
@@ -261,21 +399,50 @@ def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("begin", "waits"),
-    [(135.0, 130.0), (128.0, 120.0), (120.0, 120.0), (32.0, 30.0), (25.0, 20.0), (20.0, 20.0), (60.0, 60.0)],
+    [
+        (135.0, 130.0),
+        (128.0, 120.0),
+        (120.0, 120.0),
+        (32.0, 30.0),
+        (25.0, 20.0),
+        (20.0, 20.0),
+        (60.0, 60.0),
+    ],
 )
 def test_the_place_to_wait_is_in_the_junction_of_the_stretch(begin: float, waits: float) -> None:
-    """A path through two junctions, each with a place to wait inside: 20 to 40 m and 120 to 140 m along it."""
+    """A path through two junctions, each with a place to wait inside: 20 to 40 m and 120 to 140 m
+    along it."""
     internal = np.array([[False, True, True, False, True, True, False]])
-    path, offset = np.arange(7, dtype=np.int32)[None], np.array([[0.0, 20.0, 30.0, 40.0, 120.0, 130.0, 140.0, 200.0]])
-    red, sign, nobody = np.zeros((1, 7, 1), np.bool_), np.zeros((1, 7), np.bool_), np.full((1, 1), -1, np.int32)
-    course = _Course(path, offset, np.array([7], np.int32), np.zeros((1, 7)), internal, red, sign, np.array([np.inf]), nobody, nobody, np.zeros((1, 1, 4)))
+    path, offset = (
+        np.arange(7, dtype=np.int32)[None],
+        np.array([[0.0, 20.0, 30.0, 40.0, 120.0, 130.0, 140.0, 200.0]]),
+    )
+    red, sign, nobody = (
+        np.zeros((1, 7, 1), np.bool_),
+        np.zeros((1, 7), np.bool_),
+        np.full((1, 1), -1, np.int32),
+    )
+    course = _Course(
+        path,
+        offset,
+        np.array([7], np.int32),
+        np.zeros((1, 7)),
+        internal,
+        red,
+        sign,
+        np.array([np.inf]),
+        nobody,
+        nobody,
+        np.zeros((1, 1, 4)),
+    )
     assert _stop_place(course, 0, 0, begin) == waits
 
 
 def test_who_turns_left_waits_inside_the_junction_where_it_waits_in_sumo(tmp_path: Path) -> None:
     net = str(root() / "networks" / "crossing" / "crossing.net.xml")
     stream = "".join(
-        f'<vehicle id="o{k}" type="car" depart="0" departLane="2" departPos="{140 - 14 * k}" departSpeed="9"><route edges="from_south to_north"/></vehicle>'
+        f'<vehicle id="o{k}" type="car" depart="0" departLane="2" departPos="{140 - 14 * k}" '
+        'departSpeed="9"><route edges="from_south to_north"/></vehicle>'
         for k in range(8)
     )
     (tmp_path / "x.rou.xml").write_text(
@@ -291,14 +458,29 @@ def test_who_turns_left_waits_inside_the_junction_where_it_waits_in_sumo(tmp_pat
         scene = Observer(road).scene("ego", Change(), 300.0, timing=False)
         driven = []
         for _ in range(80):
-            driven.append((libsumo.vehicle.getLaneID("other"), libsumo.vehicle.getPosition("other")))
+            driven.append(
+                (libsumo.vehicle.getLaneID("other"), libsumo.vehicle.getPosition("other"))
+            )
             libsumo.simulationStep()
         waits = libsumo.vehicle.getSpeed("other")
     i = scene.agents.ids.index("other")
-    forecast = predict(road, scene, np.array([scene.ego.lane], np.int32), np.zeros(0), traffic_params(), 8.0, Told())
+    forecast = predict(
+        road,
+        scene,
+        np.array([scene.ego.lane], np.int32),
+        np.zeros(0),
+        traffic_params(),
+        8.0,
+        Told(),
+    )
     assert waits < 0.1 and driven[-1][0] == ":centre_3_0" == road.lane_ids[forecast.lane[0, -1, i]]
     centre = forecast.pose[0, -1, i, :2]
-    assert np.hypot(*(centre + 0.5 * scene.agents.length[i] * forecast.pose[0, -1, i, 2:] - driven[-1][1])) < 1.5
+    assert (
+        np.hypot(
+            *(centre + 0.5 * scene.agents.length[i] * forecast.pose[0, -1, i, 2:] - driven[-1][1])
+        )
+        < 1.5
+    )
 
 
 def test_who_has_to_yield_lets_the_other_pass() -> None:
@@ -308,10 +490,15 @@ def test_who_has_to_yield_lets_the_other_pass() -> None:
     _, alone = predicted(road, north, ego="no_0")
     assert alone.v[0, :, 0].min() > 9.0
     _, forecast = predicted(road, north, east, ego="no_0")
-    n, w = along(road, forecast, 0, "si_0", ":sn_0", "no_0"), along(road, forecast, 1, "wi_0", ":we_0", "eo_0")
+    n, w = (
+        along(road, forecast, 0, "si_0", ":sn_0", "no_0"),
+        along(road, forecast, 1, "wi_0", ":we_0", "eo_0"),
+    )
     assert forecast.v[0, :, 1].min() > 9.0  # who has the right of way does not brake
     first = next(k for k, s in enumerate(n) if s > 90.0 + 6.2)
-    assert w[first] - 5.0 > 90.0 + 9.4  # nobody enters the shared stretch before the other has come out of it ...
+    assert (
+        w[first] - 5.0 > 90.0 + 9.4
+    )  # nobody enters the shared stretch before the other has come out of it ...
     assert forecast.v[0, :, 0].min() < 5.0
     assert n[-1] > 100.0  # ... and afterwards it goes on
 
@@ -321,7 +508,9 @@ def test_whoever_yields_to_the_ego_is_polite() -> None:
     ego = ego_at(road, "wi_0", 55.0, 10.0, route=(0, 2))
     scene = scene_of(ego, road, Agent("n", "si_0", 45.0, 10.0))
     assert forecast_of(task_of(road, ego), scene).yields[0].tolist() == [True]
-    assert forecast_of(task_of(road, ego), scene, params=traffic_params(interacting=False)).yields[0].tolist() == [False]
+    assert forecast_of(task_of(road, ego), scene, params=traffic_params(interacting=False)).yields[
+        0
+    ].tolist() == [False]
     too_fast = scene_of(ego, road, Agent("n", "si_0", 84.0, 14.0))
     assert forecast_of(task_of(road, ego), too_fast).yields[0].tolist() == [False]
 
@@ -336,16 +525,25 @@ def all_way_stop() -> RoadMap:
 
 
 def test_at_a_stop_sign_everybody_stands_first() -> None:
-    _, forecast = predicted(all_way_stop(), Agent("n", "si_0", 50.0, 10.0), ego="no_0", seconds=14.0)
+    _, forecast = predicted(
+        all_way_stop(), Agent("n", "si_0", 50.0, 10.0), ego="no_0", seconds=14.0
+    )
     north = forecast.v[0, :, 0]
     stands = int(np.argmin(north))
-    assert north[stands] < 0.5 and forecast.s[0, stands, 0] > 85.0 and forecast.lane[0, stands, 0] == 1
+    assert (
+        north[stands] < 0.5 and forecast.s[0, stands, 0] > 85.0 and forecast.lane[0, stands, 0] == 1
+    )
     assert north[-1] > 5.0 and forecast.lane[0, -1, 0] == 3
 
 
 @pytest.mark.parametrize(("s", "stands"), [(70.0, True), (79.5, True), (82.0, True), (86.0, False)])
-def test_whoever_still_can_stands_at_a_stop_sign_however_hard_it_has_to_brake(s: float, stands: bool) -> None:
-    """10 m/s and 90 m of lane: SUMO's drivers begin when 4.5 m/s2 are due, and then need a little more."""
+def test_whoever_still_can_stands_at_a_stop_sign_however_hard_it_has_to_brake(
+    s: float, stands: bool
+) -> None:
+    """10 m/s and 90 m of lane:
+
+    SUMO's drivers begin when 4.5 m/s2 are due, and then need a little more.
+    """
     _, forecast = predicted(all_way_stop(), Agent("n", "si_0", s, 10.0), ego="no_0", seconds=14.0)
     assert (forecast.v[0, :, 0].min() < 0.5) == stands
 
@@ -372,22 +570,39 @@ def test_an_ego_that_stands_has_its_turn_before_those_who_come_later() -> None:
 
 phases = st.integers(1, 6).flatmap(
     lambda n: st.tuples(
-        st.lists(st.lists(st.sampled_from([GREEN, YELLOW, RED]), min_size=n, max_size=n), min_size=3, max_size=3),
+        st.lists(
+            st.lists(st.sampled_from([GREEN, YELLOW, RED]), min_size=n, max_size=n),
+            min_size=3,
+            max_size=3,
+        ),
         st.lists(st.floats(0.1, 20.0), min_size=n, max_size=n),
     )
 )
 
 
 @given(phases, phases, st.floats(0.05, 1.0))
-def test_signal_states_are_those_of_the_phase(first: tuple[list[list[int]], list[float]], second: tuple[list[list[int]], list[float]], dt: float) -> None:
+def test_signal_states_are_those_of_the_phase(
+    first: tuple[list[list[int]], list[float]],
+    second: tuple[list[list[int]], list[float]],
+    dt: float,
+) -> None:
     count = max(len(first[1]), len(second[1]))
-    state = np.array([[*row, *[row[-1]] * (count - len(row))] for row in (*first[0], *second[0])], np.int32)
-    until = np.array([[*np.cumsum(ends)[:-1], *[np.inf] * (count - len(ends) + 1)] for ends in (first[1], second[1])])
+    state = np.array(
+        [[*row, *[row[-1]] * (count - len(row))] for row in (*first[0], *second[0])], np.int32
+    )
+    until = np.array(
+        [
+            [*np.cumsum(ends)[:-1], *[np.inf] * (count - len(ends) + 1)]
+            for ends in (first[1], second[1])
+        ]
+    )
     signals = Signals(np.array([0, 3, 6], np.int32), state, until)
     grid = np.arange(80) * dt
     asked = ((0, 0), (0, 2), (1, 1))
     shown = signal_states(signals, *np.array(asked).T, grid)
-    assert shown.tolist() == [[naive.light_at(signals, signal, link, t) for t in grid] for signal, link in asked]
+    assert shown.tolist() == [
+        [naive.light_at(signals, signal, link, t) for t in grid] for signal, link in asked
+    ]
 
 
 # --- oracles ---
@@ -400,7 +615,10 @@ def test_the_oracle_knows_better_than_the_blinker(names: tuple[str, ...]) -> Non
     scene = scene_of(state, road, Agent("a", "a_0", 80.0, 8.0), Agent("b", "a_0", 60.0, 8.0))
     way = np.array([road.lane_ids.index(name) for name in names], np.int32)
     forecast = forecast_of(task_of(road, state), scene, told=Told(ways={0: way}))
-    assert [road.lane_ids[lane] for lane in forecast.lane[0, -1]] == ["c_0" if ":l_0" in names else "b_0", "b_0"]
+    assert [road.lane_ids[lane] for lane in forecast.lane[0, -1]] == [
+        "c_0" if ":l_0" in names else "b_0",
+        "b_0",
+    ]
 
 
 def test_the_oracle_is_known_by_the_edge_to_whoever_changes_lanes() -> None:
@@ -411,7 +629,9 @@ def test_the_oracle_is_known_by_the_edge_to_whoever_changes_lanes() -> None:
             Lane("a", 1, ((0, 3.2), (100, 3.2)), ways["l"]),
             Lane(":s", 0, ((100, 3.2), (110, 3.2)), ("b_0",), junction="j", direction=STRAIGHT),
             Lane(":l", 0, ((100, 0), (107, 3), (110, 10)), ("c_0",), junction="j", direction=LEFT),
-            Lane(":l", 1, ((100, 3.2), (105, 6), (107, 10)), ("c_1",), junction="j", direction=LEFT),
+            Lane(
+                ":l", 1, ((100, 3.2), (105, 6), (107, 10)), ("c_1",), junction="j", direction=LEFT
+            ),
             Lane("b", 0, ((110, 3.2), (300, 3.2))),
             Lane("c", 0, ((110, 10), (110, 200))),
             Lane("c", 1, ((107, 10), (107, 200))),
@@ -421,14 +641,20 @@ def test_the_oracle_is_known_by_the_edge_to_whoever_changes_lanes() -> None:
     scene = scene_of(state, road, Agent("a", "a_1", 80.0, 8.0))
     true = np.array([road.lane_ids.index(name) for name in ("a_0", ":l_0", "c_0")], np.int32)
     for told, end in ((Told(), "b_0"), (Told(ways={0: true}), "c_1")):
-        assert road.lane_ids[forecast_of(task_of(road, state), scene, told=told).lane[0, -1, 0]] == end
+        assert (
+            road.lane_ids[forecast_of(task_of(road, state), scene, told=told).lane[0, -1, 0]] == end
+        )
 
 
 def test_the_routes_forecast_takes_the_turns_that_sumo_then_takes() -> None:
-    """Wherever nobody changes lanes; the blinkers of some come on later than the forecast would need them."""
+    """Wherever nobody changes lanes; the blinkers of some come on later than the forecast would
+    need them."""
 
     def wrong(prediction: str) -> int:
-        config = load(scenario_path("unprotected-left-turn"), (f"prediction.name={prediction}", "planner.iterations=50"))
+        config = load(
+            scenario_path("unprotected-left-turn"),
+            (f"prediction.name={prediction}", "planner.iterations=50"),
+        )
         (trace,) = run_episode(config, seed=2).traces
         road = known_roadmap(config.sumo.net)
         lanes: dict[str, set[int]] = {}
@@ -438,7 +664,10 @@ def test_the_routes_forecast_takes_the_turns_that_sumo_then_takes() -> None:
         count = 0
         for cycle in trace.cycles:
             for i, vehicle in enumerate(cycle.agents.ids):
-                turns = [{lane for lane in those if road.internal[lane]} for those in (lanes[vehicle], set(cycle.forecast.lane[0, :, i].tolist()))]
+                turns = [
+                    {lane for lane in those if road.internal[lane]}
+                    for those in (lanes[vehicle], set(cycle.forecast.lane[0, :, i].tolist()))
+                ]
                 count += all(turns) and not turns[0] & turns[1]
         return count
 
@@ -449,14 +678,22 @@ def test_the_routes_forecast_takes_the_turns_that_sumo_then_takes() -> None:
 # --- scripts ---
 
 
-@pytest.mark.parametrize("name", ["unprotected-left-turn-scripted", "highway-exit-scripted", "straight-line-scripted"])
+@pytest.mark.parametrize(
+    "name", ["unprotected-left-turn-scripted", "highway-exit-scripted", "straight-line-scripted"]
+)
 def test_the_script_forecast_is_what_sumo_then_does(name: str) -> None:
     """3 s ahead within 2 cm and half a degree, also in lane changes, in which SUMO turns a vehicle."""
-    config = load(scenario_path(name), ("prediction.name=script", "planner.name=mcts", "planner.iterations=20"))
+    config = load(
+        scenario_path(name),
+        ("prediction.name=script", "planner.name=mcts", "planner.iterations=20"),
+    )
     (trace,) = run_episode(config, seed=2).traces
     centres = []
     for before in trace.cycles:
-        after = next((cycle.agents for cycle in trace.cycles if abs(cycle.time - before.time - 3.0) < 1e-6), None)
+        after = next(
+            (cycle.agents for cycle in trace.cycles if abs(cycle.time - before.time - 3.0) < 1e-6),
+            None,
+        )
         k = round(3.0 / before.forecast.dt)
         assert k * before.forecast.dt == pytest.approx(3.0)
         for i, vehicle in enumerate(before.agents.ids if after is not None else ()):
@@ -465,7 +702,12 @@ def test_the_script_forecast_is_what_sumo_then_does(name: str) -> None:
             j = after.ids.index(vehicle)
             assert before.forecast.valid[0, k, i] and before.forecast.lane[0, k, i] == after.lane[j]
             x, y, c, n = before.forecast.pose[0, k, i]
-            centres.append((math.dist((x, y), (after.x[j], after.y[j])), abs(math.remainder(math.atan2(n, c) - after.heading[j], math.tau))))
+            centres.append(
+                (
+                    math.dist((x, y), (after.x[j], after.y[j])),
+                    abs(math.remainder(math.atan2(n, c) - after.heading[j], math.tau)),
+                )
+            )
     assert len(centres) > 20
     assert np.all(np.array(centres) < (0.02, math.radians(0.5)))
 
@@ -474,12 +716,17 @@ def test_the_script_forecast_is_what_sumo_then_does(name: str) -> None:
 
 
 def test_who_changes_lanes_is_forecast_as_aslant_as_sumo_has_it() -> None:
-    """A second ahead: a slow car turns by many degrees, and its rear stands out into the lane that it leaves."""
-    config = load(scenario_path("highway-exit-scripted"), ("planner.name=mcts", "planner.iterations=20"))
+    """A second ahead: a slow car turns by many degrees, and its rear stands out into the lane that
+    it leaves."""
+    config = load(
+        scenario_path("highway-exit-scripted"), ("planner.name=mcts", "planner.iterations=20")
+    )
     errors, slants = [], []
     traces = [run_episode(config, seed).traces[0] for seed in (2, 3)]
     for cycles, before in ((trace.cycles, cycle) for trace in traces for cycle in trace.cycles):
-        after = next((cycle.agents for cycle in cycles if abs(cycle.time - before.time - 1.0) < 1e-6), None)
+        after = next(
+            (cycle.agents for cycle in cycles if abs(cycle.time - before.time - 1.0) < 1e-6), None
+        )
         k = round(1.0 / before.forecast.dt)
         for i, vehicle in enumerate(before.agents.ids if after is not None else ()):
             j = after.ids.index(vehicle) if vehicle in after.ids else -1
@@ -487,18 +734,25 @@ def test_who_changes_lanes_is_forecast_as_aslant_as_sumo_has_it() -> None:
                 continue
             _, _, c, n = before.forecast.pose[0, k, i]
             errors.append(abs(math.remainder(math.atan2(n, c) - after.heading[j], math.tau)))
-            slants.append(abs(math.remainder(before.agents.heading[i] - after.heading[j], math.tau)))
+            slants.append(
+                abs(math.remainder(before.agents.heading[i] - after.heading[j], math.tau))
+            )
     assert len(errors) > 10 and max(slants) > math.radians(5.0)
     assert max(errors) < math.radians(2.5) and np.median(errors) < math.radians(1.0)
 
 
 def test_who_stands_aslant_is_expected_to_stand_so() -> None:
-    """SUMO keeps a vehicle's angle while it stands: one that stopped in the middle of a lane change has its rear in the other lane."""
+    """SUMO keeps a vehicle's angle while it stands: one that stopped in the middle of a lane change
+    has its rear in the other lane."""
     road = lanes_east(3, 900.0)
     agent = Agent("a", "a_1", 100.0, 0.0)
     ego = ego_at(road, "a_2", 60.0, 5.0)
     scene = scene_of(ego, road, agent)
-    scene = scene._replace(agents=scene.agents._replace(heading=np.array([0.6]), standing_s=np.array([30.0])))
+    scene = scene._replace(
+        agents=scene.agents._replace(heading=np.array([0.6]), standing_s=np.array([30.0]))
+    )
     pose = forecast_of(task_of(road, ego), scene).pose[0, :, 0]
     assert np.arctan2(pose[:, 3], pose[:, 2]) == pytest.approx(0.6)
-    assert pose[1:, 0] == pytest.approx(100.0 - 2.5 * math.cos(0.6)) and pose[1:, 1] == pytest.approx(-2.5 * math.sin(0.6), abs=0.01)
+    assert pose[1:, 0] == pytest.approx(100.0 - 2.5 * math.cos(0.6)) and pose[
+        1:, 1
+    ] == pytest.approx(-2.5 * math.sin(0.6), abs=0.01)

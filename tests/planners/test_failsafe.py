@@ -1,4 +1,5 @@
-"""The fail-safe: situations whose answer is known, what holds for every manoeuvre that it verifies, a naive twin, and planners that fail in SUMO."""
+"""The fail-safe: situations whose answer is known, what holds for every manoeuvre that it verifies,
+a naive twin, and planners that fail in SUMO."""
 
 import json
 import math
@@ -32,7 +33,16 @@ from sumo_mcts.model.local_build import build_local
 from sumo_mcts.model.motion import can_change, obey
 from sumo_mcts.numerics.kernel import Stopwatch, entry
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.failsafe import ACCELERATE, ALONG, BRAKE, HOLD, LONGEST_S, FailSafe, drive, nonsense
+from sumo_mcts.planners.failsafe import (
+    ACCELERATE,
+    ALONG,
+    BRAKE,
+    HOLD,
+    LONGEST_S,
+    FailSafe,
+    drive,
+    nonsense,
+)
 from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Plan, Release, RoadMap
 from sumo_mcts.world.command import Bounds, bounded
 
@@ -50,7 +60,10 @@ class Case(NamedTuple):
     def __repr__(self) -> str:
         """What hypothesis shows."""
         agents = self.situation.scene.agents
-        return f"{self.situation.state} {self.command} {[(agents.lane[i], agents.s[i], agents.v[i]) for i in range(len(agents.ids))]}"
+        return (
+            f"{self.situation.state} {self.command} "
+            f"{[(agents.lane[i], agents.s[i], agents.v[i]) for i in range(len(agents.ids))]}"
+        )
 
     @property
     def fail_safe(self) -> FailSafe:
@@ -60,13 +73,21 @@ class Case(NamedTuple):
         return result
 
 
-def case(road: RoadMap, ego: EgoState, *agents: Agent, speed: float | None = None, side: int = 0) -> Case:
+def case(
+    road: RoadMap, ego: EgoState, *agents: Agent, speed: float | None = None, side: int = 0
+) -> Case:
     """`speed`: what the ego is told, by default to go on as it does."""
     task = task_of(road, ego)
-    return Case(task, situation_of(task, scene_of(ego, road, *agents)), Follow(np.full(10, ego.v if speed is None else speed), side))
+    return Case(
+        task,
+        situation_of(task, scene_of(ego, road, *agents)),
+        Follow(np.full(10, ego.v if speed is None else speed), side),
+    )
 
 
-def objection(road: RoadMap, ego: EgoState, *agents: Agent, speed: float | None = None, side: int = 0) -> str:
+def objection(
+    road: RoadMap, ego: EgoState, *agents: Agent, speed: float | None = None, side: int = 0
+) -> str:
     """What the fail-safe says."""
     those = case(road, ego, *agents, speed=speed, side=side)
     return those.fail_safe.objection(those.situation, those.command)
@@ -151,8 +172,19 @@ def test_who_is_on_the_junction_may_leave_it() -> None:
 
 def test_a_pedestrian_on_the_road() -> None:
     ego = from_south(60.0, 12.0)
-    assert "child" in objection(CROSSING, ego, Agent("child", "", v=1.0, x=0.5, y=-100 + 60 + 9.0, heading=0.0, length=0.5, width=0.5))
-    assert objection(CROSSING, ego, Agent("child", "", v=1.0, x=6.0, y=-100 + 60 + 9.0, heading=0.0, length=0.5, width=0.5)) == ""
+    assert "child" in objection(
+        CROSSING,
+        ego,
+        Agent("child", "", v=1.0, x=0.5, y=-100 + 60 + 9.0, heading=0.0, length=0.5, width=0.5),
+    )
+    assert (
+        objection(
+            CROSSING,
+            ego,
+            Agent("child", "", v=1.0, x=6.0, y=-100 + 60 + 9.0, heading=0.0, length=0.5, width=0.5),
+        )
+        == ""
+    )
 
 
 def test_what_was_verified_goes_on() -> None:
@@ -163,9 +195,17 @@ def test_what_was_verified_goes_on() -> None:
     assert np.all(whole.v[:5] == 15.0) and whole.v[-1] < 0.01
     later = those.situation._replace(scene=those.situation.scene._replace(time=PERIOD))
     decision = fail_safe.fall_back(later, "why not", None)
-    assert decision.reason == "fail-safe: why not" and isinstance(decision.command, Follow) and decision.plan is not None
-    assert np.array_equal(decision.command.speeds, whole.v[5:]) and decision.plan.time[0] == pytest.approx(DT)
-    rest = fail_safe.fall_back(those.situation._replace(scene=those.situation.scene._replace(time=60.0)), "why not", None)
+    assert (
+        decision.reason == "fail-safe: why not"
+        and isinstance(decision.command, Follow)
+        and decision.plan is not None
+    )
+    assert np.array_equal(decision.command.speeds, whole.v[5:]) and decision.plan.time[
+        0
+    ] == pytest.approx(DT)
+    rest = fail_safe.fall_back(
+        those.situation._replace(scene=those.situation.scene._replace(time=60.0)), "why not", None
+    )
     assert isinstance(rest.command, Follow) and rest.command.speeds.tolist() == [whole.v[-1]]
 
 
@@ -175,7 +215,9 @@ def test_the_first_cycle_without_a_way_out_is_braking_as_hard_as_possible() -> N
     assert fail_safe.objection(those.situation, those.command) != ""
     decision = fail_safe.fall_back(those.situation, "wall", None)
     assert decision.reason == "fail-safe, unverified: wall" and decision.plan is not None
-    assert np.diff(decision.plan.v).min() == pytest.approx(-8.0 * DT) and np.all(np.diff(decision.plan.v) < 0.0)
+    assert np.diff(decision.plan.v).min() == pytest.approx(-8.0 * DT) and np.all(
+        np.diff(decision.plan.v) < 0.0
+    )
 
 
 # --- nonsense ---
@@ -197,19 +239,32 @@ def test_the_first_cycle_without_a_way_out_is_braking_as_hard_as_possible() -> N
 )
 def test_nonsense(command: Any, why: str) -> None:
     those = case(LANES, ego_at(LANES, "a_2", 200.0, 15.0))
-    assert why in nonsense(those.task, those.situation.state, Decision(command, None, (), -1, "", 0, 0))
+    assert why in nonsense(
+        those.task, those.situation.state, Decision(command, None, (), -1, "", 0, 0)
+    )
 
 
 def test_a_lane_change_during_another_one_is_nonsense() -> None:
     those = case(LANES, on_lane())
     state = those.situation.state._replace(progress=0.3, other=2)
-    assert nonsense(those.task, state, Decision(Follow(np.full(5, 15.0), 1), None, (), -1, "", 0, 0)) == "a lane change during another one"
+    assert (
+        nonsense(those.task, state, Decision(Follow(np.full(5, 15.0), 1), None, (), -1, "", 0, 0))
+        == "a lane change during another one"
+    )
 
 
 def test_what_is_no_nonsense() -> None:
     those = case(LANES, on_lane())
-    for command in (Follow(np.zeros(1), 1), Follow(np.full(90, 15.0), -1), Follow(np.array([3]), 0), Release()):
-        assert nonsense(those.task, those.situation.state, Decision(command, None, (), -1, "", 0, 0)) == ""
+    for command in (
+        Follow(np.zeros(1), 1),
+        Follow(np.full(90, 15.0), -1),
+        Follow(np.array([3]), 0),
+        Release(),
+    ):
+        assert (
+            nonsense(those.task, those.situation.state, Decision(command, None, (), -1, "", 0, 0))
+            == ""
+        )
     assert nonsense(those.task, those.situation.state, None) == "no decision but NoneType"
 
 
@@ -222,14 +277,33 @@ def cases(draw: st.DrawFn) -> Case:
     number = st.floats(0.0, 1.0)
     if draw(st.booleans()):
         ego = ego_at(LANES, "a_1", 200.0, 20.0 * draw(number))
-        agents = [Agent(f"x{k}", f"a_{draw(st.integers(0, 2))}", 150.0 + 120.0 * draw(number), 20.0 * draw(number)) for k in range(draw(st.integers(1, 4)))]
+        agents = [
+            Agent(
+                f"x{k}",
+                f"a_{draw(st.integers(0, 2))}",
+                150.0 + 120.0 * draw(number),
+                20.0 * draw(number),
+            )
+            for k in range(draw(st.integers(1, 4)))
+        ]
         side = draw(st.sampled_from([0, 0, -1, 1]))
         road = LANES
     else:
         ego, side, road = from_south(60.0 + 30.0 * draw(number), 14.0 * draw(number)), 0, CROSSING
-        places = [(draw(st.sampled_from(["wi_0", "si_0", "no_0", ":we_0"])), draw(number)) for _ in range(draw(st.integers(1, 4)))]
-        agents = [Agent(f"x{k}", on, share * (20.0 if on == ":we_0" else 90.0), 15.0 * draw(number)) for k, (on, share) in enumerate(places)]
-    assume(all(math.hypot(a.x - ego.x, a.y - ego.y) > 6.0 for a in (_centre(road, one) for one in agents)))
+        places = [
+            (draw(st.sampled_from(["wi_0", "si_0", "no_0", ":we_0"])), draw(number))
+            for _ in range(draw(st.integers(1, 4)))
+        ]
+        agents = [
+            Agent(f"x{k}", on, share * (20.0 if on == ":we_0" else 90.0), 15.0 * draw(number))
+            for k, (on, share) in enumerate(places)
+        ]
+    assume(
+        all(
+            math.hypot(a.x - ego.x, a.y - ego.y) > 6.0
+            for a in (_centre(road, one) for one in agents)
+        )
+    )
     return case(road, ego, *agents, speed=20.0 * draw(number), side=side)
 
 
@@ -256,7 +330,11 @@ class Way(NamedTuple):
 
 
 def ways_of(those: Case) -> list[Way]:
-    forecast, agents, ego = those.situation.forecast, those.situation.scene.agents, those.situation.scene.ego
+    forecast, agents, ego = (
+        those.situation.forecast,
+        those.situation.scene.agents,
+        those.situation.scene.ego,
+    )
     road, bounds = those.task.road, assumed(scenario())
     result = []
     for i in range(len(agents.ids)):
@@ -266,12 +344,15 @@ def ways_of(those: Case) -> list[Way]:
         limit = max(float(road.speed[lane]) for lane in forecast.lane[0, :, i] if lane >= 0)
         top = max(bounds.over_limit * limit, float(agents.v[i]))
         behind = agents.lane[i] == ego.lane and agents.s[i] < ego.s
-        result.append(Way(driven, forecast.pose[0, there, i], float(agents.v[i]), top, bool(behind)))
+        result.append(
+            Way(driven, forecast.pose[0, there, i], float(agents.v[i]), top, bool(behind))
+        )
     return result
 
 
 def falls_short(way: Way, driven: float, at: float) -> bool:
-    """Whether an agent that reacts has not come so far at a time: it accelerates for its reaction time, then brakes."""
+    """Whether an agent that reacts has not come so far at a time: it accelerates for its reaction
+    time, then brakes."""
     b = assumed(scenario())
     v, x = way.v, 0.0
     for k in range(round(at / 0.01)):
@@ -281,8 +362,11 @@ def falls_short(way: Way, driven: float, at: float) -> bool:
     return x < driven + 0.05
 
 
-def meets(those: Case, plan: Plan, way: Way, size: tuple[float, float], k: int, driven: float) -> bool:
-    """Whether the ego, after k + 1 steps of its plan, meets an agent that has driven so many metres."""
+def meets(
+    those: Case, plan: Plan, way: Way, size: tuple[float, float], k: int, driven: float
+) -> bool:
+    """Whether the ego, after k + 1 steps of its plan, meets an agent that has driven so many
+    metres."""
     ego = those.task.ego
     x, y, c, s = plan.pose[k]
     if driven >= way.driven[-1] and len(way.driven) < those.situation.forecast.v.shape[1]:
@@ -291,8 +375,11 @@ def meets(those: Case, plan: Plan, way: Way, size: tuple[float, float], k: int, 
     return bool(own.polygon().intersection(box.polygon()).area > 1e-6)
 
 
-def brakes_before(those: Case, plan: Plan, way: Way, size: tuple[float, float], k: int, driven: float) -> bool:
-    """Whether an agent that would meet the ego there can be relied on to brake: it drives up to the ego, or stands now, and has the time."""
+def brakes_before(
+    those: Case, plan: Plan, way: Way, size: tuple[float, float], k: int, driven: float
+) -> bool:
+    """Whether an agent that would meet the ego there can be relied on to brake: it drives up to the
+    ego, or stands now, and has the time."""
     x, y, c, s = plan.pose[k]
     box = way.at(driven, size)
     cosine, sine = math.cos(box.heading), math.sin(box.heading)
@@ -304,7 +391,12 @@ def brakes_before(those: Case, plan: Plan, way: Way, size: tuple[float, float], 
 @given(cases(), st.randoms(use_true_random=False))
 def test_a_verified_manoeuvre_meets_nobody_within_the_bounds(those: Case, random: Any) -> None:
     fail_safe, bounds = those.fail_safe, assumed(scenario())
-    assume(those.command.lane_change == 0 or can_change(local_of(those), those.task.ego, those.situation.state, those.command.lane_change))
+    assume(
+        those.command.lane_change == 0
+        or can_change(
+            local_of(those), those.task.ego, those.situation.state, those.command.lane_change
+        )
+    )
     assume(fail_safe.objection(those.situation, those.command) == "")
     plan = ready(fail_safe, those.situation)
     agents = those.situation.scene.agents
@@ -328,43 +420,82 @@ def test_a_verified_manoeuvre_meets_nobody_within_the_bounds(those: Case, random
 
 def local_of(those: Case) -> Any:
     situation, task = those.situation, those.task
-    return build_local(task.road, task.route, situation.state, situation.scene, situation.forecast, 0, situation.cleared, STOP_DECEL, task.cost.claim_s)
+    return build_local(
+        task.road,
+        task.route,
+        situation.state,
+        situation.scene,
+        situation.forecast,
+        0,
+        situation.cleared,
+        STOP_DECEL,
+        task.cost.claim_s,
+    )
 
 
 def reach(those: Case, way: Way, at: float) -> tuple[float, float]:
     """What an agent has driven at least and at most by then, m; at the end of its way it stays."""
     b = assumed(scenario())
     stop, rise = min(at, way.v / b.decel), min(at, (way.top - way.v) / b.accel)
-    least, most = way.v * stop - 0.5 * b.decel * stop**2, way.v * at + b.accel * rise * (at - 0.5 * rise)
+    least, most = (
+        way.v * stop - 0.5 * b.decel * stop**2,
+        way.v * at + b.accel * rise * (at - 0.5 * rise),
+    )
     return min(least, float(way.driven[-1])), min(most, float(way.driven[-1]))
 
 
 def clearance(those: Case, plan: Plan, i: int, way: Way, k: int) -> tuple[float, float]:
-    """The slow twin: how near (m) agent i could be to the ego after k + 1 steps of a plan, and what it has driven there, the first such place."""
+    """The slow twin: how near (m) agent i could be to the ego after k + 1 steps of a plan, and what
+    it has driven there, the first such place."""
     ego, agents = those.task.ego, those.situation.scene.agents
     least, most = reach(those, way, (k + 1) * DT)
     x, y, c, s = plan.pose[k]
     own = Box(x, y, math.atan2(s, c), ego.half_length, ego.half_width).polygon()
     places = np.linspace(least, most, max(2, math.ceil((most - least) / 0.5)))
     size = float(agents.length[i]) / 2, float(agents.width[i]) / 2
-    return min((round(own.distance(way.at(float(driven), size).polygon()), 6), float(driven)) for driven in places)
+    return min(
+        (round(own.distance(way.at(float(driven), size).polygon()), 6), float(driven))
+        for driven in places
+    )
 
 
 @settings(max_examples=25)
 @given(cases())
 def test_the_verdict_is_that_of_a_slow_twin(those: Case) -> None:
-    """Whom the kernel objects to could be there, or within the metre that boxes are drawn out for half a step; whom it does not, could not."""
+    """Whom the kernel objects to could be there, or within the metre that boxes are drawn out for
+    half a step; whom it does not, could not."""
     assume(those.command.lane_change == 0)
     ways, steps, ego = ways_of(those), round(LONGEST_S / DT), those.task.ego
     top = np.array([way.top for way in ways])
     for begin in (BRAKE, HOLD, ACCELERATE):
         nodes, motion, pose = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4))
         used, agent, _ = drive(
-            local_of(those), ego, assumed(scenario()), top, those.situation.state, those.command.speeds, 0, 5, begin, ego.max_decel, nodes, motion, pose
+            local_of(those),
+            ego,
+            assumed(scenario()),
+            top,
+            those.situation.state,
+            those.command.speeds,
+            0,
+            5,
+            begin,
+            ego.max_decel,
+            nodes,
+            motion,
+            pose,
         )
-        plan = Plan(np.arange(used) * DT, motion[:used, 1], nodes[:used].astype(np.int32), motion[:used, 0], pose[:used])
+        plan = Plan(
+            np.arange(used) * DT,
+            motion[:used, 1],
+            nodes[:used].astype(np.int32),
+            motion[:used, 0],
+            pose[:used],
+        )
         if agent >= 0:
-            assert not ways[agent].exempt and clearance(those, plan, agent, ways[agent], used - 1)[0] < 2.0
+            assert (
+                not ways[agent].exempt
+                and clearance(those, plan, agent, ways[agent], used - 1)[0] < 2.0
+            )
         size = ego.half_length, ego.half_width
         for i, way in enumerate(ways):
             for k in range(0, 0 if way.exempt else used - 1, 3):
@@ -390,7 +521,16 @@ def test_without_compilation_the_verdicts_are_the_same() -> None:
     def run(disable: str) -> Any:
         paths = [str(Path(__file__).parent), str(Path(helpers.__file__).parent), *sys.path]
         env = {**os.environ, "NUMBA_DISABLE_JIT": disable, "PYTHONPATH": os.pathsep.join(paths)}
-        return json.loads(subprocess.run([sys.executable, "-c", VERDICTS], env=env, capture_output=True, text=True, check=True, timeout=120).stdout)
+        return json.loads(
+            subprocess.run(
+                [sys.executable, "-c", VERDICTS],
+                env=env,
+                capture_output=True,
+                text=True,
+                check=True,
+                timeout=120,
+            ).stdout
+        )
 
     compiled = run("0")
     assert compiled == run("1")
@@ -402,8 +542,12 @@ def test_a_command_is_obeyed_as_far_as_it_is_let_through(v: float, a: float, wan
     those = case(LANES, on_lane(v))
     p = those.task.ego
     after, _ = obey(local_of(those), p, those.situation.state._replace(a=a), wanted, 0.0)
-    assert after.v == pytest.approx(bounded(wanted, v, a, Bounds(DT, 3.0, p.max_accel, p.max_decel, p.emergency_jerk)), abs=1e-5)
-    assert after.s == pytest.approx(200.0 + after.v * DT) and after.a == pytest.approx((after.v - v) / DT, abs=1e-6)
+    assert after.v == pytest.approx(
+        bounded(wanted, v, a, Bounds(DT, 3.0, p.max_accel, p.max_decel, p.emergency_jerk)), abs=1e-5
+    )
+    assert after.s == pytest.approx(200.0 + after.v * DT) and after.a == pytest.approx(
+        (after.v - v) / DT, abs=1e-6
+    )
 
 
 # --- in SUMO ---
@@ -414,8 +558,18 @@ class Sick:
 
     needs_forecast = True
 
-    def __init__(self, scene: ScenarioConfig, fails: Callable[[int], bool], failure: Callable[[Decision], Any]) -> None:
-        self._healthy, self._fails, self._failure, self._cycle = make_planner(scene), fails, failure, 0
+    def __init__(
+        self,
+        scene: ScenarioConfig,
+        fails: Callable[[int], bool],
+        failure: Callable[[Decision], Any],
+    ) -> None:
+        self._healthy, self._fails, self._failure, self._cycle = (
+            make_planner(scene),
+            fails,
+            failure,
+            0,
+        )
 
     def start(self, task: Task, seed: int) -> None:
         self._healthy.start(task, seed)
@@ -427,12 +581,24 @@ class Sick:
         return result
 
 
-def episode(monkeypatch: pytest.MonkeyPatch, fails: Callable[[int], bool], failure: Callable[[Decision], Any], *sets: str) -> EpisodeResult:
+def episode(
+    monkeypatch: pytest.MonkeyPatch,
+    fails: Callable[[int], bool],
+    failure: Callable[[Decision], Any],
+    *sets: str,
+) -> EpisodeResult:
     """The left turn at seed 1 with a sick planner."""
     healthy = registry.make_planner
-    monkeypatch.setattr("sumo_mcts.driver.driver.make_planner", lambda scene: Sick(scene, fails, failure))
+    monkeypatch.setattr(
+        "sumo_mcts.driver.driver.make_planner", lambda scene: Sick(scene, fails, failure)
+    )
     monkeypatch.setattr(sys.modules[__name__], "make_planner", healthy)
-    return run_episode(config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=100", *sets)), 1)
+    return run_episode(
+        config.load(
+            builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=100", *sets)
+        ),
+        1,
+    )
 
 
 def raises(_: Decision) -> Any:
@@ -454,20 +620,31 @@ FAILURES: dict[str, tuple[Callable[[Decision], Any], str]] = {
 }
 
 
-@pytest.mark.parametrize(("name", "on"), [*((name, "true") for name in FAILURES), ("raises", "false"), ("nan", "false")])
-def test_the_episode_survives_its_planner(name: str, on: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("name", "on"), [*((name, "true") for name in FAILURES), ("raises", "false"), ("nan", "false")]
+)
+def test_the_episode_survives_its_planner(
+    name: str, on: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     failure, words = FAILURES[name]
-    result = episode(monkeypatch, lambda cycle: cycle in (1, 9, 10, 11), failure, f"failsafe.on={on}")
+    result = episode(
+        monkeypatch, lambda cycle: cycle in (1, 9, 10, 11), failure, f"failsafe.on={on}"
+    )
     row, notes = result.rows[0], [cycle.decision.reason for cycle in result.traces[0].cycles]
     assert row["outcome"] == "arrived", row
     assert row["failsafe_interventions"] >= 4
-    assert all(notes[k].startswith("fail-safe: the planner failed: ") and words in notes[k] for k in (0, 8, 9, 10))
+    assert all(
+        notes[k].startswith("fail-safe: the planner failed: ") and words in notes[k]
+        for k in (0, 8, 9, 10)
+    )
     assert sum(note.startswith("fail-safe") for note in notes) == row["failsafe_interventions"]
     deviating = [cycle for cycle in result.traces[0].cycles[:-1] if cycle.deviation]
     assert not deviating  # the fail-safe manoeuvre, too, is driven as planned
 
 
-def test_a_planner_that_only_fails_ends_the_episode_with_its_message(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planner_that_only_fails_ends_the_episode_with_its_message(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     row = episode(monkeypatch, lambda cycle: cycle > 5, raises, "failsafe.most_failures=3").rows[0]
     assert (row["outcome"], row["error"]) == ("error", "PlannerError: RuntimeError: no idea")
     assert (row["cycles"], row["failsafe_interventions"]) == (8, 3)
@@ -478,7 +655,9 @@ def late(decision: Decision) -> Decision:
     return decision
 
 
-def test_a_late_decision_is_dropped_where_the_deadline_is_enforced(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_late_decision_is_dropped_where_the_deadline_is_enforced(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     sets = ("planner.period_s=0.3", "planner.enforce_deadline=true")
     result = episode(monkeypatch, lambda cycle: cycle in (12, 13), late, *sets)
     row, notes = result.rows[0], [cycle.decision.reason for cycle in result.traces[0].cycles]
@@ -489,7 +668,8 @@ def test_a_late_decision_is_dropped_where_the_deadline_is_enforced(monkeypatch: 
 
 
 class Loading:
-    """A planner whose first decision compiles kernels, for longer than its deadline, and whose second one takes as long for no reason."""
+    """A planner whose first decision compiles kernels, for longer than its deadline, and whose
+    second one takes as long for no reason."""
 
     needs_forecast = False
 
@@ -522,7 +702,9 @@ def test_compiling_a_kernel_does_not_make_a_decision_late() -> None:
     first, second = (mind.decide(scene_of(ego, road)) for _ in range(2))
     assert not first.intervened and first.plan_ms < 300.0
     assert second.intervened and second.decision.reason.startswith("fail-safe: late: ")
-    assert planner.left_s > 0.16  # the time that was lost to the kernel is not taken from the next search
+    assert (
+        planner.left_s > 0.16
+    )  # the time that was lost to the kernel is not taken from the next search
 
 
 def test_loading_counts_where_the_kernel_is_needed_and_not_elsewhere() -> None:
@@ -532,7 +714,9 @@ def test_loading_counts_where_the_kernel_is_needed_and_not_elsewhere() -> None:
     assert watch.loading_s == 0.0  # this thread was free to think meanwhile
     entry(lambda x: x + 2.0)(1.0)
     assert 0.0 < watch.loading_s < time.perf_counter() - watch.began
-    assert watch.seconds == pytest.approx(time.perf_counter() - watch.began - watch.loading_s, abs=0.05)
+    assert watch.seconds == pytest.approx(
+        time.perf_counter() - watch.began - watch.loading_s, abs=0.05
+    )
 
 
 def test_a_late_decision_is_executed_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -542,7 +726,10 @@ def test_a_late_decision_is_executed_otherwise(monkeypatch: pytest.MonkeyPatch) 
 
 
 def blind(name: str, on: str, seed: int) -> EpisodeResult:
-    return run_episode(config.load(builtin.scenario_path(name), ("planner.name=constant", f"failsafe.on={on}")), seed)
+    return run_episode(
+        config.load(builtin.scenario_path(name), ("planner.name=constant", f"failsafe.on={on}")),
+        seed,
+    )
 
 
 @pytest.mark.parametrize("name", ["unprotected-left-turn", "unprotected-left-turn-scripted"])
@@ -554,14 +741,24 @@ def test_a_blind_planner_is_kept_safe(name: str) -> None:
     kept = [blind(name, "true", seed) for seed in seeds]
     assert not [result.rows[0] for result in kept if result.rows[0]["outcome"] == "collision"]
     for result in kept:
-        notes = [cycle.decision.reason for cycle in result.traces[0].cycles if cycle.decision.reason.startswith("fail-safe")]
+        notes = [
+            cycle.decision.reason
+            for cycle in result.traces[0].cycles
+            if cycle.decision.reason.startswith("fail-safe")
+        ]
         assert len(notes) == result.rows[0]["failsafe_interventions"] > 0
         assert all("m away" in note for note in notes)
 
 
 def test_the_fail_safe_leaves_a_good_planner_alone() -> None:
     rows = [
-        run_episode(config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=300", f"failsafe.on={on}")), 2).rows[0]
+        run_episode(
+            config.load(
+                builtin.scenario_path("unprotected-left-turn"),
+                ("planner.iterations=300", f"failsafe.on={on}"),
+            ),
+            2,
+        ).rows[0]
         for on in ("true", "false")
     ]
     assert [row["failsafe_interventions"] for row in rows] == [0, 0]
@@ -577,7 +774,12 @@ def test_the_option_sets_the_key(given_option: bool, monkeypatch: pytest.MonkeyP
         raise config.ConfigError("enough")
 
     monkeypatch.setattr(scenarios, "resolve", resolve)
-    assert CliRunner().invoke(app, ["run", "straight-line", *(["--enforce-deadline"] if given_option else [])]).exit_code == 2
+    assert (
+        CliRunner()
+        .invoke(app, ["run", "straight-line", *(["--enforce-deadline"] if given_option else [])])
+        .exit_code
+        == 2
+    )
     assert ("planner.enforce_deadline=True" in said) == given_option
     scene = config.load(builtin.scenario_path("straight-line"), tuple(said))
     assert scene.planner.enforce_deadline == given_option

@@ -1,4 +1,5 @@
-"""The paper's planner: what holds in every tree, and its UCB equation against a computation by hand."""
+"""The paper's planner: what holds in every tree, and its UCB equation against a computation by
+hand."""
 
 import math
 import time
@@ -25,7 +26,9 @@ class Watched(paper.PaperPlanner):
     tree: paper.PaperTree
     weights: paper.Weights
 
-    def _decision(self, tree: paper.PaperTree, local: Any, weights: paper.Weights, situation: Any, done: int) -> Decision:
+    def _decision(
+        self, tree: paper.PaperTree, local: Any, weights: paper.Weights, situation: Any, done: int
+    ) -> Decision:
         self.tree, self.weights = tree, weights
         return super()._decision(tree, local, weights, situation, done)
 
@@ -47,10 +50,15 @@ def test_every_tree(toy: Toy) -> None:
     for node in range(used):
         below = [int(i) for i in tree.child[node] if i >= 0]
         assert all(tree.parent[i] == node and tree.level[i] == tree.level[node] + 1 for i in below)
-        assert tree.visits[node] - sum(tree.visits[i] for i in below) in ((1,) if below and any(tree.end[i] != LOST for i in below) else range(301))
+        assert tree.visits[node] - sum(tree.visits[i] for i in below) in (
+            (1,) if below and any(tree.end[i] != LOST for i in below) else range(301)
+        )
         assert tree.end[node] == ALIVE or not below
         assert tree.end[node] != LOST or tree.visits[node] == 0  # who collides is discarded
-        assert np.all(tree.cost[node] >= 0.0) and tree.total[node] >= tree.visits[node] * tree.cost[node].sum() - 1e-6
+        assert (
+            np.all(tree.cost[node] >= 0.0)
+            and tree.total[node] >= tree.visits[node] * tree.cost[node].sum() - 1e-6
+        )
         if node:
             assert np.all(tree.cost[node] >= tree.cost[tree.parent[node]])
         if below:
@@ -65,14 +73,20 @@ def test_it_takes_the_child_with_the_lowest_mean(toy: Toy, passes: int) -> None:
     planner, decision = plan(toy, f"planner.iterations={passes}")
     tree = planner.tree
     alive = [int(i) for i in tree.child[0] if i >= 0 and tree.end[i] != LOST and tree.visits[i] > 0]
-    assert [child.mean for child in decision.children] == [tree.total[i] / tree.visits[i] for i in alive]
-    assert decision.children[decision.chosen].mean == min(tree.total[i] / tree.visits[i] for i in alive)
+    assert [child.mean for child in decision.children] == [
+        tree.total[i] / tree.visits[i] for i in alive
+    ]
+    assert decision.children[decision.chosen].mean == min(
+        tree.total[i] / tree.visits[i] for i in alive
+    )
     assert isinstance(decision.command, Follow) and decision.reason == "search"
 
 
 def test_the_same_seed_the_same_tree() -> None:
     (a, _), (b, _), (c, _) = (plan(TOYS["traffic"], seed=seed) for seed in (1, 1, 2))
-    assert np.array_equal(a.tree.total, b.tree.total) and np.array_equal(a.tree.visits, b.tree.visits)
+    assert np.array_equal(a.tree.total, b.tree.total) and np.array_equal(
+        a.tree.visits, b.tree.visits
+    )
     assert not np.array_equal(a.tree.total, c.tree.total)
 
 
@@ -83,8 +97,13 @@ def test_the_equation_of_the_upper_confidence_bound() -> None:
     tree.used[0], tree.visits[0] = 4, 20
     tree.child[0], tree.parent[1:4], tree.level[1:4] = (1, 2, 3), 0, 1
     tree.visits[1:4], tree.total[1:4] = (10, 6, 4), (100.0, 66.0, 48.0)
-    # -10 + 5 sqrt(2 ln 20 / 10) = -6.13;   -11 + 5 sqrt(2 ln 20 / 6) = -6.00;   -12 + 5 sqrt(2 ln 20 / 4) = -5.88
-    scores = [-100 / 10 + 5 * math.sqrt(2 * math.log(20) / 10), -66 / 6 + 5 * math.sqrt(2 * math.log(20) / 6), -48 / 4 + 5 * math.sqrt(2 * math.log(20) / 4)]
+    # -10 + 5 sqrt(2 ln 20 / 10) = -6.13;   -11 + 5 sqrt(2 ln 20 / 6) = -6.00;   -12 + 5 sqrt(2 ln
+    # 20 / 4) = -5.88
+    scores = [
+        -100 / 10 + 5 * math.sqrt(2 * math.log(20) / 10),
+        -66 / 6 + 5 * math.sqrt(2 * math.log(20) / 6),
+        -48 / 4 + 5 * math.sqrt(2 * math.log(20) / 4),
+    ]
     assert scores == pytest.approx([-6.1298, -6.0036, -5.8806], abs=1e-4)
     rng = np.random.default_rng(1)
     assert paper._select(tree, weights, rng) == 3
@@ -106,17 +125,30 @@ def test_driving_on_is_worth_more_than_standing(v: float, seed: int) -> None:
     for passes in (100, 1000, 3000):
         _, decision = plan(toy, f"planner.iterations={passes}", seed=seed)
         assert decision.children[decision.chosen].accel >= 1.0
-    followed = Toy(road, scene_of(ego_at(road, "a_0", 100.0, v), road, Agent("leader", "a_0", 108.0 + 3.0 * v, v)))
+    followed = Toy(
+        road,
+        scene_of(ego_at(road, "a_0", 100.0, v), road, Agent("leader", "a_0", 108.0 + 3.0 * v, v)),
+    )
     _, decision = plan(followed, "planner.iterations=1000", seed=seed)
     assert decision.children[decision.chosen].accel >= -1.0
 
 
 def exit_on_the_right(first: int = 0) -> RoadMap:
-    """Three lanes, of which lane 0 alone leads on, to one of the two lanes of edge b; the next edge needs lane `first` of b."""
-    lanes = [Lane("a", k, ((0.0, 3.2 * k), (200.0, 3.2 * k)), (":m_0",) if k == 0 else ()) for k in range(3)]
+    """Three lanes, of which lane 0 alone leads on, to one of the two lanes of edge b; the next edge
+    needs lane `first` of b."""
+    lanes = [
+        Lane("a", k, ((0.0, 3.2 * k), (200.0, 3.2 * k)), (":m_0",) if k == 0 else ())
+        for k in range(3)
+    ]
     lanes += [Lane(":m", 0, ((200.0, 0.0), (210.0, 0.0)), ("b_0",), junction="m")]
-    lanes += [Lane("b", k, ((210.0, 3.2 * k), (410.0, 3.2 * k)), (":n_0",) if k == first else ()) for k in range(2)]
-    lanes += [Lane(":n", 0, ((410.0, 3.2 * first), (420.0, 3.2 * first)), ("c_0",), junction="n"), Lane("c", 0, ((420.0, 0.0), (600.0, 0.0)))]
+    lanes += [
+        Lane("b", k, ((210.0, 3.2 * k), (410.0, 3.2 * k)), (":n_0",) if k == first else ())
+        for k in range(2)
+    ]
+    lanes += [
+        Lane(":n", 0, ((410.0, 3.2 * first), (420.0, 3.2 * first)), ("c_0",), junction="n"),
+        Lane("c", 0, ((420.0, 0.0), (600.0, 0.0))),
+    ]
     return build(lanes)
 
 
@@ -132,13 +164,18 @@ def test_a_lane_change_that_the_route_needs_counts_as_distance() -> None:
     assert guide.aside[node["b_0"]] == 0.0  # what the next edge needs does not punish entering it
     half_way = state._replace(progress=0.25, other=node["a_0"])
     assert [paper._aside(guide, s) for s in (state, half_way)] == [20.0, 15.0]
-    assert paper._aside(guide, state._replace(node=node["a_0"], progress=0.75, other=node["a_1"])) == 5.0
+    assert (
+        paper._aside(guide, state._replace(node=node["a_0"], progress=0.75, other=node["a_1"]))
+        == 5.0
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_it_changes_to_the_lane_of_its_route(seed: int) -> None:
     road = exit_on_the_right()
-    toy = Toy(road, scene_of(ego_at(road, "a_1", 120.0, 8.0, route=edges(road, "a", "b", "c")), road))
+    toy = Toy(
+        road, scene_of(ego_at(road, "a_1", 120.0, 8.0, route=edges(road, "a", "b", "c")), road)
+    )
     _, decision = plan(toy, "planner.iterations=1000", seed=seed)
     assert decision.children[decision.chosen].lane_change == -1
 
@@ -150,14 +187,18 @@ def test_a_lane_change_whose_place_is_taken_later_is_discarded() -> None:
         planner, decision = plan(toy)
         assert {child.lane_change for child in decision.children} == {0, -side}
         lost = planner.tree.child[0, 10 if side > 0 else 11]
-        assert planner.tree.end[lost] == LOST and planner.tree.cost[lost, 0] > 0.0  # found after the step's end, where its costs are counted
+        assert (
+            planner.tree.end[lost] == LOST and planner.tree.cost[lost, 0] > 0.0
+        )  # found after the step's end, where its costs are counted
 
 
 def test_how_it_arrives_is_not_free() -> None:
     road = lanes_east(1, 300.0)
     toy = Toy(road, scene_of(ego_at(road, "a_0", 296.0, 10.0), road))
     planner, decision = plan(toy)
-    assert planner.tree.end[planner.tree.child[0, 0]] == ARRIVED and decision.children[0].accel == -8.0
+    assert (
+        planner.tree.end[planner.tree.child[0, 0]] == ARRIVED and decision.children[0].accel == -8.0
+    )
     assert decision.children[0].mean > 5.0 and decision.children[decision.chosen].accel == 0.0
 
 
@@ -165,7 +206,9 @@ def test_nothing_is_left_so_it_brakes() -> None:
     road = lanes_east(1, 900.0)
     toy = Toy(road, scene_of(ego_at(road, "a_0", 100.0, 14.0), road, Agent("w", "a_0", 106.5, 0.0)))
     _, decision = plan(toy)
-    assert decision.reason == "brake" and decision.children == () and decision.plan.v[5] < 14.0 - 3.0
+    assert (
+        decision.reason == "brake" and decision.children == () and decision.plan.v[5] < 14.0 - 3.0
+    )
 
 
 def test_it_changes_lanes_before_a_standing_obstacle_and_brakes_before_a_wall() -> None:
@@ -174,8 +217,13 @@ def test_it_changes_lanes_before_a_standing_obstacle_and_brakes_before_a_wall() 
     toy = on_three_lanes(ego_at(road, "a_1", 100.0, 10.0), Agent("w", "a_1", 132.0, 0.0), *block)
     for those, side in ((toy, 1), (mirrored(toy), -1)):
         _, decision = plan(those, "planner.iterations=2000")
-        assert max(decision.children, key=lambda child: child.lane_change * side).lane_change == side
-        assert all(child.lane_change != -side or child.mean > decision.children[decision.chosen].mean for child in decision.children)
+        assert (
+            max(decision.children, key=lambda child: child.lane_change * side).lane_change == side
+        )
+        assert all(
+            child.lane_change != -side or child.mean > decision.children[decision.chosen].mean
+            for child in decision.children
+        )
     wall = on_three_lanes(None, *(Agent(f"w{k}", f"a_{k}", 122.0, 0.0) for k in range(3)))
     _, decision = plan(wall)
     assert decision.children[decision.chosen].accel < -2.0
@@ -183,9 +231,16 @@ def test_it_changes_lanes_before_a_standing_obstacle_and_brakes_before_a_wall() 
 
 def test_time_and_iterations_bound_the_search() -> None:
     toy = TOYS["free"]
-    task, planner = task_of(toy.road, toy.scene.ego), make_planner(scenario("planner.name=paper", "planner.iterations=7"))
+    task, planner = (
+        task_of(toy.road, toy.scene.ego),
+        make_planner(scenario("planner.name=paper", "planner.iterations=7")),
+    )
     planner.start(task, 1)
     situation = situation_of(task, toy.scene)
     assert planner.plan(situation).iterations == 7
-    assert planner.plan(situation._replace(until=time.perf_counter() + 0.05)).iterations > 100  # iterations do not count then
-    assert planner.plan(situation._replace(until=time.perf_counter() - 1.0)).iterations == TIMED_SLICE  # an answer in any case
+    assert (
+        planner.plan(situation._replace(until=time.perf_counter() + 0.05)).iterations > 100
+    )  # iterations do not count then
+    assert (
+        planner.plan(situation._replace(until=time.perf_counter() - 1.0)).iterations == TIMED_SLICE
+    )  # an answer in any case

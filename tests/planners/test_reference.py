@@ -1,4 +1,5 @@
-"""The reference problem: against every sequence tried out in turn, with and without what makes its solution quick, and the planner that drives by it."""
+"""The reference problem: against every sequence tried out in turn, with and without what makes its
+solution quick, and the planner that drives by it."""
 
 import functools
 import json
@@ -22,7 +23,19 @@ from sumo_mcts.episode.run import default_variant, run_episode
 from sumo_mcts.model.motion import COMMANDED, FOLLOW
 from sumo_mcts.planners import reference
 from sumo_mcts.planners.mcts import follow_line
-from sumo_mcts.planners.reference import COST, Problem, Rest, Solution, best_root, problem_of, profile_line, root_lines, scale, solve, steps_of
+from sumo_mcts.planners.reference import (
+    COST,
+    Problem,
+    Rest,
+    Solution,
+    best_root,
+    problem_of,
+    profile_line,
+    root_lines,
+    scale,
+    solve,
+    steps_of,
+)
 from sumo_mcts.planners.rollout import ALIVE, IMPOSSIBLE, LOST, entry_of, side_of
 from sumo_mcts.scene import GREEN, RED, Floats, Follow, Plan
 
@@ -38,18 +51,32 @@ def problem_in(toy: Toy, *sets: str) -> Problem:
 def small(problem: Problem, plies: int = 3, actions: Floats = FEW) -> Problem:
     """The first plies and a few actions alone."""
     ends = problem.ends[:plies]
-    roots = np.array([action for action in actions if any(np.array_equal(action, root) for root in problem.roots)])
-    return problem._replace(ends=ends, actions=actions, roots=roots, q=problem.q._replace(horizon=float(ends[-1]) * problem.task.ego.step))
+    roots = np.array(
+        [
+            action
+            for action in actions
+            if any(np.array_equal(action, root) for root in problem.roots)
+        ]
+    )
+    return problem._replace(
+        ends=ends,
+        actions=actions,
+        roots=roots,
+        q=problem.q._replace(horizon=float(ends[-1]) * problem.task.ego.step),
+    )
 
 
 def driven(problem: Problem, steps: Floats) -> tuple[Plan, float, int]:
     """A sequence driven step by step: the plan, its cost and how it ends."""
-    plan, terms, end = follow_line(problem.local, problem.task, problem.q, problem.state, problem.others, steps)
+    plan, terms, end = follow_line(
+        problem.local, problem.task, problem.q, problem.state, problem.others, steps
+    )
     return plan, float(terms.sum()), end
 
 
 def by_hand(problem: Problem, line: Floats) -> tuple[float, bool]:
-    """The lowest cost of all sequences that begin with `line`, and whether every one of them ends in a loss: each is driven."""
+    """The lowest cost of all sequences that begin with `line`, and whether every one of them ends
+    in a loss: each is driven."""
     entries = [entry_of(accel, side) for accel, side in problem.actions]
     found: dict[bool, float] = {}
     for way in product(entries, repeat=len(problem.ends) - 1):
@@ -67,10 +94,18 @@ def solved(name: str) -> tuple[Problem, Solution]:
 
 SCENES = {
     **TOYS,
-    "gap": on_three_lanes(None, Agent("ahead", "a_1", 118.0, 3.0), Agent("next", "a_2", 96.0, 12.0)),
+    "gap": on_three_lanes(
+        None, Agent("ahead", "a_1", 118.0, 3.0), Agent("next", "a_2", 96.0, 12.0)
+    ),
     "touching": on_three_lanes(None, *(Agent(f"w{k}", f"a_{k}", 109.0, 0.0) for k in range(3))),
     "green": before_a_light(GREEN, 15.0),
-    "goal": Toy(road_with_light(after=10.0), scene_of(ego_at(road_with_light(), "a_0", 190.0, 14.0, route=edges(road_with_light(), "a")), road_with_light())),
+    "goal": Toy(
+        road_with_light(after=10.0),
+        scene_of(
+            ego_at(road_with_light(), "a_0", 190.0, 14.0, route=edges(road_with_light(), "a")),
+            road_with_light(),
+        ),
+    ),
 }
 
 
@@ -82,7 +117,9 @@ def test_it_finds_what_trying_out_everything_finds(toy: Toy) -> None:
     for i, line in enumerate(lines):
         cost, lost = by_hand(problem, line)
         assert (found.value[i], found.collides[i]) == (pytest.approx(cost, abs=1e-9), lost)
-        assert rough.collides[i] == lost and cost - 1e-9 <= rough.value[i] <= cost + 0.1 * scale(problem.task.ego)
+        assert rough.collides[i] == lost and cost - 1e-9 <= rough.value[i] <= cost + 0.1 * scale(
+            problem.task.ego
+        )
 
 
 def test_a_wall_is_hit_whatever_is_done_and_a_gap_is_not() -> None:
@@ -110,16 +147,25 @@ def test_pruning_loses_nothing(toy: Toy, monkeypatch: pytest.MonkeyPatch) -> Non
     bounded = solve(problem, lines, 5000, FINE)
     monkeypatch.setattr(reference, "_rest", lambda problem: Rest(np.inf, 1.0))
     unbounded = solve(problem, lines, 5000, FINE)
-    assert bounded.value == pytest.approx(unbounded.value, abs=1e-9) and np.array_equal(bounded.collides, unbounded.collides)
+    assert bounded.value == pytest.approx(unbounded.value, abs=1e-9) and np.array_equal(
+        bounded.collides, unbounded.collides
+    )
     assert bounded.driven <= unbounded.driven
 
 
-entries = st.sampled_from([entry_of(accel, 0.0) for accel in reference.KEEPING] + [entry_of(a, side) for a in reference.CHANGING for side in (1.0, -1.0)])
+entries = st.sampled_from(
+    [entry_of(accel, 0.0) for accel in reference.KEEPING]
+    + [entry_of(a, side) for a in reference.CHANGING for side in (1.0, -1.0)]
+)
 
 
 @settings(max_examples=60)
-@given(st.sampled_from(sorted(SCENES)), st.lists(entries, min_size=10, max_size=10), st.integers(1, 9))
-def test_nothing_that_comes_costs_less_than_the_bound(name: str, way: list[float], ply: int) -> None:
+@given(
+    st.sampled_from(sorted(SCENES)), st.lists(entries, min_size=10, max_size=10), st.integers(1, 9)
+)
+def test_nothing_that_comes_costs_less_than_the_bound(
+    name: str, way: list[float], ply: int
+) -> None:
     problem = problem_in(SCENES[name])
     line = np.full(problem.ends[0], entry_of(way[0], -side_of(way[0])))
     whole = steps_of(problem, line, np.array(way))
@@ -127,19 +173,32 @@ def test_nothing_that_comes_costs_less_than_the_bound(name: str, way: list[float
     _, before, on_the_way = driven(problem, whole[: problem.ends[ply - 1]])
     if end in (IMPOSSIBLE, LOST) or on_the_way != ALIVE:
         return
-    left, v = int(problem.ends[-1] - problem.ends[ply - 1]), float(plan.v[problem.ends[ply - 1] - 1])
-    assert reference._at_least(problem.local, reference._rest(problem), v, left, problem.task.ego.step) <= total - before + 1e-9
+    left, v = (
+        int(problem.ends[-1] - problem.ends[ply - 1]),
+        float(plan.v[problem.ends[ply - 1] - 1]),
+    )
+    assert (
+        reference._at_least(problem.local, reference._rest(problem), v, left, problem.task.ego.step)
+        <= total - before + 1e-9
+    )
 
 
 def test_the_bound_bounds_something() -> None:
     road = lanes_east(1, 900.0)
     problem = problem_in(Toy(road, scene_of(ego_at(road, "a_0", 100.0, 0.0), road)))
     best = float(solve(problem, root_lines(problem)).value.min())
-    assert 0.7 * best < reference._at_least(problem.local, reference._rest(problem), 0.0, 80, 0.1) <= best
+    assert (
+        0.7 * best
+        < reference._at_least(problem.local, reference._rest(problem), 0.0, 80, 0.1)
+        <= best
+    )
 
 
 @settings(max_examples=60)
-@given(st.sampled_from(["traffic", "reactive", "red", "free"]), st.lists(entries, min_size=10, max_size=10))
+@given(
+    st.sampled_from(["traffic", "reactive", "red", "free"]),
+    st.lists(entries, min_size=10, max_size=10),
+)
 def test_no_sequence_that_anybody_drives_is_cheaper(name: str, way: list[float]) -> None:
     problem, found = solved(name)
     lines = root_lines(problem)
@@ -163,21 +222,47 @@ def test_the_numbers_have_not_moved() -> None:
 
 
 def test_no_weight_that_is_configured_moves_a_value() -> None:
-    sets = ("cost.claim=1", "cost.headway_s=3", "cost.jerk=1", "planner.accelerations_mps2=[0]", "planner.reactive=0", "planner.check_s=1", "planner.step_s=2")
+    sets = (
+        "cost.claim=1",
+        "cost.headway_s=3",
+        "cost.jerk=1",
+        "planner.accelerations_mps2=[0]",
+        "planner.reactive=0",
+        "planner.check_s=1",
+        "planner.step_s=2",
+    )
     usual, tuned = (problem_in(SCENES["traffic"], *those) for those in ((), sets))
-    assert np.array_equal(solve(usual, root_lines(usual), 20).value, solve(tuned, root_lines(tuned), 20).value)
+    assert np.array_equal(
+        solve(usual, root_lines(usual), 20).value, solve(tuned, root_lines(tuned), 20).value
+    )
 
 
 def test_the_scale_is_a_second_of_braking() -> None:
-    assert scale(task_of(lanes_east(), ego_at(lanes_east(), "a_1", 10.0)).ego) == pytest.approx(COST.acceleration * 16.0 + COST.braking * 1.0)
+    assert scale(task_of(lanes_east(), ego_at(lanes_east(), "a_1", 10.0)).ego) == pytest.approx(
+        COST.acceleration * 16.0 + COST.braking * 1.0
+    )
 
 
-@pytest.mark.parametrize(("step", "ends"), [(0.1, [5, 10, 15, 20, 30]), (0.25, [2, 4, 6, 8, 12]), (0.05, [10, 20, 30, 40, 60]), (1.0, [1, 2, 3, 4, 5])])
+@pytest.mark.parametrize(
+    ("step", "ends"),
+    [
+        (0.1, [5, 10, 15, 20, 30]),
+        (0.25, [2, 4, 6, 8, 12]),
+        (0.05, [10, 20, 30, 40, 60]),
+        (1.0, [1, 2, 3, 4, 5]),
+    ],
+)
 def test_plies_end_at_the_steps_nearest_to_their_times(step: float, ends: list[int]) -> None:
     toy = on_three_lanes()
     task = task_of(toy.road, toy.scene.ego)
-    problem = problem_of(task._replace(ego=task.ego._replace(step=step)), situation_of(task, toy.scene))
-    assert problem.ends[:5].tolist() == ends and problem.ends[-1] * step == pytest.approx(8.0) and problem.q.horizon == pytest.approx(8.0)
+    problem = problem_of(
+        task._replace(ego=task.ego._replace(step=step)), situation_of(task, toy.scene)
+    )
+    assert (
+        problem.ends[:5].tolist() == ends
+        and problem.ends[-1] * step == pytest.approx(8.0)
+        and problem.q.horizon == pytest.approx(8.0)
+    )
 
 
 # --- profiles ---
@@ -188,9 +273,14 @@ def test_the_profile_of_an_action_is_that_action(name: str) -> None:
     problem = problem_in(SCENES[name])
     lines = root_lines(problem)
     plans = [driven(problem, line)[0] for line in lines]
-    profiles = [profile_line(problem, Follow(plan.v, int(side))) for plan, side in zip(plans, problem.roots[:, 1], strict=True)]
+    profiles = [
+        profile_line(problem, Follow(plan.v, int(side)))
+        for plan, side in zip(plans, problem.roots[:, 1], strict=True)
+    ]
     alone, both = solve(problem, lines, 20), solve(problem, np.concatenate([lines, profiles]), 20)
-    assert np.array_equal(both.value, np.tile(alone.value, 2)) and np.array_equal(both.collides, np.tile(alone.collides, 2))
+    assert np.array_equal(both.value, np.tile(alone.value, 2)) and np.array_equal(
+        both.collides, np.tile(alone.collides, 2)
+    )
     assert both.driven == alone.driven + lines.size
 
 
@@ -228,10 +318,20 @@ def test_without_compilation_it_is_the_same_to_the_bit() -> None:
     here = Path(__file__).parent
     path = os.pathsep.join([str(here), str(here.parent), *sys.path])
     run = subprocess.run(
-        [sys.executable, "-c", PRINT], env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}, capture_output=True, text=True, check=True, timeout=300
+        [sys.executable, "-c", PRINT],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
     )
-    found = [solve(problem, root_lines(problem), 4) for problem in (small(problem_in(SCENES[name]), 5) for name in ("traffic", "reactive"))]
-    assert json.loads(run.stdout) == [[float(v).hex() for v in each.value] + [each.driven] for each in found]
+    found = [
+        solve(problem, root_lines(problem), 4)
+        for problem in (small(problem_in(SCENES[name]), 5) for name in ("traffic", "reactive"))
+    ]
+    assert json.loads(run.stdout) == [
+        [float(v).hex() for v in each.value] + [each.driven] for each in found
+    ]
 
 
 # --- the planner ---
@@ -243,18 +343,33 @@ def test_the_planner_takes_the_best_beginning(toy: Toy) -> None:
     problem = problem_in(toy)
     found = solve(problem, root_lines(problem))
     assert [child.best for child in decision.children] == found.value.tolist()
-    assert decision.chosen == best_root(found) and (decision.reason == "brake") == bool(found.collides.all())
+    assert decision.chosen == best_root(found) and (decision.reason == "brake") == bool(
+        found.collides.all()
+    )
     assert isinstance(decision.command, Follow) and decision.plan is not None
-    assert np.array_equal(decision.command.speeds, decision.plan.v) and decision.command.lane_change == problem.roots[decision.chosen, 1]
+    assert (
+        np.array_equal(decision.command.speeds, decision.plan.v)
+        and decision.command.lane_change == problem.roots[decision.chosen, 1]
+    )
     chosen = decision.children[decision.chosen]
     assert chosen.terms.sum() == pytest.approx(chosen.best, abs=1e-6)
 
 
 def test_it_drives() -> None:
-    scene = config.load(builtin.scenario_path("unprotected-left-turn"), ("planner.name=exhaustive", "episode.time_limit_s=5"))
+    scene = config.load(
+        builtin.scenario_path("unprotected-left-turn"),
+        ("planner.name=exhaustive", "episode.time_limit_s=5"),
+    )
     assert default_variant(scene) == "exhaustive-idm"
     result = run_episode(scene, 1)
     row, (trace,) = result.rows[0], result.traces
-    assert (row["outcome"], row["cycles"], row["failsafe_interventions"], row["iterations"]) == ("timeout", 11, 0, 0)
-    assert {cycle.decision.reason for cycle in trace.cycles} == {"exhaustive"} and not any(cycle.deviation for cycle in trace.cycles)
+    assert (row["outcome"], row["cycles"], row["failsafe_interventions"], row["iterations"]) == (
+        "timeout",
+        11,
+        0,
+        0,
+    )
+    assert {cycle.decision.reason for cycle in trace.cycles} == {"exhaustive"} and not any(
+        cycle.deviation for cycle in trace.cycles
+    )
     assert row["distance_m"] > 20.0

@@ -1,4 +1,5 @@
-"""The drawings show what the trace says: the ego in its colour where it was, words that fit, frames in real time."""
+"""The drawings show what the trace says: the ego in its colour where it was, words that fit, frames
+in real time."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -21,7 +22,12 @@ def near(image: Image.Image, colour: canvas.Colour, tolerance: int = 40) -> np.n
 
 def without_plans(trace: Trace) -> Trace:
     """Plans and tried continuations have the ego's colour too."""
-    return trace._replace(cycles=tuple(c._replace(decision=c.decision._replace(plan=None, children=(), chosen=-1)) for c in trace.cycles))
+    return trace._replace(
+        cycles=tuple(
+            c._replace(decision=c.decision._replace(plan=None, children=(), chosen=-1))
+            for c in trace.cycles
+        )
+    )
 
 
 @pytest.mark.parametrize("time", [0.0, 6.0, 12.5, 17.5])
@@ -48,7 +54,9 @@ def test_north_is_up_and_east_is_right() -> None:
 def test_the_windscreen_is_in_front() -> None:
     image, view = birdseye.picture(without_plans(crossing_trace()), 0.0)  # heading north
     rows, _ = np.nonzero(near(image, canvas.EGO_DARK, 20))
-    assert rows.mean() < view.pixels(birdseye.shot_at(crossing_trace(), 0.0).ego[:2])[0][1] / canvas.SS
+    assert (
+        rows.mean() < view.pixels(birdseye.shot_at(crossing_trace(), 0.0).ego[:2])[0][1] / canvas.SS
+    )
 
 
 def test_the_others_move_between_cycles_and_turn_the_shorter_way() -> None:
@@ -93,9 +101,23 @@ def test_moments_run_from_the_first_cycle_to_the_last_in_order() -> None:
 def test_moments_prefer_a_change_of_mind() -> None:
     cycles = []
     for i, cycle in enumerate(crossing_trace().cycles[:21]):
-        decision = cycle.decision._replace(command=Follow(np.zeros(5), 0), chosen=0, children=(cycle.decision.children[5 if i < 11 else 6],))
-        cycles.append(cycle._replace(decision=decision, ego=crossing_trace().cycles[0].ego, agents=crossing_trace().cycles[0].agents))
-    assert storyboard.choose_moments(crossing_trace()._replace(cycles=tuple(cycles)), 3) == [0, 11, 20]
+        decision = cycle.decision._replace(
+            command=Follow(np.zeros(5), 0),
+            chosen=0,
+            children=(cycle.decision.children[5 if i < 11 else 6],),
+        )
+        cycles.append(
+            cycle._replace(
+                decision=decision,
+                ego=crossing_trace().cycles[0].ego,
+                agents=crossing_trace().cycles[0].agents,
+            )
+        )
+    assert storyboard.choose_moments(crossing_trace()._replace(cycles=tuple(cycles)), 3) == [
+        0,
+        11,
+        20,
+    ]
 
 
 def test_the_animation_runs_in_real_time_and_is_small(tmp_path: Path) -> None:
@@ -115,8 +137,12 @@ def test_the_animation_runs_in_real_time_and_is_small(tmp_path: Path) -> None:
     assert all((a != b).any() for a, b in pairwise(frames))
 
 
-def test_a_long_animation_with_a_moving_camera_stays_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(animation, "GIF_BYTES", 100_000)  # the same path as for a long episode, in less time
+def test_a_long_animation_with_a_moving_camera_stays_small(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        animation, "GIF_BYTES", 100_000
+    )  # the same path as for a long episode, in less time
     trace = highway_trace()
     animation.animation(trace._replace(cycles=trace.cycles[:11]), tmp_path / "a.gif")
     with Image.open(tmp_path / "a.gif") as image:
@@ -126,11 +152,17 @@ def test_a_long_animation_with_a_moving_camera_stays_small(tmp_path: Path, monke
 def stretched(trace: Trace, seconds: float) -> Trace:
     """The same decisions, spread over so many seconds."""
     last = len(trace.cycles) - 1
-    return trace._replace(cycles=tuple(cycle._replace(time=k * seconds / last) for k, cycle in enumerate(trace.cycles)))
+    return trace._replace(
+        cycles=tuple(
+            cycle._replace(time=k * seconds / last) for k, cycle in enumerate(trace.cycles)
+        )
+    )
 
 
 @pytest.mark.parametrize(("seconds", "speed"), [(30.0, 1), (30.1, 2), (200.0, 13), (7200.0, 450)])
-def test_a_long_drive_is_shown_faster_from_its_first_decision_to_its_last(seconds: float, speed: int) -> None:
+def test_a_long_drive_is_shown_faster_from_its_first_decision_to_its_last(
+    seconds: float, speed: int
+) -> None:
     trace = stretched(highway_trace(), seconds)
     times = animation.frame_times(trace)
     assert animation.film_speed(trace) == speed
@@ -142,15 +174,22 @@ def test_a_long_drive_is_shown_faster_from_its_first_decision_to_its_last(second
 def test_how_much_faster_is_written_in_the_picture(tmp_path: Path) -> None:
     shot = birdseye.shot_at(crossing_trace(), 1.0)
     scene = Image.new("RGB", (720 * canvas.SS, 480 * canvas.SS))
-    usual, faster, fastest = (np.asarray(animation._frame(scene, shot, "", speed)) for speed in (1, 2, 9))
+    usual, faster, fastest = (
+        np.asarray(animation._frame(scene, shot, "", speed)) for speed in (1, 2, 9)
+    )
     assert (usual != faster).any()
     assert (faster != fastest).any()
 
 
 def test_the_animation_of_a_long_drive_is_small_and_tells_how_far_it_is(tmp_path: Path) -> None:
     said: list[str] = []
-    animation.animation(stretched(highway_trace(), 200.0), tmp_path / "a.gif", width=180, note=said.append)
-    assert (said[0], said[-1]) == ("drawing the film  frame 1 of 155", "drawing the film  frame 155 of 155")
+    animation.animation(
+        stretched(highway_trace(), 200.0), tmp_path / "a.gif", width=180, note=said.append
+    )
+    assert (said[0], said[-1]) == (
+        "drawing the film  frame 1 of 155",
+        "drawing the film  frame 155 of 155",
+    )
     assert len(said) == 155
     with Image.open(tmp_path / "a.gif") as image:
         assert image.n_frames in (78, 155)
@@ -163,16 +202,26 @@ def test_a_ground_of_tiles_is_the_ground(trace: Trace) -> None:
     _, view = birdseye.picture(trace, 6.0, 360)
     tiles = ground.Ground(roads, view)
     for right, up in ((0, 0), (1, -1), (-700, 301), (333, -77), (-5000, 4000)):
-        moved = view._replace(west=view.west + right * canvas.SS / view.scale, north=view.north + up * canvas.SS / view.scale)
-        cut, drawn = (np.asarray(image.reduce(canvas.SS)).astype(int) for image in (tiles.under(moved), ground.draw_ground(roads, moved)))
+        moved = view._replace(
+            west=view.west + right * canvas.SS / view.scale,
+            north=view.north + up * canvas.SS / view.scale,
+        )
+        cut, drawn = (
+            np.asarray(image.reduce(canvas.SS)).astype(int)
+            for image in (tiles.under(moved), ground.draw_ground(roads, moved))
+        )
         assert (np.abs(cut - drawn).max(axis=2) > 30).mean() < 1e-3
     assert len(tiles._tiles) <= ground.TILES
 
 
-def test_the_ground_is_drawn_once_under_a_camera_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_ground_is_drawn_once_under_a_camera_that_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     drawn = []
     draw_ground = ground.draw_ground
-    monkeypatch.setattr(ground, "draw_ground", lambda roads, view: drawn.append(view) or draw_ground(roads, view))
+    monkeypatch.setattr(
+        ground, "draw_ground", lambda roads, view: drawn.append(view) or draw_ground(roads, view)
+    )
     trace = crossing_trace()
     assert len(list(animation.frames(trace._replace(cycles=trace.cycles[:5]), 180))) == 21
     assert len(drawn) == 1
@@ -181,14 +230,18 @@ def test_the_ground_is_drawn_once_under_a_camera_that_stays(monkeypatch: pytest.
 def test_a_trace_from_disk_gives_the_same_picture(tmp_path: Path) -> None:
     trace = crossing_trace()
     save_trace(tmp_path / "t.npz", trace)
-    before, after = birdseye.picture(trace, 6.0)[0], birdseye.picture(load_trace(tmp_path / "t.npz"), 6.0)[0]
+    before, after = (
+        birdseye.picture(trace, 6.0)[0],
+        birdseye.picture(load_trace(tmp_path / "t.npz"), 6.0)[0],
+    )
     assert (np.asarray(before) != np.asarray(after)).any(axis=2).mean() < 1e-3
 
 
 def test_empty_surroundings_can_be_drawn(tmp_path: Path) -> None:
     trace = without_plans(crossing_trace(others=0))
     bare = trace.lanes._replace(
-        lane_ids=(), points=np.zeros((0, 2)), offset=np.zeros(1, np.int32), width=np.zeros(0), internal=np.zeros(0, bool), route=np.zeros(0, bool),
+        lane_ids=(), points=np.zeros((0, 2)), offset=np.zeros(1, np.int32), width=np.zeros(0),
+        internal=np.zeros(0, bool), route=np.zeros(0, bool),
         stop_lines=np.zeros((0, 4)),
     )  # fmt: skip
     storyboard.storyboard(trace._replace(lanes=bare, cycles=trace.cycles[:1]), tmp_path / "s.png")
@@ -210,7 +263,9 @@ def test_actions_in_words() -> None:
     child = cycle.decision.children[0]
 
     def words(accel: float, change: int = 0, reason: str = "search", v: float = 8.0) -> str:
-        decision = cycle.decision._replace(children=(child._replace(accel=accel, lane_change=change),), chosen=0, reason=reason)
+        decision = cycle.decision._replace(
+            children=(child._replace(accel=accel, lane_change=change),), chosen=0, reason=reason
+        )
         return words.action_words(cycle._replace(decision=decision, ego=cycle.ego._replace(v=v)))
 
     assert words(0.0) == "keep speed"
@@ -220,7 +275,11 @@ def test_actions_in_words() -> None:
     assert words(0.0, -1, "fallback") == "keep speed, change to the right, fallback"
     assert words(-2.0, v=0.0) == "stand"
     assert words.action_words(crossing_trace().cycles[-1]) == "SUMO drives"
-    unchosen = cycle._replace(decision=cycle.decision._replace(chosen=-1, command=Follow(np.array([9.9, 9.8, 9.7, 9.6, 9.5]), 0)))
+    unchosen = cycle._replace(
+        decision=cycle.decision._replace(
+            chosen=-1, command=Follow(np.array([9.9, 9.8, 9.7, 9.6, 9.5]), 0)
+        )
+    )
     assert words.action_words(unchosen) == "brake \u22121.0 m/s\u00b2"
 
 
@@ -229,5 +288,7 @@ def test_the_hull_holds_every_point() -> None:
     hull = canvas.hull(points)
     following = np.roll(hull, -1, axis=0)
     for p in points.round(3):
-        turn = (following[:, 0] - hull[:, 0]) * (p[1] - hull[:, 1]) - (following[:, 1] - hull[:, 1]) * (p[0] - hull[:, 0])
+        turn = (following[:, 0] - hull[:, 0]) * (p[1] - hull[:, 1]) - (
+            following[:, 1] - hull[:, 1]
+        ) * (p[0] - hull[:, 0])
         assert (turn >= -1e-9).all()

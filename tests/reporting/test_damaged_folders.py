@@ -14,7 +14,22 @@ from sumo_mcts.records import LONGEST_LINE, MANIFEST, ROW_KEYS, ROWS, TRACES, WH
 from sumo_mcts.records.statistics import pairs
 from sumo_mcts.reporting.results import gather
 
-STRANGE = (-1, 1.5, True, "text", "", [], {}, [[1]], float("nan"), float("inf"), 1e308, 10**400, "a\nb\x1b[31m", "=1+1")
+STRANGE = (
+    -1,
+    1.5,
+    True,
+    "text",
+    "",
+    [],
+    {},
+    [[1]],
+    float("nan"),
+    float("inf"),
+    1e308,
+    10**400,
+    "a\nb\x1b[31m",
+    "=1+1",
+)
 
 
 def reported(folder: Path) -> reports.Report:
@@ -22,35 +37,89 @@ def reported(folder: Path) -> reports.Report:
     return reports.report([folder], folder / "report", (), lambda text: None)
 
 
-@pytest.mark.parametrize("key", [key for key in (*ROW_KEYS, "redrawn", "traffic_digest") if key not in WHOLE])
+@pytest.mark.parametrize(
+    "key", [key for key in (*ROW_KEYS, "redrawn", "traffic_digest") if key not in WHOLE]
+)
 def test_a_value_of_any_kind_under_any_key_costs_no_report(key: str, tmp_path: Path) -> None:
-    rows = [{**made_row(variant=variant, seed=seed), key: value} for seed, value in enumerate(STRANGE) for variant in ("mcts-idm-100", "sumo")]
+    rows = [
+        {**made_row(variant=variant, seed=seed), key: value}
+        for seed, value in enumerate(STRANGE)
+        for variant in ("mcts-idm-100", "sumo")
+    ]
     made = reported(write_rows(tmp_path, rows))
     assert made.document["episodes"] == len(rows)
-    assert made.document["notes"][0] == f"{tmp_path}: {ROWS}: values that their keys do not allow are left out: {key}"
+    assert (
+        made.document["notes"][0]
+        == f"{tmp_path}: {ROWS}: values that their keys do not allow are left out: {key}"
+    )
     assert "\x1b" not in "".join(path.read_text() for path in (tmp_path / "report").rglob("*.*"))
 
 
 def test_texts_that_make_a_row_whole_may_hold_anything(tmp_path: Path) -> None:
-    reported(write_rows(tmp_path, [{**made_row(seed=seed), key: "a\nb\x1b[31m|<script>"} for seed, key in enumerate(WHOLE)]))
+    reported(
+        write_rows(
+            tmp_path,
+            [
+                {**made_row(seed=seed), key: "a\nb\x1b[31m|<script>"}
+                for seed, key in enumerate(WHOLE)
+            ],
+        )
+    )
     written = "".join(path.read_text() for path in (tmp_path / "report").rglob("*.*"))
     assert "\x1b" not in written
     assert "[31m|<script>" not in (tmp_path / "report" / "report.html").read_text()
 
 
-@pytest.mark.parametrize("shard", ["1/99999999999", "9" * 5000 + "/3", "3/1", "-1/3", "1/0", 3, None, [[[]]], {"a": 1}, "\u0661/\u0663", "1/999999999"])
+@pytest.mark.parametrize(
+    "shard",
+    [
+        "1/99999999999",
+        "9" * 5000 + "/3",
+        "3/1",
+        "-1/3",
+        "1/0",
+        3,
+        None,
+        [[[]]],
+        {"a": 1},
+        "\u0661/\u0663",
+        "1/999999999",
+    ],
+)
 def test_a_shard_of_any_kind_costs_no_report(shard: object, tmp_path: Path) -> None:
-    assert reported(write_rows(tmp_path, [made_row()], {"experiment_digest": "x", "shard": shard})).document["notes"] == []
+    assert (
+        reported(
+            write_rows(tmp_path, [made_row()], {"experiment_digest": "x", "shard": shard})
+        ).document["notes"]
+        == []
+    )
 
 
 def test_of_many_missing_shards_some_are_named(tmp_path: Path) -> None:
-    (note,) = gather([write_rows(tmp_path, [made_row()], {"experiment_digest": "x", "shard": "1/2000"})]).notes
+    (note,) = gather(
+        [write_rows(tmp_path, [made_row()], {"experiment_digest": "x", "shard": "1/2000"})]
+    ).notes
     assert note.startswith("shard 2/2000, 3/2000, ")
     assert note.endswith(", 9/2000 and 1991 more of the experiment is not here")
 
 
-@pytest.mark.parametrize("key", ["experiment", "experiment_digest", "shard", "scenarios", "variants", "versions", "rows", "scenario"])
-@pytest.mark.parametrize("value", [*STRANGE, None, {"name": 3}, {"name": "a\nb", "description": []}, {"sumo": []}, 10**18])
+@pytest.mark.parametrize(
+    "key",
+    [
+        "experiment",
+        "experiment_digest",
+        "shard",
+        "scenarios",
+        "variants",
+        "versions",
+        "rows",
+        "scenario",
+    ],
+)
+@pytest.mark.parametrize(
+    "value",
+    [*STRANGE, None, {"name": 3}, {"name": "a\nb", "description": []}, {"sumo": []}, 10**18],
+)
 def test_a_manifest_of_anything_costs_no_report(key: str, value: object, tmp_path: Path) -> None:
     made = reported(write_rows(tmp_path, [made_row()], {key: value}))
     assert made.document["episodes"] == 1
@@ -77,19 +146,26 @@ def test_what_is_no_file_is_a_note_and_nothing_waits_for_it(kind: str, tmp_path:
     assert gather([full]).notes == (f"{full}: {MANIFEST}: not a manifest, and left out",)
     (full / TRACES).mkdir()
     NO_FILES[kind](full / TRACES / f"{made_row()['key']}.npz")
-    assert any(note.startswith(f"no replay of {made_row()['key']}: ") for note in reported(full).document["notes"])
+    assert any(
+        note.startswith(f"no replay of {made_row()['key']}: ")
+        for note in reported(full).document["notes"]
+    )
 
 
 def test_a_line_without_an_end_is_not_read_into_memory(tmp_path: Path) -> None:
     folder = write_rows(tmp_path, [made_row()])
     with (folder / ROWS).open("ab") as file:
-        file.write(b"[" * (3 * LONGEST_LINE) + b"\n" + (folder / ROWS).read_bytes().replace(b"--0", b"--1"))
+        file.write(
+            b"[" * (3 * LONGEST_LINE) + b"\n" + (folder / ROWS).read_bytes().replace(b"--0", b"--1")
+        )
     found = gather([folder])
     assert len(found.rows) == 2
     assert found.notes == (f"{folder}: {ROWS}: 1 of its lines is not a whole row, and left out",)
 
 
-def test_a_trace_that_no_rule_forbids_costs_its_replay_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_trace_that_no_rule_forbids_costs_its_replay_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def strange(trace: object) -> str:
         raise ZeroDivisionError("float division by zero")
 
@@ -101,6 +177,12 @@ def test_a_trace_that_no_rule_forbids_costs_its_replay_alone(tmp_path: Path, mon
 
 
 def test_pairs_are_of_draws_that_were_thrown_away_equally_often(tmp_path: Path) -> None:
-    row, twin = gather([write_rows(tmp_path, [{**made_row(), "redrawn": 0}, {**made_row(variant="sumo"), "redrawn": 1}])]).rows
+    row, twin = gather(
+        [
+            write_rows(
+                tmp_path, [{**made_row(), "redrawn": 0}, {**made_row(variant="sumo"), "redrawn": 1}]
+            )
+        ]
+    ).rows
     assert pairs([row], [twin]) == []
     assert len(pairs([row], [{**twin, "redrawn": 0}])) == 1

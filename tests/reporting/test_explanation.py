@@ -1,4 +1,5 @@
-"""An explanation is what the trace says: distances by an independent judge, costs that add up, the light that is ahead, and words for every planner."""
+"""An explanation is what the trace says: distances by an independent judge, costs that add up, the
+light that is ahead, and words for every planner."""
 
 import json
 import math
@@ -35,7 +36,14 @@ def road_of(result: EpisodeResult) -> RoadMap:
 
 
 def box(x: float, y: float, c: float, s: float, half_length: float, half_width: float) -> Polygon:
-    corners = np.array([(half_length, half_width), (-half_length, half_width), (-half_length, -half_width), (half_length, -half_width)])
+    corners = np.array(
+        [
+            (half_length, half_width),
+            (-half_length, half_width),
+            (-half_length, -half_width),
+            (half_length, -half_width),
+        ]
+    )
     return Polygon(corners @ np.array([[c, s], [-s, c]]) + (x, y))
 
 
@@ -66,7 +74,11 @@ def test_how_near_others_come_is_what_shapely_says(number: int) -> None:
             distance = min(found)[0]
             assert near[h, i, 0] == pytest.approx(distance, abs=1e-6)
             if distance > 0.0:  # they may be as near several times
-                assert any(near[h, i, 1] == pytest.approx(seconds, abs=0.21) for there, seconds in found if there < distance + 1e-6)
+                assert any(
+                    near[h, i, 1] == pytest.approx(seconds, abs=0.21)
+                    for there, seconds in found
+                    if there < distance + 1e-6
+                )
 
 
 def test_costs_add_up_and_the_chosen_action_is_what_was_driven() -> None:
@@ -78,12 +90,18 @@ def test_costs_add_up_and_the_chosen_action_is_what_was_driven() -> None:
         assert best == sorted(best)
         assert sum(each["weight"] for each in told["hypotheses"]) == pytest.approx(1.0)
         (chosen,) = [action for action in told["actions"] if action["chosen"]]
-        assert chosen["best"] == told["decision"]["cost"] == cycle.decision.children[cycle.decision.chosen].best
+        assert (
+            chosen["best"]
+            == told["decision"]["cost"]
+            == cycle.decision.children[cycle.decision.chosen].best
+        )
         assert chosen["action"] == told["decision"]["action"]
         if not chosen["hypotheses"]:
             assert sum(chosen["terms"].values()) == pytest.approx(chosen["best"])
         assert told["decision"]["speeds_mps"] == cycle.decision.command.speeds.tolist()
-        assert (told["decision"]["action"] == "last plan, carried on") == (told["decision"]["reason"] == "carried on")
+        assert (told["decision"]["action"] == "last plan, carried on") == (
+            told["decision"]["reason"] == "carried on"
+        )
         assert json.loads(records.json_text(told))["time_s"] == cycle.time
         if number + 1 < len(trace.cycles):
             assert told["executed"]["executed_mps"] == trace.cycles[number + 1].ego.v
@@ -101,18 +119,34 @@ def test_what_a_hypothesis_is_about_is_named() -> None:
 
 def test_the_light_and_the_stop_signs_ahead_are_told(on_a_grid: EpisodeResult) -> None:
     trace, road = on_a_grid.traces[0], road_of(on_a_grid)
-    ahead = [explain(trace, road, number)["ego"]["stop_line"] for number in range(len(trace.cycles))]
+    ahead = [
+        explain(trace, road, number)["ego"]["stop_line"] for number in range(len(trace.cycles))
+    ]
     kinds = [line["kind"] for line in ahead if line is not None]
     assert {"light", "stop sign"} == set(kinds)
     seen = {line["shows"] for line in ahead if line is not None}
     assert {"to stop", "stood there"} <= seen
     assert "red" in seen or "green" in seen
-    for before, after, cycle, following in zip(ahead, ahead[1:], trace.cycles, trace.cycles[1:], strict=False):
+    for before, after, cycle, following in zip(
+        ahead, ahead[1:], trace.cycles, trace.cycles[1:], strict=False
+    ):
         if before is not None and after is not None and cycle.ego.lane == following.ego.lane:
-            assert before["distance_m"] - after["distance_m"] == pytest.approx(following.ego.s - cycle.ego.s)
+            assert before["distance_m"] - after["distance_m"] == pytest.approx(
+                following.ego.s - cycle.ego.s
+            )
         if before is not None and before["shows"] == "red" and before["distance_m"] < 1.0:
             assert following.ego.lane == cycle.ego.lane
-    assert "stop sign in" in text(explain(trace, road, next(i for i, line in enumerate(ahead) if line is not None and line["kind"] == "stop sign")))
+    assert "stop sign in" in text(
+        explain(
+            trace,
+            road,
+            next(
+                i
+                for i, line in enumerate(ahead)
+                if line is not None and line["kind"] == "stop sign"
+            ),
+        )
+    )
 
 
 def test_an_oracle_is_called_one_and_what_a_planner_does_not_read_is_not_named() -> None:
@@ -130,7 +164,10 @@ def test_whoever_may_come_nearest_is_first() -> None:
     agents = explain(braking().traces[0], braking().road, 15)["agents"]
     assert [agent["worst_m"] for agent in agents] == sorted(agent["worst_m"] for agent in agents)
     assert all(agent["worst_m"] <= agent["closest_m"] for agent in agents)
-    assert {agents[0]["id"], agents[1]["id"]} == {"right", "braking"}  # in a hypothesis, though not in the likeliest
+    assert {agents[0]["id"], agents[1]["id"]} == {
+        "right",
+        "braking",
+    }  # in a hypothesis, though not in the likeliest
 
 
 def test_without_its_map_lanes_go_by_numbers() -> None:
@@ -150,7 +187,9 @@ PLANNERS = {
 
 @pytest.mark.parametrize("planner", PLANNERS)
 def test_planners_that_weigh_nothing_are_explained_as_far_as_that_goes(planner: str) -> None:
-    result = run_episode(of_a_scene("straight-line", f"planner.name={planner}", "episode.stop_time_s=4"), 4)
+    result = run_episode(
+        of_a_scene("straight-line", f"planner.name={planner}", "episode.stop_time_s=4"), 4
+    )
     told = explain(result.traces[0], result.road, 2)
     shown = text(told)
     assert told["actions"] == []
@@ -162,11 +201,15 @@ def test_planners_that_weigh_nothing_are_explained_as_far_as_that_goes(planner: 
 
 
 def test_why_the_fail_safe_acted_is_told() -> None:
-    result = run_episode(of_a_scene("unprotected-left-turn", "planner.name=constant", "failsafe.on=true"), 3)
+    result = run_episode(
+        of_a_scene("unprotected-left-turn", "planner.name=constant", "failsafe.on=true"), 3
+    )
     number = next(i for i, cycle in enumerate(result.traces[0].cycles) if cycle.intervened)
     told = explain(result.traces[0], result.road, number)
     assert told["decision"]["fail_safe"]
-    assert "in place of what the planner decided; fail-safe: no stop and no way out that" in text(told)
+    assert "in place of what the planner decided; fail-safe: no stop and no way out that" in text(
+        told
+    )
 
 
 def test_the_same_settings_give_the_identical_decision_and_others_stand_beside() -> None:
@@ -174,21 +217,34 @@ def test_the_same_settings_give_the_identical_decision_and_others_stand_beside()
     told = explain(trace, road, 15)
     again = explain_again(trace, road, 15, ())
     assert again["identical"] and again["same_command"]
-    assert {key: told[key] for key in ("ego", "agents", "hypotheses", "actions", "decision")} == {key: again[key] for key in again if key in told}
-    assert text({**told, "replan": again}).endswith("taken again with the same settings: the identical decision")
+    assert {key: told[key] for key in ("ego", "agents", "hypotheses", "actions", "decision")} == {
+        key: again[key] for key in again if key in told
+    }
+    assert text({**told, "replan": again}).endswith(
+        "taken again with the same settings: the identical decision"
+    )
     other = explain_again(trace, road, 15, ("prediction.hypotheses=1",))
     assert not other["identical"] and not other["same_command"]
     assert all(action["hypotheses"] == [] for action in other["actions"])
     shown = text({**told, "replan": other})
     assert "taken again with prediction.hypotheses=1: another command" in shown
     table = shown[shown.index("again: visits") :].splitlines()[1:]
-    assert len(table) == len({(a["action"], a["lane_change"], a["action"] == "acceleration" and a["accel_mps2"]) for a in told["actions"] + other["actions"]})
+    assert len(table) == len(
+        {
+            (a["action"], a["lane_change"], a["action"] == "acceleration" and a["accel_mps2"])
+            for a in told["actions"] + other["actions"]
+        }
+    )
 
 
 def test_a_decision_with_a_time_budget_is_called_not_reproducible() -> None:
-    result = run_episode(of_a_scene("straight-line", "planner.time_budget_ms=5", "episode.stop_time_s=2"), 4)
+    result = run_episode(
+        of_a_scene("straight-line", "planner.time_budget_ms=5", "episode.stop_time_s=2"), 4
+    )
     trace = result.traces[0]
     again = explain_again(trace, road_of(result), 2, ())
     assert not again["reproducible"]
     changed = {**again, "identical": False}
-    assert "a decision that a clock has a say in is not reproducible" in text({**explain(trace, result.road, 2), "replan": changed})
+    assert "a decision that a clock has a say in is not reproducible" in text(
+        {**explain(trace, result.road, 2), "replan": changed}
+    )

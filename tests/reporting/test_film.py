@@ -16,7 +16,16 @@ def test_the_film_holds_every_frame_and_stays_on_the_last(tmp_path: Path) -> Non
     trace = crossing_trace()._replace(cycles=crossing_trace().cycles[:4])
     told: list[str] = []
     film.film(trace, tmp_path / "new" / "f.mp4", told.append)
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", tmp_path / "new" / "f.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    command = [
+        imageio_ffmpeg.get_ffmpeg_exe(),
+        "-i",
+        tmp_path / "new" / "f.mp4",
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24",
+        "-",
+    ]
     decoded = subprocess.run(command, capture_output=True, check=True)
     assert b"Video: h264" in decoded.stderr
     assert b"10 fps" in decoded.stderr
@@ -38,7 +47,11 @@ def test_a_film_that_is_broken_off_leaves_the_old_one(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        film.film(crossing_trace()._replace(cycles=crossing_trace().cycles[:4]), tmp_path / "f.mp4", interrupted)
+        film.film(
+            crossing_trace()._replace(cycles=crossing_trace().cycles[:4]),
+            tmp_path / "f.mp4",
+            interrupted,
+        )
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("f.mp4", b"old")]
 
 
@@ -49,7 +62,9 @@ def test_sizes_are_made_even() -> None:
     assert (even.width, even.height % 2) == (720, 0)
 
 
-def test_without_an_encoder_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_an_encoder_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(film.EncoderError, match=r"pip install 'sumo-mcts\[video\]'"):
         film.film(crossing_trace(), tmp_path / "f.mp4")

@@ -1,4 +1,5 @@
-"""The figures show the numbers: axes keep the order, marks stand where they should, nobody is left out."""
+"""The figures show the numbers: axes keep the order, marks stand where they should, nobody is left
+out."""
 
 import re
 from importlib import resources
@@ -46,53 +47,100 @@ def test_an_axis_keeps_the_order(values: list[float], logarithmic: bool) -> None
 
 def test_a_sweep_is_what_differs_in_iterations_alone() -> None:
     rows = [*made_rows(6), made_row(variant="other")]
-    rows += [made_row(variant=f"paper-iterations-{n}", planner="paper", iterations_per_decision=n) for n in (50, 500)]
+    rows += [
+        made_row(variant=f"paper-iterations-{n}", planner="paper", iterations_per_decision=n)
+        for n in (50, 500)
+    ]
     found = plots.sweeps(rows)
     assert list(found) == ["left", "exit"]
-    assert [(family.label, [budget for budget, _, _ in family.points]) for family in found["left"]] == [("mcts-idm", [100, 1000]), ("paper", [50, 500])]
+    assert [
+        (family.label, [budget for budget, _, _ in family.points]) for family in found["left"]
+    ] == [("mcts-idm", [100, 1000]), ("paper", [50, 500])]
     assert found["exit"][0].points[0] == (100, Rate(4, 6, wilson(4, 6)), Rate(2, 6, wilson(2, 6)))
-    assert plots.sweeps([row for row in rows if row["variant"] != "mcts-idm-1000" and not row["variant"].startswith("paper")]) == {}
+    assert (
+        plots.sweeps(
+            [
+                row
+                for row in rows
+                if row["variant"] != "mcts-idm-1000" and not row["variant"].startswith("paper")
+            ]
+        )
+        == {}
+    )
 
 
 def test_a_sweep_goes_on_beyond_a_million() -> None:
     budgets = (1000, 1_000_000, 2_500_000.0)
-    rows = [made_row(variant=f"mcts-idm-{n:.0f}", planner="mcts", iterations_per_decision=n) for n in budgets]
+    rows = [
+        made_row(variant=f"mcts-idm-{n:.0f}", planner="mcts", iterations_per_decision=n)
+        for n in budgets
+    ]
     (swept,) = plots.sweeps(rows)["left"]
     assert (swept.label, [budget for budget, _, _ in swept.points]) == ("mcts-idm", list(budgets))
-    assert "1\u2009000\u2009000 iterations: arrived 1/1" in plots.sweep_figure("left", [swept], colours(rows))
+    assert "1\u2009000\u2009000 iterations: arrived 1/1" in plots.sweep_figure(
+        "left", [swept], colours(rows)
+    )
 
 
 def test_the_sweep_shows_every_rate() -> None:
     rows = made_rows(6)
     drawn = plots.sweep_figure("left", plots.sweeps(rows)["left"], colours(rows))
     ElementTree.fromstring(drawn)
-    assert re.findall(r"(?:arrived|collided) \d+/\d+", drawn) == ["arrived 4/6", "arrived 6/6", "collided 2/6", "collided 0/6"]
+    assert re.findall(r"(?:arrived|collided) \d+/\d+", drawn) == [
+        "arrived 4/6",
+        "arrived 6/6",
+        "collided 2/6",
+        "collided 0/6",
+    ]
 
 
 def test_a_spread_tells_its_quantiles() -> None:
-    rows = [made_row(seed=k, min_ttc_s=float(k)) for k in range(1, 100)] + [made_row(seed=100, min_ttc_s=None)]
+    rows = [made_row(seed=k, min_ttc_s=float(k)) for k in range(1, 100)] + [
+        made_row(seed=100, min_ttc_s=None)
+    ]
     drawn = spread(rows)
     ElementTree.fromstring(drawn)
-    assert "median 50.00 s; half of the episodes 25.50..74.50, nine tenths 5.90..94.10; known in 99 of 100 episodes" in drawn
+    assert (
+        "median 50.00 s; half of the episodes 25.50..74.50, nine tenths 5.90..94.10; known in 99 "
+        "of 100 episodes" in drawn
+    )
     assert spread([made_row(min_ttc_s=None)]) == ""
     ElementTree.fromstring(spread([made_row(min_ttc_s=0.0)]))
 
 
 def test_a_variant_of_which_nothing_is_known_stays_in_the_figure() -> None:
-    root = ElementTree.fromstring(spread([made_row(), *(made_row(variant="calm", seed=seed, min_ttc_s=None) for seed in range(3))]))
-    assert [text.text for text in root.iter("text") if text.get("class") == "name"] == ["mcts-idm-100", "calm"]
+    root = ElementTree.fromstring(
+        spread(
+            [
+                made_row(),
+                *(made_row(variant="calm", seed=seed, min_ttc_s=None) for seed in range(3)),
+            ]
+        )
+    )
+    assert [text.text for text in root.iter("text") if text.get("class") == "name"] == [
+        "mcts-idm-100",
+        "calm",
+    ]
     assert "none" in [text.text for text in root.iter("text")]
     assert "calm: none in any of 3 episodes" in [mark.get("data-tip") for mark in root.iter("rect")]
     assert len(list(root.iter("circle"))) == 1
 
 
 def test_every_variant_has_a_colour_of_its_own_as_long_as_there_are_some() -> None:
-    rows = [made_row(variant=name, planner=planner) for planner in ("mcts", "sumo", "mine", None) for name in (f"{planner}-b", f"{planner}-a")]
+    rows = [
+        made_row(variant=name, planner=planner)
+        for planner in ("mcts", "sumo", "mine", None)
+        for name in (f"{planner}-b", f"{planner}-a")
+    ]
     found = colours([*rows, *rows])
     assert len(set(found.values())) == len(found) == 8
-    assert (found["mcts-b"], found["sumo-b"], found["mine-b"]) == ("p-mcts", "p-sumo", "p-other"), "a planner's first variant has the planner's"
+    assert (found["mcts-b"], found["sumo-b"], found["mine-b"]) == ("p-mcts", "p-sumo", "p-other"), (
+        "a planner's first variant has the planner's"
+    )
     many = colours([made_row(variant=str(k), planner="mcts") for k in range(40)])
-    assert set(many.values()) == {f"p-{planner}" for planner in KNOWN if planner != "sumo"} | {f"p-further-{k + 1}" for k in range(FURTHER)}
+    assert set(many.values()) == {f"p-{planner}" for planner in KNOWN if planner != "sumo"} | {
+        f"p-further-{k + 1}" for k in range(FURTHER)
+    }
     style = resources.files("sumo_mcts.reporting").joinpath("template", "page.css").read_text()
     assert all(f".{name} {{ --c:" in style for name in (*many.values(), "p-sumo", "p-other"))
 
@@ -112,10 +160,18 @@ def test_whoever_does_not_arrive_stands_on_the_edge() -> None:
     assert "ego did not arrive" in drawn
     assert "twin did not arrive" not in drawn
     assert len(re.findall(r"M[\d. ]+h0", drawn)) == 3
-    assert "twin did not arrive" in plots.twin_figure("left", rows, [*twins[:2], {**twins[2], "outcome": "timeout", "travel_time_s": None}], colour)
+    assert "twin did not arrive" in plots.twin_figure(
+        "left",
+        rows,
+        [*twins[:2], {**twins[2], "outcome": "timeout", "travel_time_s": None}],
+        colour,
+    )
     assert plots.twin_figure("left", rows, [], colour) == ""
 
 
 def test_thousands_of_pairs_are_one_path() -> None:
-    rows, twins = ([made_row(variant=variant, seed=k, travel_time_s=20.0 + k % 97 / 10) for k in range(4000)] for variant in ("mcts-idm-100", "sumo"))
+    rows, twins = (
+        [made_row(variant=variant, seed=k, travel_time_s=20.0 + k % 97 / 10) for k in range(4000)]
+        for variant in ("mcts-idm-100", "sumo")
+    )
     assert len(plots.twin_figure("left", rows, twins, colours([*rows, *twins]))) < 20_000

@@ -39,13 +39,23 @@ def origin(trace: Trace) -> np.ndarray:
     return np.floor([trace.cycles[0].ego.x, trace.cycles[0].ego.y])
 
 
-@pytest.mark.parametrize("trace", [crossing_trace(), highway_trace(), busy_trace(20)], ids=["crossing", "highway", "busy"])
+@pytest.mark.parametrize(
+    "trace",
+    [crossing_trace(), highway_trace(), busy_trace(20)],
+    ids=["crossing", "highway", "busy"],
+)
 def test_everybody_is_where_the_trace_has_them(trace: Trace) -> None:
     found = unpacked(trace)
     egos = [cycle.ego for cycle in trace.cycles]
-    np.testing.assert_allclose(sums(found["time"], 1000), [cycle.time for cycle in trace.cycles], atol=5e-4)
-    np.testing.assert_allclose(sums(found["ego"]["x"]) + origin(trace)[0], [ego.x for ego in egos], atol=0.00501)
-    np.testing.assert_allclose(np.cos(sums(found["ego"]["h"], 1000)), [np.cos(ego.heading) for ego in egos], atol=1e-3)
+    np.testing.assert_allclose(
+        sums(found["time"], 1000), [cycle.time for cycle in trace.cycles], atol=5e-4
+    )
+    np.testing.assert_allclose(
+        sums(found["ego"]["x"]) + origin(trace)[0], [ego.x for ego in egos], atol=0.00501
+    )
+    np.testing.assert_allclose(
+        np.cos(sums(found["ego"]["h"], 1000)), [np.cos(ego.heading) for ego in egos], atol=1e-3
+    )
     x, y = origin(trace)
     seen = {}
     for other in found["others"]:
@@ -53,19 +63,39 @@ def test_everybody_is_where_the_trace_has_them(trace: Trace) -> None:
         seen |= {(other["id"], other["from"] + i): state for i, state in enumerate(columns)}
     for k, cycle in enumerate(trace.cycles):
         for n, name in enumerate(cycle.agents.ids):
-            np.testing.assert_allclose(seen.pop((name, k)), (cycle.agents.x[n], cycle.agents.y[n], cycle.agents.v[n]), atol=0.00501)
+            np.testing.assert_allclose(
+                seen.pop((name, k)),
+                (cycle.agents.x[n], cycle.agents.y[n], cycle.agents.v[n]),
+                atol=0.00501,
+            )
     assert seen == {}
 
 
 def test_who_is_gone_for_a_while_is_not_drawn_meanwhile() -> None:
     trace = crossing_trace()
     cycles = list(trace.cycles)
-    name = next(name for name in cycles[5].agents.ids if all(name in cycle.agents.ids for cycle in cycles[3:8]))
+    name = next(
+        name
+        for name in cycles[5].agents.ids
+        if all(name in cycle.agents.ids for cycle in cycles[3:8])
+    )
     for k in (5, 6):
         keep = np.array([other != name for other in cycles[k].agents.ids])
-        kept = {field: value[keep] for field, value in cycles[k].agents._asdict().items() if field != "ids"}
-        cycles[k] = cycles[k]._replace(agents=cycles[k].agents._replace(ids=tuple(other for other in cycles[k].agents.ids if other != name), **kept))
-    stretches = [(other["from"], other["from"] + len(other["x"])) for other in unpacked(trace._replace(cycles=tuple(cycles)))["others"] if other["id"] == name]
+        kept = {
+            field: value[keep]
+            for field, value in cycles[k].agents._asdict().items()
+            if field != "ids"
+        }
+        cycles[k] = cycles[k]._replace(
+            agents=cycles[k].agents._replace(
+                ids=tuple(other for other in cycles[k].agents.ids if other != name), **kept
+            )
+        )
+    stretches = [
+        (other["from"], other["from"] + len(other["x"]))
+        for other in unpacked(trace._replace(cycles=tuple(cycles)))["others"]
+        if other["id"] == name
+    ]
     assert len(stretches) == 2
     assert stretches[0][1] == 5
     assert stretches[1][0] == 7
@@ -75,23 +105,44 @@ def test_the_decision_is_told_whole() -> None:
     trace = crossing_trace()
     for cycle, told in zip(trace.cycles, unpacked(trace)["cycles"], strict=True):
         decision = cycle.decision
-        assert (told["n"], told["known"], told["chosen"], told["why"]) == (decision.iterations, decision.known, decision.chosen, decision.reason)
+        assert (told["n"], told["known"], told["chosen"], told["why"]) == (
+            decision.iterations,
+            decision.known,
+            decision.chosen,
+            decision.reason,
+        )
         assert told["released"] == isinstance(decision.command, Release)
         assert len(told["tried"]) == len(decision.children)
-        for child, (accel, change, visits, mean, best, terms, poses) in zip(decision.children, told["tried"], strict=True):
-            assert (accel / 100, mean / 1000) == (pytest.approx(child.accel, abs=0.005), pytest.approx(child.mean))
+        for child, (accel, change, visits, mean, best, terms, poses) in zip(
+            decision.children, told["tried"], strict=True
+        ):
+            assert (accel / 100, mean / 1000) == (
+                pytest.approx(child.accel, abs=0.005),
+                pytest.approx(child.mean),
+            )
             assert (change, visits) == (child.lane_change, child.visits)
-            assert best is None if np.isinf(child.best) else best / 1000 == pytest.approx(child.best)
+            assert (
+                best is None if np.isinf(child.best) else best / 1000 == pytest.approx(child.best)
+            )
             assert [term / 1000 for term in terms] == pytest.approx(child.terms.tolist())
-            np.testing.assert_allclose(way(poses, 10) + origin(trace), child.poses[4::5, :2], atol=0.0501)
+            np.testing.assert_allclose(
+                way(poses, 10) + origin(trace), child.poses[4::5, :2], atol=0.0501
+            )
         if decision.plan is not None:
-            np.testing.assert_allclose(way(told["plan"], 100) + origin(trace), decision.plan.pose[4::5, :2], atol=0.00501)
+            np.testing.assert_allclose(
+                way(told["plan"], 100) + origin(trace), decision.plan.pose[4::5, :2], atol=0.00501
+            )
 
 
 def test_a_manoeuvre_of_the_fail_safe_is_told_by_what_was_recorded_not_by_its_words() -> None:
     trace = crossing_trace()
-    said = [cycle._replace(decision=cycle.decision._replace(reason=reason)) for cycle, reason in zip(trace.cycles, ("fail-safety first", "late"), strict=False)]
-    cycles = replay.replay(trace._replace(cycles=(said[0], said[1]._replace(intervened=True))))["cycles"]
+    said = [
+        cycle._replace(decision=cycle.decision._replace(reason=reason))
+        for cycle, reason in zip(trace.cycles, ("fail-safety first", "late"), strict=False)
+    ]
+    cycles = replay.replay(trace._replace(cycles=(said[0], said[1]._replace(intervened=True))))[
+        "cycles"
+    ]
     assert [cycle["failsafe"] for cycle in cycles] == [0, 1]
 
 
@@ -103,7 +154,9 @@ def test_the_forecast_is_drawn_where_it_was() -> None:
     assert moving
     assert [share for share, _ in told["forecast"]] == [100] * len(moving)
     for n, (_, bends) in zip(moving, told["forecast"], strict=True):
-        np.testing.assert_allclose(way(bends, 10) + origin(trace), pose[valid[:, n], n], atol=0.0501)
+        np.testing.assert_allclose(
+            way(bends, 10) + origin(trace), pose[valid[:, n], n], atol=0.0501
+        )
 
 
 def test_another_hypothesis_is_drawn_only_where_it_differs() -> None:
@@ -111,8 +164,12 @@ def test_another_hypothesis_is_drawn_only_where_it_differs() -> None:
     cycle = trace.cycles[8]
     pose = np.repeat(cycle.forecast.pose, 2, axis=0)
     pose[1, :, 0, 0] += np.linspace(0.0, 4.0, pose.shape[1])
-    forecast = cycle.forecast._replace(pose=pose, valid=np.repeat(cycle.forecast.valid, 2, axis=0), weight=np.array([0.8, 0.2]))
-    told = unpacked(trace._replace(cycles=(cycle._replace(forecast=forecast),)))["cycles"][0]["forecast"]
+    forecast = cycle.forecast._replace(
+        pose=pose, valid=np.repeat(cycle.forecast.valid, 2, axis=0), weight=np.array([0.8, 0.2])
+    )
+    told = unpacked(trace._replace(cycles=(cycle._replace(forecast=forecast),)))["cycles"][0][
+        "forecast"
+    ]
     assert [share for share, _ in told].count(20) == 1
 
 

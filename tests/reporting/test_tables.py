@@ -16,7 +16,9 @@ from sumo_mcts.reporting.tables import Cell, Column, Table
 
 def cells(name: str, rows: list[dict[str, object]]) -> list[dict[str, Cell]]:
     table = next(table for table in tables.tables(rows) if table.name == name)
-    return [dict(zip((column.key for column in table.columns), row, strict=True)) for row in table.rows]
+    return [
+        dict(zip((column.key for column in table.columns), row, strict=True)) for row in table.rows
+    ]
 
 
 def test_outcomes() -> None:
@@ -30,7 +32,9 @@ def test_outcomes() -> None:
     (found,) = cells("outcomes", rows)
     assert found["episodes"] == 5
     assert found["arrived"] == Rate(1, 5, wilson(1, 5))
-    assert found["collisions"] == Rate(2, 4, wilson(2, 4))  # of the one that ended in an error nobody knows
+    assert found["collisions"] == Rate(
+        2, 4, wilson(2, 4)
+    )  # of the one that ended in an error nobody knows
     assert found["at_fault"] == Rate(1, 4, wilson(1, 4))
     assert found["other_outcomes"] == "1 error, 1 off route"
 
@@ -39,7 +43,10 @@ def test_pairs_whose_twin_does_not_arrive_stand_apart() -> None:
     late = {"outcome": "timeout", "travel_time_s": None}
     rows = [made_row(seed=seed, travel_time_s=10.0) for seed in range(4)]
     rows[1] = crashed(rows[1])
-    twins = [made_row(variant="sumo", seed=seed, travel_time_s=20.0, imposed_brakes_4=seed) for seed in range(4)]
+    twins = [
+        made_row(variant="sumo", seed=seed, travel_time_s=20.0, imposed_brakes_4=seed)
+        for seed in range(4)
+    ]
     twins[3].update(late)
     (found,) = cells("twin", [*rows, *twins])
     assert found["pairs"] == 4
@@ -49,71 +56,146 @@ def test_pairs_whose_twin_does_not_arrive_stand_apart() -> None:
     assert isinstance(ratio, Estimate)
     assert isinstance(imposed, Contrast)
     assert ratio == Estimate(0.5, None, 3)
-    assert (imposed.k, imposed.other, imposed.n, imposed.per_hundred) == (0, 3, 4, -75.0), "over all pairs, those too whose twin does not arrive"
+    assert (imposed.k, imposed.other, imposed.n, imposed.per_hundred) == (0, 3, 4, -75.0), (
+        "over all pairs, those too whose twin does not arrive"
+    )
 
 
 def test_over_all_scenarios_each_variant_is_paired_with_its_twins() -> None:
-    rows = [made_row(scene, "idm", seed, travel_time_s=time) for scene, time in (("left", 10.0), ("exit", 30.0)) for seed in range(2)]
+    rows = [
+        made_row(scene, "idm", seed, travel_time_s=time)
+        for scene, time in (("left", 10.0), ("exit", 30.0))
+        for seed in range(2)
+    ]
     rows[0] = crashed(rows[0])
-    twins = [made_row(scene, "sumo", seed, travel_time_s=20.0, imposed_brakes_3=1) for scene in ("left", "exit") for seed in range(2)]
+    twins = [
+        made_row(scene, "sumo", seed, travel_time_s=20.0, imposed_brakes_3=1)
+        for scene in ("left", "exit")
+        for seed in range(2)
+    ]
     driver, twin = cells("overall", [*rows, *twins])
-    assert (driver["variant"], driver["episodes"], driver["arrived"], driver["at_fault"]) == ("idm", 4, Rate(3, 4, wilson(3, 4)), Rate(1, 4, wilson(1, 4)))
+    assert (driver["variant"], driver["episodes"], driver["arrived"], driver["at_fault"]) == (
+        "idm",
+        4,
+        Rate(3, 4, wilson(3, 4)),
+        Rate(1, 4, wilson(1, 4)),
+    )
     assert driver["travel_time_ratio"] == Estimate(1.5, None, 4)
     imposed = driver["imposed_brakes_3"]
-    assert isinstance(imposed, Contrast) and (imposed.k, imposed.other, imposed.per_hundred) == (0, 4, -100.0)
-    assert twin["variant"] == "sumo" and twin["travel_time_ratio"] is None and twin["imposed_brakes_3"] is None
-    assert cells("overall", [row for row in [*rows, *twins] if row["scenario"] == "left"]) == [], "one scenario is its own sum"
+    assert isinstance(imposed, Contrast) and (imposed.k, imposed.other, imposed.per_hundred) == (
+        0,
+        4,
+        -100.0,
+    )
+    assert (
+        twin["variant"] == "sumo"
+        and twin["travel_time_ratio"] is None
+        and twin["imposed_brakes_3"] is None
+    )
+    assert cells("overall", [row for row in [*rows, *twins] if row["scenario"] == "left"]) == [], (
+        "one scenario is its own sum"
+    )
 
 
 def test_variants_are_compared_within_a_scenario_by_seed() -> None:
     found = cells("variants", made_rows(6))
     assert [(row["scenario"], row["variant"], row["against"]) for row in found[:3]] == [
-        ("left", "mcts-idm-100", "mcts-idm-1000"), ("left", "mcts-idm-100", "idm"), ("left", "mcts-idm-1000", "idm"),
+        ("left", "mcts-idm-100", "mcts-idm-1000"), ("left", "mcts-idm-100", "idm"),
+        ("left", "mcts-idm-1000", "idm"),
     ]  # fmt: skip
     assert len(found) == 6
     collisions = found[0]["collisions"]
     assert isinstance(collisions, Contrast)
-    assert (collisions.k, collisions.other, collisions.n, round(collisions.per_hundred, 6)) == (2, 0, 6, 33.333333)
-    assert cells("variants", [made_row(), made_row(variant="mcts-idm-1000", seed=1)]) == [], "no seed in common"
+    assert (collisions.k, collisions.other, collisions.n, round(collisions.per_hundred, 6)) == (
+        2,
+        0,
+        6,
+        33.333333,
+    )
+    assert cells("variants", [made_row(), made_row(variant="mcts-idm-1000", seed=1)]) == [], (
+        "no seed in common"
+    )
 
 
 def test_late_decisions_are_counted_over_decisions() -> None:
-    (found,) = cells("planning", [made_row(deadline_misses=3), made_row(seed=1, cycles=60), made_row(variant="sumo")])
-    assert (found["decisions"], found["deadline_misses"], found["iterations_used"]) == (100, Rate(3, 100, wilson(3, 100)), 2.0)
+    (found,) = cells(
+        "planning",
+        [made_row(deadline_misses=3), made_row(seed=1, cycles=60), made_row(variant="sumo")],
+    )
+    assert (found["decisions"], found["deadline_misses"], found["iterations_used"]) == (
+        100,
+        Rate(3, 100, wilson(3, 100)),
+        2.0,
+    )
 
 
 def test_a_damaged_row_does_not_stop_the_report() -> None:
-    (found,) = cells("planning", [made_row(deadline_misses=300), made_row(seed=1, cycles=None, deadline_misses=2), made_row(seed=2, deadline_misses=1)])
+    (found,) = cells(
+        "planning",
+        [
+            made_row(deadline_misses=300),
+            made_row(seed=1, cycles=None, deadline_misses=2),
+            made_row(seed=2, deadline_misses=1),
+        ],
+    )
     assert found["deadline_misses"] == Rate(1, 40, wilson(1, 40))
 
 
 def test_medians_are_over_what_is_known() -> None:
-    (found,) = cells("others", [made_row(min_ttc_s=None), made_row(seed=1, min_ttc_s=2.0), made_row(seed=2, min_ttc_s=4.0)])
+    (found,) = cells(
+        "others",
+        [
+            made_row(min_ttc_s=None),
+            made_row(seed=1, min_ttc_s=2.0),
+            made_row(seed=2, min_ttc_s=4.0),
+        ],
+    )
     assert (found["min_ttc_s"], found["min_pet_s"]) == (3.0, None)
 
 
 def test_what_is_unknown_did_neither_happen_nor_not() -> None:
     """An episode that ended in an error of the run has no measures."""
-    unknown = dict.fromkeys(("imposed_brakes_3", "hard_brakes", "red_lights_run", "failsafe_interventions"))
-    rows = [made_row(imposed_brakes_3=1, red_lights_run=1, hard_brakes=0), made_row(seed=1, outcome="error", travel_time_s=None, **unknown)]
+    unknown = dict.fromkeys(
+        ("imposed_brakes_3", "hard_brakes", "red_lights_run", "failsafe_interventions")
+    )
+    rows = [
+        made_row(imposed_brakes_3=1, red_lights_run=1, hard_brakes=0),
+        made_row(seed=1, outcome="error", travel_time_s=None, **unknown),
+    ]
     twins = [made_row(variant="sumo", seed=seed) for seed in (0, 1)]
     (found,) = cells("rules", rows)
-    assert (found["red_lights_run"], found["failsafe"]) == (Rate(1, 1, wilson(1, 1)), Rate(0, 1, wilson(0, 1)))
+    assert (found["red_lights_run"], found["failsafe"]) == (
+        Rate(1, 1, wilson(1, 1)),
+        Rate(0, 1, wilson(0, 1)),
+    )
     assert cells("comfort", rows)[0]["hard_brakes"] == Rate(0, 1, wilson(0, 1))
     assert cells("others", rows)[0]["imposed_brakes_3"] == Rate(1, 1, wilson(1, 1))
     imposed = cells("twin", [*rows, *twins])[0]["imposed_brakes_3"]
     assert isinstance(imposed, Contrast)
     assert (imposed.k, imposed.other, imposed.n) == (1, 0, 1)
-    assert cells("outcomes", rows)[0]["arrived"] == Rate(1, 2, wilson(1, 2)), "but it did not arrive"
+    assert cells("outcomes", rows)[0]["arrived"] == Rate(1, 2, wilson(1, 2)), (
+        "but it did not arrive"
+    )
 
 
 def test_an_oracle_is_labelled() -> None:
-    rows = [made_row(prediction="script"), made_row(variant="idm"), made_row(variant="mine", prediction="mine:Knowing (oracle)")]
-    assert [row["variant"] for row in cells("outcomes", rows)] == ["mcts-idm-100 (oracle)", "idm", "mine (oracle)"]
+    rows = [
+        made_row(prediction="script"),
+        made_row(variant="idm"),
+        made_row(variant="mine", prediction="mine:Knowing (oracle)"),
+    ]
+    assert [row["variant"] for row in cells("outcomes", rows)] == [
+        "mcts-idm-100 (oracle)",
+        "idm",
+        "mine (oracle)",
+    ]
 
 
 def test_inevitable_is_of_the_collisions_that_were_judged() -> None:
-    rows = [crashed(made_row(seed=seed), inevitable=verdict) for seed, verdict in enumerate((True, False, None))]
+    rows = [
+        crashed(made_row(seed=seed), inevitable=verdict)
+        for seed, verdict in enumerate((True, False, None))
+    ]
     assert cells("rules", [*rows, made_row(seed=9)])[0]["inevitable"] == Rate(1, 2, wilson(1, 2))
     assert cells("rules", [made_row()])[0]["inevitable"] is None
 
@@ -137,18 +219,30 @@ def test_what_went_wrong_is_worth_a_look_and_the_hardest_moments() -> None:
 
 
 def test_one_bad_driver_does_not_fill_the_list() -> None:
-    rows = [crashed(made_row(variant="mcts-idm-100", seed=seed), min_ttc_s=None) for seed in range(100)]
-    rows += [crashed(made_row(variant="constant", seed=seed), min_ttc_s=None) for seed in range(100)]
-    rows += [crashed(made_row(variant="mcts-idm-1000", seed=seed), min_ttc_s=None) for seed in range(2)]
+    rows = [
+        crashed(made_row(variant="mcts-idm-100", seed=seed), min_ttc_s=None) for seed in range(100)
+    ]
+    rows += [
+        crashed(made_row(variant="constant", seed=seed), min_ttc_s=None) for seed in range(100)
+    ]
+    rows += [
+        crashed(made_row(variant="mcts-idm-1000", seed=seed), min_ttc_s=None) for seed in range(2)
+    ]
     looks, of = tables.worth_a_look(rows, 12)
-    assert Counter(look.row["variant"] for look in looks) == {"mcts-idm-100": 10, "mcts-idm-1000": 2}
+    assert Counter(look.row["variant"] for look in looks) == {
+        "mcts-idm-100": 10,
+        "mcts-idm-1000": 2,
+    }
     assert of == 202
     assert len(tables.worth_a_look(rows, 150)[0]) == 150
 
 
 def test_where_nothing_happened_there_is_still_something_to_see() -> None:
     looks, of = tables.worth_a_look([made_row(seed=seed, min_ttc_s=None) for seed in (4, 5)], 50)
-    assert ([(look.row["seed"], look.reasons) for look in looks], of) == ([(4, ("nothing happened",))], 1)
+    assert ([(look.row["seed"], look.reasons) for look in looks], of) == (
+        [(4, ("nothing happened",))],
+        1,
+    )
 
 
 def test_the_twin_is_not_worth_a_look() -> None:
@@ -162,15 +256,35 @@ def test_numbers_as_text() -> None:
     shown = {
         tables.text(cell, Column("x", "X", digits=digits))
         for cell, digits in (
-            (Rate(0, 300, wilson(0, 300)), 2), (Rate(0, 0, None), 2), (Estimate(math.inf, (0.5, math.inf), 9), 2), (Contrast(6, 1, 100, 5.0, (-0.02, 10.0)), 2),
-            (Estimate(0.5, None, 3), 2), (Contrast(1, 0, 2, 50.0, None), 2), (None, 2), (12345, 2), (0.456, 1), ("a", 2),
+            (Rate(0, 300, wilson(0, 300)), 2), (Rate(0, 0, None), 2),
+            (Estimate(math.inf, (0.5, math.inf), 9), 2),
+            (Contrast(6, 1, 100, 5.0, (-0.02, 10.0)), 2),
+            (Estimate(0.5, None, 3), 2), (Contrast(1, 0, 2, 50.0, None), 2), (None, 2), (12345, 2),
+            (0.456, 1), ("a", 2),
         )
     }  # fmt: skip
-    assert shown == {"0/300 (0..1.3 %)", "0/0", "∞ (0.50..∞)", "6:1, +5.0 (0.0..+10.0)", "0.50", "1:0, +50.0", "-", "12\u2009345", "0.5", "a"}
+    assert shown == {
+        "0/300 (0..1.3 %)",
+        "0/0",
+        "∞ (0.50..∞)",
+        "6:1, +5.0 (0.0..+10.0)",
+        "0.50",
+        "1:0, +50.0",
+        "-",
+        "12\u2009345",
+        "0.5",
+        "a",
+    }
 
 
 def test_markdown_keeps_the_columns_together() -> None:
-    table = Table("t", "Title", "About.", (Column("a", "A"), Column("b", "B", unit="s")), (("x|y\nz", 1.5), ("", None)))
+    table = Table(
+        "t",
+        "Title",
+        "About.",
+        (Column("a", "A"), Column("b", "B", unit="s")),
+        (("x|y\nz", 1.5), ("", None)),
+    )
     lines = tables.markdown(table).splitlines()
     assert lines[4:] == ["| A | B, s |", "| --- | ---: |", "| x&#124;y z | 1.50 |", "|   | - |"]
 
@@ -180,10 +294,17 @@ def test_csv_has_a_column_for_each_number(tmp_path: Path) -> None:
         records.write_table(tmp_path / "t.csv", *tables.flat(table))
         read = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
         assert len(read) == len(table.rows)
-        for row, cell in ((row, cell) for row, cells_of in zip(read, table.rows, strict=True) for cell in zip(table.columns, cells_of, strict=True)):
+        for row, cell in (
+            (row, cell)
+            for row, cells_of in zip(read, table.rows, strict=True)
+            for cell in zip(table.columns, cells_of, strict=True)
+        ):
             column, value = cell
             if isinstance(value, Rate):
-                assert (int(row[f"{column.key}_k"]), int(row[f"{column.key}_n"])) == (value.k, value.n)
+                assert (int(row[f"{column.key}_k"]), int(row[f"{column.key}_n"])) == (
+                    value.k,
+                    value.n,
+                )
             elif isinstance(value, Estimate):
                 high = "" if value.interval is None else str(value.interval[1])
                 assert (float(row[column.key]), row[f"{column.key}_high"]) == (value.value, high)
@@ -192,8 +313,21 @@ def test_csv_has_a_column_for_each_number(tmp_path: Path) -> None:
 
 def test_json_has_no_numbers_that_json_does_not_know() -> None:
     document = tables.document(
-        Table("t", "T", "", (Column("a", "A"),), ((Estimate(math.inf, (1.0, math.inf), 9),), (Estimate(1.0, None, 3),), (Rate(1, 2, wilson(1, 2)),), (None,)))
+        Table(
+            "t",
+            "T",
+            "",
+            (Column("a", "A"),),
+            (
+                (Estimate(math.inf, (1.0, math.inf), 9),),
+                (Estimate(1.0, None, 3),),
+                (Rate(1, 2, wilson(1, 2)),),
+                (None,),
+            ),
+        )
     )
-    assert json.loads(json.dumps(document, allow_nan=False))["rows"][0] == {"a": {"value": "inf", "low": 1.0, "high": "inf", "n": 9}}
+    assert json.loads(json.dumps(document, allow_nan=False))["rows"][0] == {
+        "a": {"value": "inf", "low": 1.0, "high": "inf", "n": 9}
+    }
     assert document["rows"][1] == {"a": {"value": 1.0, "low": None, "high": None, "n": 3}}
     assert document["rows"][2]["a"]["k"] == 1

@@ -1,4 +1,5 @@
-"""The copy of the simulation: it foretells exactly what SUMO then does, leaves no trace in the original, and its end is never the original's."""
+"""The copy of the simulation: it foretells exactly what SUMO then does, leaves no trace in the
+original, and its end is never the original's."""
 
 import os
 import re
@@ -21,7 +22,9 @@ from sumo_mcts.world import clone
 from sumo_mcts.world.observe import LANE, POSE, POSITION, SPEED, THERE
 from sumo_mcts.world.simulation import SimulationError
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork") or not Path("/proc/self/fd").exists(), reason="a copy needs Linux")
+pytestmark = pytest.mark.skipif(
+    not hasattr(os, "fork") or not Path("/proc/self/fd").exists(), reason="a copy needs Linux"
+)
 
 
 def scene_of(name: str, *sets: str) -> ScenarioConfig:
@@ -34,13 +37,19 @@ def decided(command: Follow | Release) -> Decision:
 
 def children() -> set[str]:
     """The child processes of this one, dead ones too."""
-    return {child for thread in Path("/proc/self/task").iterdir() for child in (thread / "children").read_text().split()}
+    return {
+        child
+        for thread in Path("/proc/self/task").iterdir()
+        for child in (thread / "children").read_text().split()
+    }
 
 
 @pytest.fixture(autouse=True)
 def nobody_is_left_behind() -> Iterator[None]:
     """No copy outlives a test, not even dead."""
-    before = children()  # another test may have left the helper that Python starts with its first process
+    before = (
+        children()
+    )  # another test may have left the helper that Python starts with its first process
     yield
     assert children() <= before
 
@@ -62,10 +71,15 @@ CHANGES = {"lanechange.duration": 3.0}
         ("highway-exit-scripted", 2, 0, 0.25, CHANGES),
     ],
 )
-def test_a_copy_tells_what_sumo_then_does(name: str, begin: int, side: int, step: float, options: dict[str, float | bool]) -> None:
-    """The ego drives two seconds as it was said, then SUMO's own driver drives it, in the copy as in the original."""
+def test_a_copy_tells_what_sumo_then_does(
+    name: str, begin: int, side: int, step: float, options: dict[str, float | bool]
+) -> None:
+    """The ego drives two seconds as it was said, then SUMO's own driver drives it, in the copy as
+    in the original."""
     scene = scene_of(name)
-    scene = scene.model_copy(update={"sumo": scene.sumo.model_copy(update={"options": options, "step_length_s": step})})
+    scene = scene.model_copy(
+        update={"sumo": scene.sumo.model_copy(update={"options": options, "step_length_s": step})}
+    )
     loop = Loop(scene, 5)
     try:
         loop.start()
@@ -80,7 +94,9 @@ def test_a_copy_tells_what_sumo_then_does(name: str, begin: int, side: int, step
         moved = 0.0
         for k in range(1, 11):
             left = speeds[(k - 1) * period :]
-            loop.apply({"ego": decided(Follow(left, side if k == 1 else 0) if len(left) else Release())})
+            loop.apply(
+                {"ego": decided(Follow(left, side if k == 1 else 0) if len(left) else Release())}
+            )
             if not loop.scenes():
                 break
             states = loop.world.observer.states(known.agents.ids)
@@ -89,7 +105,10 @@ def test_a_copy_tells_what_sumo_then_does(name: str, begin: int, side: int, step
                 assert copy.valid[at] == (states[i, THERE] > 0)
                 if copy.valid[at]:
                     told_row = (*copy.pose[at], copy.v[at], copy.lane[at], copy.s[at])
-                    assert told_row == pytest.approx((*states[i, POSE], states[i, SPEED], states[i, LANE], states[i, POSITION]), abs=1e-9)
+                    assert told_row == pytest.approx(
+                        (*states[i, POSE], states[i, SPEED], states[i, LANE], states[i, POSITION]),
+                        abs=1e-9,
+                    )
                     moved = max(moved, float(np.hypot(*(copy.pose[at, :2] - copy.pose[0, :2]))))
         assert k > 5 and moved > 20.0
     finally:
@@ -97,7 +116,8 @@ def test_a_copy_tells_what_sumo_then_does(name: str, begin: int, side: int, step
 
 
 def test_it_depends_on_what_the_ego_does() -> None:
-    """A copy in which the ego stops tells of others who brake: without this the last test could pass with an ego that nobody minds."""
+    """A copy in which the ego stops tells of others who brake: without this the last test could
+    pass with an ego that nobody minds."""
     loop = Loop(scene_of("straight-line"), 5)
     try:
         loop.start()
@@ -115,7 +135,11 @@ def test_it_depends_on_what_the_ego_does() -> None:
 def test_states_between_steps_lie_on_a_line_and_end_with_the_vehicle() -> None:
     rows = np.zeros((3, 1, 8))
     rows[:, 0, 0], rows[:, 0, 2], rows[:, 0, SPEED] = [0.0, 4.0, 0.0], 1.0, [8.0, 6.0, 0.0]
-    rows[:, 0, LANE], rows[:, 0, POSITION], rows[:, 0, THERE] = [3, 5, -1], [96.0, 1.0, 0.0], [1, 1, 0]
+    rows[:, 0, LANE], rows[:, 0, POSITION], rows[:, 0, THERE] = (
+        [3, 5, -1],
+        [96.0, 1.0, 0.0],
+        [1, 1, 0],
+    )
     found = clone.at_times(rows, 0.5, 0.25, 5)[0]
     assert found.pose[:3, 0].tolist() == [0.0, 2.0, 4.0]
     assert found.v[:3].tolist() == [8.0, 7.0, 6.0]
@@ -126,22 +150,37 @@ def test_states_between_steps_lie_on_a_line_and_end_with_the_vehicle() -> None:
 
 # --- the original does not notice ---
 
-OUTPUTS = ("tripinfo-output", "fcd-output", "statistic-output", "collision-output", "vehroute-output", "tripinfo-output.write-unfinished")
-_CLOCK = re.compile(rb'<!--.*?-->|(?:duration|clock\w+|traciDuration|realTimeFactor|\w+UpdatesPerSecond)="[^"]*"', re.DOTALL)
+OUTPUTS = (
+    "tripinfo-output",
+    "fcd-output",
+    "statistic-output",
+    "collision-output",
+    "vehroute-output",
+    "tripinfo-output.write-unfinished",
+)
+_CLOCK = re.compile(
+    rb'<!--.*?-->|(?:duration|clock\w+|traciDuration|realTimeFactor|\w+UpdatesPerSecond)="[^"]*"',
+    re.DOTALL,
+)
 LOADED_AT_ONCE = 1 << 20  # bytes: SUMO reads route files in pieces of this size
 
 
 def crowded(folder: Path) -> ScenarioConfig:
-    """The left turn among vehicles of a long route file, which SUMO has to go on reading during the episode."""
+    """The left turn among vehicles of a long route file, which SUMO has to go on reading during the
+    episode."""
     scene = scene_of("unprotected-left-turn", "planner.name=constant")
     padding = "x" * 8000
     cars = [
-        f'<vehicle id="more{k}" depart="{0.1 * k:.1f}" departLane="best"><route edges="from_south to_north"/></vehicle><!-- {padding} -->' for k in range(600)
+        f'<vehicle id="more{k}" depart="{0.1 * k:.1f}" departLane="best"><route edges="from_south '
+        f'to_north"/></vehicle><!-- {padding} -->'
+        for k in range(600)
     ]
     path = folder / "long.rou.xml"
     path.write_text("<routes>" + "\n".join(cars) + "</routes>")
     assert path.stat().st_size > 3 * LOADED_AT_ONCE
-    return scene.model_copy(update={"sumo": scene.sumo.model_copy(update={"routes": (*scene.sumo.routes, str(path))})})
+    return scene.model_copy(
+        update={"sumo": scene.sumo.model_copy(update={"routes": (*scene.sumo.routes, str(path))})}
+    )
 
 
 def copying(loop: Loop, _: Mapping[str, Driver], scenes: Mapping[str, Scene]) -> None:
@@ -150,19 +189,36 @@ def copying(loop: Loop, _: Mapping[str, Driver], scenes: Mapping[str, Scene]) ->
         loop.copied(scene, Release(), 0.2, 51)
 
 
-def run_with_outputs(scene: ScenarioConfig, folder: Path, watch: Callable[[Loop, Mapping[str, Driver], Mapping[str, Scene]], None] | None) -> dict[str, bytes]:
+def run_with_outputs(
+    scene: ScenarioConfig,
+    folder: Path,
+    watch: Callable[[Loop, Mapping[str, Driver], Mapping[str, Scene]], None] | None,
+) -> dict[str, bytes]:
     """The episode's digest, and every file that SUMO wrote, without what tells the time of day."""
     folder.mkdir()
-    options = [word for name in OUTPUTS for word in (f"--{name}", str(folder / f"{name}.xml") if "unfinished" not in name else "true")]
+    options = [
+        word
+        for name in OUTPUTS
+        for word in (
+            f"--{name}",
+            str(folder / f"{name}.xml") if "unfinished" not in name else "true",
+        )
+    ]
     row = run_episode(scene, 1, sumo_options=[*options, "--route-steps", "2"], watch=watch).rows[0]
     assert row["outcome"] != "error", row["error"]
     assert row["cycles"] > 10
-    return {"digest": row["trace_digest"].encode(), **{path.name: _CLOCK.sub(b"", path.read_bytes()) for path in folder.iterdir()}}
+    return {
+        "digest": row["trace_digest"].encode(),
+        **{path.name: _CLOCK.sub(b"", path.read_bytes()) for path in folder.iterdir()},
+    }
 
 
 def test_no_side_effects(tmp_path: Path) -> None:
     scene = crowded(tmp_path)
-    alone, copied = run_with_outputs(scene, tmp_path / "alone", None), run_with_outputs(scene, tmp_path / "copied", copying)
+    alone, copied = (
+        run_with_outputs(scene, tmp_path / "alone", None),
+        run_with_outputs(scene, tmp_path / "copied", copying),
+    )
     assert len(alone) == len(OUTPUTS)
     for name, text in alone.items():
         assert copied[name] == text, name
@@ -183,7 +239,10 @@ def test_a_copy_opens_no_files(tmp_path: Path) -> None:
 
 def test_a_copy_writes_into_no_open_file_and_moves_no_reader(tmp_path: Path) -> None:
     (tmp_path / "read").write_text("0123456789")
-    with (tmp_path / "written").open("w") as written, (tmp_path / "read").open("rb", buffering=0) as read:
+    with (
+        (tmp_path / "written").open("w") as written,
+        (tmp_path / "read").open("rb", buffering=0) as read,
+    ):
         written.write("before ")
         read.seek(3)
 
@@ -233,7 +292,9 @@ def leaving() -> np.ndarray:
         (hanging, "did not answer within 0.3 s"),
     ],
 )
-def test_a_copy_that_fails_is_an_error_and_leaves_nobody_behind(work: Callable[[], np.ndarray], said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_copy_that_fails_is_an_error_and_leaves_nobody_behind(
+    work: Callable[[], np.ndarray], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(clone, "PATIENCE_S", 0.3)
     before = len(list(Path("/proc/self/fd").iterdir()))
     with pytest.raises(SimulationError, match=said):
@@ -257,7 +318,9 @@ def test_an_interrupted_wait_leaves_nobody_behind(monkeypatch: pytest.MonkeyPatc
 
 def test_an_episode_whose_copy_dies_is_an_outcome(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Loop, "_rehearse", lambda *_: killed())
-    row = run_episode(scene_of("straight-line", "prediction.name=clone", "planner.iterations=50"), 0).rows[0]
+    row = run_episode(
+        scene_of("straight-line", "prediction.name=clone", "planner.iterations=50"), 0
+    ).rows[0]
     assert row["outcome"] == "error"
     assert row["error"] == "SimulationError: the copy of the simulation ended by signal 9"
 
@@ -266,7 +329,12 @@ def test_an_episode_whose_copy_dies_is_an_outcome(monkeypatch: pytest.MonkeyPatc
 
 
 def test_the_planner_drives_with_it() -> None:
-    scene = scene_of("unprotected-left-turn", "prediction.name=clone", "planner.iterations=100", "episode.time_limit_s=4")
+    scene = scene_of(
+        "unprotected-left-turn",
+        "prediction.name=clone",
+        "planner.iterations=100",
+        "episode.time_limit_s=4",
+    )
     first, again = run_episode(scene, 3), run_episode(scene, 3)
     assert first.rows[0]["outcome"] == "timeout", first.rows[0]
     assert (first.rows[0]["prediction"], first.rows[0]["variant"]) == ("clone", "mcts-clone-100")
@@ -286,7 +354,9 @@ def test_the_nominal_ego_is_the_rest_of_the_last_command(monkeypatch: pytest.Mon
         drivers["ego"].forecast(scenes["ego"], "clone", 1.0)
 
     monkeypatch.setattr(Loop, "copied", noted)
-    scene = scene_of("straight-line", "prediction.name=clone", "planner.iterations=100", "episode.time_limit_s=8")
+    scene = scene_of(
+        "straight-line", "prediction.name=clone", "planner.iterations=100", "episode.time_limit_s=8"
+    )
     cycles = run_episode(scene, 1, watch=again).traces[0].cycles
     commands = [cycle.decision.command for cycle in cycles]
     before, after = told[::2], told[1::2]
@@ -314,7 +384,9 @@ def test_it_says_where_it_does_not_work(monkeypatch: pytest.MonkeyPatch) -> None
         run_episode(scene, 0, gui=True)
     with pytest.raises(ConfigError, match="SUMO's option threads is 2"):
         run_episode(scene, 0, sumo_options=["--threads", "2"])
-    with pytest.raises(ConfigError, match=r"option save-state\.times is 900, a copy saves no states"):
+    with pytest.raises(
+        ConfigError, match=r"option save-state\.times is 900, a copy saves no states"
+    ):
         run_episode(scene, 0, sumo_options=["--save-state.times", "900"])
     monkeypatch.setattr(clone.sys, "platform", "win32")
     with pytest.raises(ConfigError, match="Linux only"):

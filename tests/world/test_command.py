@@ -1,4 +1,5 @@
-"""The last line of defence: no command leaves the bounds on acceleration and jerk, whatever a planner wants."""
+"""The last line of defence: no command leaves the bounds on acceleration and jerk, whatever a
+planner wants."""
 
 import math
 
@@ -25,7 +26,15 @@ def test_never_beyond_the_bounds(wanted: float, v: float, a: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("wanted", "a", "speed"), [(10.1, 1.0, 10.1), (9.9, -1.0, 9.9), (10.0, 0.0, 10.0), (0.0, 0.0, 9.8), (50.0, 0.0, 10.2), (50.0, 2.0, 10.26)]
+    ("wanted", "a", "speed"),
+    [
+        (10.1, 1.0, 10.1),
+        (9.9, -1.0, 9.9),
+        (10.0, 0.0, 10.0),
+        (0.0, 0.0, 9.8),
+        (50.0, 0.0, 10.2),
+        (50.0, 2.0, 10.26),
+    ],
 )
 def test_what_is_possible_is_done_to_the_bit(wanted: float, a: float, speed: float) -> None:
     assert bounded(wanted, 10.0, a, BOUNDS) == pytest.approx(speed, abs=1e-6)

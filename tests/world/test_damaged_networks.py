@@ -1,4 +1,5 @@
-"""Networks that are none, or hold numbers that nobody can compute with: refused in a line that names the lane, never a hang, never a crash of SUMO."""
+"""Networks that are none, or hold numbers that nobody can compute with: refused in a line that
+names the lane, never a hang, never a crash of SUMO."""
 
 import copy
 import gzip
@@ -60,11 +61,13 @@ def circle(root: ElementTree.Element) -> None:
 
 LANE = ".//lane[@id='road_1']"
 DAMAGED: dict[str, tuple[Change, str]] = {
-    "speed nan": (setting(LANE, "speed", "nan"), "lane road_1: speed: has to be from -1000 to 1000, got nan"),
+    "speed nan": (setting(LANE, "speed", "nan"),
+    "lane road_1: speed: has to be from -1000 to 1000, got nan"),
     "speed inf": (setting(LANE, "speed", "inf"), "lane road_1: speed: "),
     "speed large": (setting(LANE, "speed", "1e300"), "lane road_1: speed: "),
     "speed text": (setting(LANE, "speed", "fast"), "could not convert string to float: 'fast'"),
-    "length 0": (setting(LANE, "length", "0"), "lane road_1: length: has to be from 0.01 to 1e+06, got 0"),
+    "length 0": (setting(LANE, "length", "0"),
+    "lane road_1: length: has to be from 0.01 to 1e+06, got 0"),
     "length negative": (setting(LANE, "length", "-350"), "lane road_1: length: "),
     "length nan": (setting(LANE, "length", "nan"), "lane road_1: length: "),
     "length large": (setting(LANE, "length", "1e300"), "lane road_1: length: "),
@@ -73,18 +76,24 @@ DAMAGED: dict[str, tuple[Change, str]] = {
     "shape nan": (setting(LANE, "shape", "0,0 nan,0"), "lane road_1: shape: "),
     "shape large": (setting(LANE, "shape", "0,0 1e300,0"), "lane road_1: shape: "),
     "shape empty": (setting(LANE, "shape", ""), "lane road_1: shape: not given"),
-    "lane of another name": (setting(LANE, "id", "road_7"), "lane road_7: number 1 of edge road, so its id has to be road_1"),
+    "lane of another name": (setting(LANE, "id", "road_7"),
+    "lane road_7: number 1 of edge road, so its id has to be road_1"),
     "no connections": (without("connection"), "inside a junction, belongs to no connection"),
     "no internal connections": (
-        lambda root: [root.remove(each) for each in root.findall("connection") if each.get("from", "").startswith(":")],
+        lambda root: [root.remove(each) for each in root.findall("connection") if each.get("from",
+        "").startswith(":")],
         "inside a junction, does not lead to one lane outside",
     ),
     "a circle inside a junction": (circle, "inside a junction, does not lead to one lane outside"),
-    "no lanes": (lambda root: [found(root, ".//edge[@id='road']").remove(lane) for lane in root.findall(".//edge[@id='road']/lane")], ""),
-    "connection to no lane": (setting("connection", "toLane", "99"), "not a readable SUMO network (line "),
-    "lane in the open": (lambda root: root.append(copy.deepcopy(found(root, LANE))), "lane: inside net, not edge"),
+    "no lanes": (lambda root: [found(root,
+    ".//edge[@id='road']").remove(lane) for lane in root.findall(".//edge[@id='road']/lane")], ""),
+    "connection to no lane": (setting("connection", "toLane", "99"),
+    "not a readable SUMO network (line "),
+    "lane in the open": (lambda root: root.append(copy.deepcopy(found(root, LANE))),
+    "lane: inside net, not edge"),
     "negative phase": (
-        lambda root: ElementTree.SubElement(ElementTree.SubElement(root, "tlLogic", {"id": "x"}), "phase", {"duration": "-1e300", "state": "G"}),
+        lambda root: ElementTree.SubElement(ElementTree.SubElement(root, "tlLogic", {"id": "x"}),
+        "phase", {"duration": "-1e300", "state": "G"}),
         "phase: duration: has to be from 0 to 1e+09, got -1e+300",
     ),
 }  # fmt: skip
@@ -107,7 +116,10 @@ def test_damaged(case: str, tmp_path: Path) -> None:
         (b"<routes/>", "its root element is routes, that of a network is net"),
         (gzip.compress(NET.read_bytes())[:-20], "an archive that is cut off"),
         (gzip.compress(NET.read_bytes())[:100] + b"junk" * 200, "a damaged archive"),
-        (b'<!DOCTYPE n [<!ENTITY a "b"><!ENTITY c "&a;&a;">]><net version="1.20">&c;</net>', "entities may not be declared"),
+        (
+            b'<!DOCTYPE n [<!ENTITY a "b"><!ENTITY c "&a;&a;">]><net version="1.20">&c;</net>',
+            "entities may not be declared",
+        ),
         (NET.read_text().encode("utf-16"), "not a readable SUMO network"),
         (b'<?xml version="1.0" encoding="foo"?><net/>', "unknown encoding: foo"),
     ],
@@ -136,9 +148,15 @@ def test_a_lane_on_which_nobody_can_drive(speed: str, tmp_path: Path) -> None:
     assert np.array_equal(road.classes[others], whole.classes[others])
     if speed == "0":
         (tmp_path / "r.rou.xml").write_text(
-            '<routes><vehicle id="ego" depart="0" departPos="50" departSpeed="5"><route edges="road beyond"/></vehicle></routes>'
+            '<routes><vehicle id="ego" depart="0" departPos="50" departSpeed="5"><route '
+            'edges="road beyond"/></vehicle></routes>'
         )
-        data = {"name": "x", "sumo": {"net": str(path), "routes": [str(tmp_path / "r.rou.xml")]}, "egos": [{"id": "ego"}], "planner": {"iterations": 100}}
+        data = {
+            "name": "x",
+            "sumo": {"net": str(path), "routes": [str(tmp_path / "r.rou.xml")]},
+            "egos": [{"id": "ego"}],
+            "planner": {"iterations": 100},
+        }
         (row,) = run_episode(build({**data, "episode": {"time_limit_s": 3}}, "x"), 0).rows
         assert row["outcome"] == "timeout"
         assert row["distance_m"] > 5.0

@@ -1,6 +1,9 @@
-"""Route files with values replaced and elements removed, doubled or moved: refused in a line or driven, never an error of the program's own, never a hang.
+"""Route files with values replaced and elements removed, doubled or moved: refused in a line or
+driven, never an error of the program's own, never a hang.
 
-SUMO may crash on such a file, so each example is driven by a process of its own, as the command does it."""
+SUMO may crash on such a file, so each example is driven by a process of its own, as the command
+does it.
+"""
 
 import faulthandler
 import os
@@ -33,13 +36,18 @@ ROUTES = """<routes>
 </routes>
 """
 WITHIN_S = 30  # on a machine that does other things too: driving one takes 0.1 s
-OF_SUMO = (signal.SIGSEGV, signal.SIGABRT, signal.SIGFPE)  # in which SUMO may end; the command's parent process says so
+OF_SUMO = (
+    signal.SIGSEGV,
+    signal.SIGABRT,
+    signal.SIGFPE,
+)  # in which SUMO may end; the command's parent process says so
 
 
 def drive(routes: Path) -> int:
     """The exit status of half a simulated second of traffic."""
     scenario = {
-        "name": "x", "sumo": {"net": str(NET), "routes": [str(routes)]}, "egos": [{"id": "ego"}], "planner": {"name": "constant"},
+        "name": "x", "sumo": {"net": str(NET), "routes": [str(routes)]}, "egos": [{"id": "ego"}],
+        "planner": {"name": "constant"},
         "episode": {"time_limit_s": 0.5},
     }  # fmt: skip
     try:
@@ -72,13 +80,20 @@ def test_the_good_one(tmp_path: Path) -> None:
     assert in_a_child(lambda: drive(path)) == OK
 
 
-@settings(max_examples=max(settings.default.max_examples // 2, 50))  # half of what others have: each is a process
+@settings(
+    max_examples=max(settings.default.max_examples // 2, 50)
+)  # half of what others have: each is a process
 @given(st.integers(0, 2**32), st.integers(1, 3))
 @example(0, 1)
 def test_any_damage(seed: int, changes: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "r.rou.xml"
-        tree = mutated(ElementTree.ElementTree(ElementTree.fromstring(ROUTES)), seed, changes, (*HOSTILE, "exp(inf)", "exp(1e9)", "random", "max", "ego"))
+        tree = mutated(
+            ElementTree.ElementTree(ElementTree.fromstring(ROUTES)),
+            seed,
+            changes,
+            (*HOSTILE, "exp(inf)", "exp(1e9)", "random", "max", "ego"),
+        )
         tree.write(path)
         status = in_a_child(lambda: drive(path))
         said = f"{status}: {path.read_text()}"

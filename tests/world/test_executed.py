@@ -1,4 +1,5 @@
-"""The predicted ego is the executed ego: what a Plan says of the end of each decision period is what SUMO then reports."""
+"""The predicted ego is the executed ego: what a Plan says of the end of each decision period is
+what SUMO then reports."""
 
 import math
 import subprocess
@@ -44,11 +45,23 @@ class Erratic:
     def plan(self, situation: Situation) -> Decision:
         """A second of something."""
         task, state = self._task, situation.state
-        local = build_local(task.road, task.route, state, situation.scene, situation.forecast, 0, situation.cleared, 3.0, task.cost.claim_s)
+        local = build_local(
+            task.road,
+            task.route,
+            state,
+            situation.scene,
+            situation.forecast,
+            0,
+            situation.cleared,
+            3.0,
+            task.cost.claim_s,
+        )
         needed = int(np.sign(task.route.changes[state.node]))
         side = needed if needed and self._rng.random() < 0.8 else int(self._rng.integers(-1, 2))
         side = side if side and can_change(local, task.ego, state, side) else 0
-        return self._driven(local, state, side, float(self._rng.choice([-8.0, -3.0, -1.0, 0.0, 1.0, 2.6, 2.6])))
+        return self._driven(
+            local, state, side, float(self._rng.choice([-8.0, -3.0, -1.0, 0.0, 1.0, 2.6, 2.6]))
+        )
 
     def _driven(self, local: Local, state: State, side: int, accel: float) -> Decision:
         task = self._task
@@ -66,18 +79,33 @@ class Erratic:
             np.array([pose_of(local, task.ego, s) for s in states]),
         )
         over = next((k for k, event in enumerate(events) if event != FREE), len(events))
-        return Decision(Follow(plan.v, side), Plan(*(field[:over] for field in plan)), (), -1, "erratic", 0, 0)
+        return Decision(
+            Follow(plan.v, side), Plan(*(field[:over] for field in plan)), (), -1, "erratic", 0, 0
+        )
 
 
 class Weaving(Erratic):
-    """Stands, then goes from lane to lane, one change at once after the other, the first of them from a stand."""
+    """Stands, then goes from lane to lane, one change at once after the other, the first of them
+    from a stand."""
 
     def plan(self, situation: Situation) -> Decision:
         """A second."""
         task, state = self._task, situation.state
-        local = build_local(task.road, task.route, state, situation.scene, situation.forecast, 0, situation.cleared, 3.0, task.cost.claim_s)
+        local = build_local(
+            task.road,
+            task.route,
+            state,
+            situation.scene,
+            situation.forecast,
+            0,
+            situation.cleared,
+            3.0,
+            task.cost.claim_s,
+        )
         drives = situation.scene.time > 8.0
-        side = next((side for side in (1, -1) if drives and can_change(local, task.ego, state, side)), 0)
+        side = next(
+            (side for side in (1, -1) if drives and can_change(local, task.ego, state, side)), 0
+        )
         return self._driven(local, state, side, 1.0 if drives else -8.0)
 
 
@@ -88,7 +116,9 @@ def alone(name: str, step: float, change_s: float = 3.0, ballistic: bool = False
     return config.model_copy(
         update={
             "sumo": config.sumo.model_copy(update={"step_length_s": step, "options": options}),
-            "traffic": config.traffic.model_copy(update={"actors": tuple(a for a in config.traffic.actors if a.id == "ego")}),
+            "traffic": config.traffic.model_copy(
+                update={"actors": tuple(a for a in config.traffic.actors if a.id == "ego")}
+            ),
             "episode": config.episode.model_copy(update={"time_limit_s": 120.0}),
         }
     )
@@ -118,19 +148,35 @@ def differences(result: EpisodeResult) -> list[Difference]:
             if plan is not None and k < len(plan.v):
                 x, y, c, n = plan.pose[k]
                 turned = math.degrees(abs(math.remainder(math.atan2(n, c) - ego.heading, math.tau)))
-                place = (after.time, ego.lane, int(plan.lane[k]), float(ego.s - plan.s[k]), float(ego.v - plan.v[k]))
-                found.append(Difference(*place, math.dist((x, y), (ego.x, ego.y)), turned, ego.changing, ego.d))
+                place = (
+                    after.time,
+                    ego.lane,
+                    int(plan.lane[k]),
+                    float(ego.s - plan.s[k]),
+                    float(ego.v - plan.v[k]),
+                )
+                found.append(
+                    Difference(
+                        *place, math.dist((x, y), (ego.x, ego.y)), turned, ego.changing, ego.d
+                    )
+                )
     return found
 
 
 def changes_begun(result: EpisodeResult) -> int:
-    return sum(cycle.decision.command.lane_change != 0 for trace in result.traces for cycle in trace.cycles if isinstance(cycle.decision.command, Follow))
+    return sum(
+        cycle.decision.command.lane_change != 0
+        for trace in result.traces
+        for cycle in trace.cycles
+        if isinstance(cycle.decision.command, Follow)
+    )
 
 
 def check(found: list[Difference], place: float = 0.01, speed: float = 0.001) -> None:
     for one in found:
         assert abs(one.s) < place and abs(one.v) < speed, one
-        # Exactly in the middle between two lanes it is a matter of SUMO's rounding to which of them a vehicle counts.
+        # Exactly in the middle between two lanes it is a matter of SUMO's rounding to which of them
+        # a vehicle counts.
         assert one.lane == one.planned_lane or one.changing == pytest.approx(0.5, abs=1e-6), one
 
 
@@ -138,7 +184,9 @@ def check(found: list[Difference], place: float = 0.01, speed: float = 0.001) ->
 @pytest.mark.parametrize("change_s", [3.0, 0.0], ids=["3s", "jump"])
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("name", [STRAIGHT, CROSSING])
-def test_whatever_it_does_alone(name: str, step: float, change_s: float, ballistic: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whatever_it_does_alone(
+    name: str, step: float, change_s: float, ballistic: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("sumo_mcts.driver.driver.make_planner", lambda _: Erratic())
     result = run_episode(alone(name, step, change_s, ballistic), seed=1)
     assert result.rows[0]["error"] is None
@@ -151,7 +199,8 @@ def test_whatever_it_does_alone(name: str, step: float, change_s: float, ballist
 
 
 def test_one_lane_change_at_once_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that begins at a stand takes SUMO a step longer than its duration, and a wish that comes in this step is dropped."""
+    """One that begins at a stand takes SUMO a step longer than its duration, and a wish that comes
+    in this step is dropped."""
     monkeypatch.setattr("sumo_mcts.driver.driver.make_planner", lambda _: Weaving())
     result = run_episode(alone(STRAIGHT, 0.1), seed=1)
     found = differences(result)
@@ -161,10 +210,13 @@ def test_one_lane_change_at_once_after_another(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_where_drivers_act_seldom(monkeypatch: pytest.MonkeyPatch) -> None:
-    """SUMO then integrates ballistically, whatever its option says, and fails in lane changes of a vehicle that itself acts seldom."""
+    """SUMO then integrates ballistically, whatever its option says, and fails in lane changes of a
+    vehicle that itself acts seldom."""
     monkeypatch.setattr("sumo_mcts.driver.driver.make_planner", lambda _: Erratic())
     config = alone(CROSSING, 0.1)
-    seldom = config.sumo.model_copy(update={"options": {"lanechange.duration": 3.0, "default.action-step-length": 1.0}})
+    seldom = config.sumo.model_copy(
+        update={"options": {"lanechange.duration": 3.0, "default.action-step-length": 1.0}}
+    )
     result = run_episode(config.model_copy(update={"sumo": seldom}), seed=1)
     assert result.rows[0]["error"] is None and changes_begun(result) > 3
     check(differences(result))
@@ -182,22 +234,49 @@ def test_the_search_among_others(name: str) -> None:
 
 def test_where_people_drive_on_the_left(tmp_path: Path) -> None:
     """There SUMO counts lanes and lateral positions from the other side."""
-    sources = [flag + str(NETWORKS / STRAIGHT / f"{STRAIGHT}.{kind}.xml") for flag, kind in (("-n=", "nod"), ("-e=", "edg"), ("-x=", "con"))]
+    sources = [
+        flag + str(NETWORKS / STRAIGHT / f"{STRAIGHT}.{kind}.xml")
+        for flag, kind in (("-n=", "nod"), ("-e=", "edg"), ("-x=", "con"))
+    ]
     net_file = tmp_path / "left.net.xml"
-    subprocess.run([str(Path(sumo.SUMO_HOME) / "bin" / "netconvert"), *sources, "--lefthand", f"--output-file={net_file}"], check=True, capture_output=True)
+    subprocess.run(
+        [
+            str(Path(sumo.SUMO_HOME) / "bin" / "netconvert"),
+            *sources,
+            "--lefthand",
+            f"--output-file={net_file}",
+        ],
+        check=True,
+        capture_output=True,
+    )
     road = read_roadmap(str(net_file))
-    assert road.lefthand and not read_roadmap(str(NETWORKS / STRAIGHT / f"{STRAIGHT}.net.xml")).lefthand
+    assert (
+        road.lefthand
+        and not read_roadmap(str(NETWORKS / STRAIGHT / f"{STRAIGHT}.net.xml")).lefthand
+    )
     lanes = [road.lane_ids.index(f"road_{k}") for k in (2, 1, 0)]
-    assert road.index[lanes].tolist() == [0, 1, 2] and road.left[lanes].tolist() == [lanes[1], lanes[2], -1]
+    assert road.index[lanes].tolist() == [0, 1, 2] and road.left[lanes].tolist() == [
+        lanes[1],
+        lanes[2],
+        -1,
+    ]
     config = load(scenario_path(STRAIGHT), ("planner.iterations=200",))
-    result = run_episode(config.model_copy(update={"sumo": config.sumo.model_copy(update={"net": str(net_file)})}), seed=3)
+    result = run_episode(
+        config.model_copy(update={"sumo": config.sumo.model_copy(update={"net": str(net_file)})}),
+        seed=3,
+    )
     assert result.rows[0]["lane_changes"] > 0
     found = differences(result)
     check(found)
     for one in found:
         assert one.aside < 0.12 and one.turned < 2.5, one
     for cycle in result.traces[0].cycles:
-        assert np.abs(cycle.forecast.pose[0, 1, :, 1] - cycle.forecast.pose[0, 0, :, 1]).max(initial=0.0) < 0.6, "an agent jumps to its mirror image"
+        assert (
+            np.abs(cycle.forecast.pose[0, 1, :, 1] - cycle.forecast.pose[0, 0, :, 1]).max(
+                initial=0.0
+            )
+            < 0.6
+        ), "an agent jumps to its mirror image"
 
 
 def test_where_lanes_and_their_shapes_differ_in_length() -> None:
@@ -213,9 +292,12 @@ def test_where_lanes_and_their_shapes_differ_in_length() -> None:
     check(found, place=0.3)
 
 
-@pytest.mark.parametrize(("name", "seed"), [(STRAIGHT, 1), (STRAIGHT, 4), ("highway-exit", 1), (CROSSING, 1)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [(STRAIGHT, 1), (STRAIGHT, 4), ("highway-exit", 1), (CROSSING, 1)]
+)
 def test_a_way_out_is_one_in_sumo(name: str, seed: int) -> None:
-    """What the reference of inevitable collisions finds, driven: the box is where it was expected, turned as it was, and touches nobody."""
+    """What the reference of inevitable collisions finds, driven: the box is where it was expected,
+    turned as it was, and touches nobody."""
     with mock.patch.object(hindsight, "way_out", wraps=hindsight.way_out) as search:
         loop = Loop(load(scenario_path(f"{name}-scripted")), seed)
         loop.start()
@@ -233,17 +315,30 @@ def test_a_way_out_is_one_in_sumo(name: str, seed: int) -> None:
         if not scenes:
             break
         ego, (x, y, c, n) = scenes["ego"].ego, pose_of(local, p, state)
-        assert math.dist((ego.x, ego.y), (x, y)) < 0.12, k  # whoever stands goes sideways a little slower in SUMO
+        assert math.dist((ego.x, ego.y), (x, y)) < 0.12, (
+            k
+        )  # whoever stands goes sideways a little slower in SUMO
         assert abs(math.remainder(ego.heading - math.atan2(n, c), 2.0 * math.pi)) < 0.04, k
     loop.close()
     assert loop.rows()[0]["outcome"] in (None, "arrived")
 
 
-@pytest.mark.parametrize(("types", "expected"), [('<vType id="t"/>', False), ('<vType id="t" actionStepLength="1.0"/>', True)])
-def test_how_sumo_integrates_is_told_without_touching_the_traffic(tmp_path: Path, types: str, expected: bool) -> None:
+@pytest.mark.parametrize(
+    ("types", "expected"),
+    [('<vType id="t"/>', False), ('<vType id="t" actionStepLength="1.0"/>', True)],
+)
+def test_how_sumo_integrates_is_told_without_touching_the_traffic(
+    tmp_path: Path, types: str, expected: bool
+) -> None:
     """Asking SUMO for a type draws from its random numbers where that is a distribution."""
-    vehicles = "".join(f'<vehicle id="v{k}" type="any" depart="{k}"><route edges="from_west to_east"/></vehicle>' for k in range(20))
-    distribution = '<vTypeDistribution id="any"><vType id="a" maxSpeed="8" speedDev="0.2"/><vType id="b" speedDev="0.3"/></vTypeDistribution>'
+    vehicles = "".join(
+        f'<vehicle id="v{k}" type="any" depart="{k}"><route edges="from_west to_east"/></vehicle>'
+        for k in range(20)
+    )
+    distribution = (
+        '<vTypeDistribution id="any"><vType id="a" maxSpeed="8" speedDev="0.2"/><vType '
+        'id="b" speedDev="0.3"/></vTypeDistribution>'
+    )
     (tmp_path / "x.rou.xml").write_text(f"<routes>{types}{distribution}{vehicles}</routes>")
     seen = []
     for ask in (False, True):
@@ -252,5 +347,7 @@ def test_how_sumo_integrates_is_told_without_touching_the_traffic(tmp_path: Path
                 assert is_ballistic() == expected
             for _ in range(250):
                 libsumo.simulationStep()
-            seen.append([libsumo.vehicle.getPosition(name) for name in sorted(libsumo.vehicle.getIDList())])
+            seen.append(
+                [libsumo.vehicle.getPosition(name) for name in sorted(libsumo.vehicle.getIDList())]
+            )
     assert len(seen[0]) > 5 and seen[0] == seen[1]

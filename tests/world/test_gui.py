@@ -1,4 +1,5 @@
-"""SUMO's window on a virtual display: it runs, follows the ego, shows the plan; without a display one line."""
+"""SUMO's window on a virtual display: it runs, follows the ego, shows the plan; without a display
+one line."""
 
 import json
 import logging
@@ -51,8 +52,20 @@ def display(tmp_path: Path) -> Iterator[str]:
     if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb is not installed: apt-get install --no-install-recommends xvfb")
     reading, writing = os.pipe()
-    arguments = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1024x768x24", "-nolisten", "tcp"]
-    with (tmp_path / "xvfb.log").open("wb") as log, subprocess.Popen(arguments, pass_fds=[writing], stdout=log, stderr=log) as server:
+    arguments = [
+        "Xvfb",
+        "-displayfd",
+        str(writing),
+        "-screen",
+        "0",
+        "1024x768x24",
+        "-nolisten",
+        "tcp",
+    ]
+    with (
+        (tmp_path / "xvfb.log").open("wb") as log,
+        subprocess.Popen(arguments, pass_fds=[writing], stdout=log, stderr=log) as server,
+    ):
         os.close(writing)
         with os.fdopen(reading) as number:
             name = f":{number.readline().strip()}"
@@ -61,15 +74,26 @@ def display(tmp_path: Path) -> Iterator[str]:
 
 
 def run(command: list[str], display: str | None) -> subprocess.CompletedProcess[str]:
-    environment = {key: value for key, value in os.environ.items() if key != "DISPLAY"} | ({} if display is None else {"DISPLAY": display})
-    return subprocess.run([sys.executable, *command], env=environment, capture_output=True, text=True, timeout=120, check=False)
+    environment = {key: value for key, value in os.environ.items() if key != "DISPLAY"} | (
+        {} if display is None else {"DISPLAY": display}
+    )
+    return subprocess.run(
+        [sys.executable, *command],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
 
 
 def test_runs_and_shows_the_plan(display: str, tmp_path: Path) -> None:
     picture = tmp_path / "view.png"
     try:
         result = run(["-c", EPISODE, str(picture)], display)
-    except subprocess.TimeoutExpired as late:  # seen once in a hundred runs, on a busy machine; twice in a row is a failure
+    except (
+        subprocess.TimeoutExpired
+    ) as late:  # seen once in a hundred runs, on a busy machine; twice in a row is a failure
         logging.warning("SUMO's window hung: %r", late.stderr)
         result = run(["-c", EPISODE, str(picture)], display)
     assert result.returncode == 0, result.stderr
@@ -85,7 +109,19 @@ def test_runs_and_shows_the_plan(display: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("display_name", [None, ":4711"])
 def test_no_display_is_one_line(display_name: str | None, tmp_path: Path) -> None:
     began = time.monotonic()
-    result = run(["-m", "sumo_mcts", "run", "highway-exit", "--gui", "--quiet", "--out", str(tmp_path / "out")], display_name)
+    result = run(
+        [
+            "-m",
+            "sumo_mcts",
+            "run",
+            "highway-exit",
+            "--gui",
+            "--quiet",
+            "--out",
+            str(tmp_path / "out"),
+        ],
+        display_name,
+    )
     assert result.returncode == 2
     assert result.stdout == ""
     assert len(result.stderr.splitlines()) == 1
@@ -96,12 +132,33 @@ def test_no_display_is_one_line(display_name: str | None, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("delay", ["--delay 0", "-d 100", "of the file"])
-def test_the_window_closes_once_the_results_are_out(delay: str, display: str, tmp_path: Path) -> None:
-    """A user's own network too, whatever delay is asked for; with one that SUMO keeps by itself its window would stay for ever."""
+def test_the_window_closes_once_the_results_are_out(
+    delay: str, display: str, tmp_path: Path
+) -> None:
+    """A user's own network too, whatever delay is asked for; with one that SUMO keeps by itself its
+    window would stay for ever."""
     folder = SUMOCFG.parent
-    text = SUMOCFG.read_text().replace("../../", f"{folder.parent.parent}/").replace('"one.', f'"{folder}/one.')
-    (tmp_path / "slow.sumocfg").write_text(text.replace("</conf", '    <gui_only><delay value="200"/></gui_only>\n</conf'))
-    words = ["-m", "sumo_mcts", "run", str(tmp_path / "slow.sumocfg"), "--ego", "ego", "--planner", "constant", "--gui", "--json", "--no-pictures"]
+    text = (
+        SUMOCFG.read_text()
+        .replace("../../", f"{folder.parent.parent}/")
+        .replace('"one.', f'"{folder}/one.')
+    )
+    (tmp_path / "slow.sumocfg").write_text(
+        text.replace("</conf", '    <gui_only><delay value="200"/></gui_only>\n</conf')
+    )
+    words = [
+        "-m",
+        "sumo_mcts",
+        "run",
+        str(tmp_path / "slow.sumocfg"),
+        "--ego",
+        "ego",
+        "--planner",
+        "constant",
+        "--gui",
+        "--json",
+        "--no-pictures",
+    ]
     began = time.monotonic()
     options = [] if delay == "of the file" else ["--", *delay.split()]
     result = run([*words, "--out", str(tmp_path / "out"), *options], display)

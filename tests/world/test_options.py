@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 
 from sumo_mcts.config import SumoConfig, build
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.world.arguments import draws_seed, is_sumocfg, network_of, require_good, sumo_arguments, sumocfg_arguments
+from sumo_mcts.world.arguments import (
+    draws_seed,
+    is_sumocfg,
+    network_of,
+    require_good,
+    sumo_arguments,
+    sumocfg_arguments,
+)
 from sumo_mcts.world.crowd import Cast
 from sumo_mcts.world.options import Given, expanded, on_command_line, option_names
 
@@ -26,7 +33,10 @@ def sumo(**options: str | float | bool) -> SumoConfig:
 
 def sumocfg(folder: Path, inner: str, name: str = "a.sumocfg") -> str:
     path = folder / name
-    path.write_text(f'<configuration><net-file value="{NET}"/><route-files value="{ROUTES}"/>{inner}</configuration>')
+    path.write_text(
+        f'<configuration><net-file value="{NET}"/><route-files '
+        f'value="{ROUTES}"/>{inner}</configuration>'
+    )
     return str(path)
 
 
@@ -51,12 +61,18 @@ def test_a_command_line_is_read_as_sumo_does(words: str, found: list[tuple[str, 
 
 
 REFUSED = [
-    "--remote-port 9393", "--num-clients 2", "--save-configuration x", "-C x", "-Cx", "--save-template x", "--save-schema x", "--save-commented", "--help",
-    "-?", "--version", "-V", "--game", "-G", "--demo", "--breakpoints 3", "--gui-testing", "--mesosim", "--no-internal-links", "--ignore-accidents",
-    "--random", "--abs-rand", "--step-length 0", "--step-length 11", "--step-length nan", "--lateral-resolution 0.0001", "--scale 1e9", "--threads 1000",
-    "--thread-rngs 0", "--begin 1e15", "--end 1e300", "--lanechange.duration 0:0:3", "--default.action-step-length 1e9", "-c other.sumocfg", "-cx", "-vc x",
-    "--net-file x", "-n x", "--error-log x", "--collision.action none", "--device.ssm.range 3", "--route-files /dev/zero", "-r .", "-a nowhere.xml",
-    "--load-state nowhere", "--weight-files /dev/null", "--fcd-output localhost:9999", "--fcd-output /dev/zero", "--tripinfo /", "help", "save-configuration x",
+    "--remote-port 9393", "--num-clients 2", "--save-configuration x", "-C x", "-Cx",
+    "--save-template x", "--save-schema x", "--save-commented", "--help",
+    "-?", "--version", "-V", "--game", "-G", "--demo", "--breakpoints 3", "--gui-testing",
+    "--mesosim", "--no-internal-links", "--ignore-accidents",
+    "--random", "--abs-rand", "--step-length 0", "--step-length 11", "--step-length nan",
+    "--lateral-resolution 0.0001", "--scale 1e9", "--threads 1000",
+    "--thread-rngs 0", "--begin 1e15", "--end 1e300", "--lanechange.duration 0:0:3",
+    "--default.action-step-length 1e9", "-c other.sumocfg", "-cx", "-vc x",
+    "--net-file x", "-n x", "--error-log x", "--collision.action none", "--device.ssm.range 3",
+    "--route-files /dev/zero", "-r .", "-a nowhere.xml",
+    "--load-state nowhere", "--weight-files /dev/null", "--fcd-output localhost:9999",
+    "--fcd-output /dev/zero", "--tripinfo /", "help", "save-configuration x",
 ]  # fmt: skip
 
 
@@ -66,7 +82,9 @@ def test_refused_behind_the_dashes(words: str) -> None:
         require_good(sumo(), words.split())
 
 
-@pytest.mark.parametrize("name", ["configuration-file", "net-file", "n", "c", "error-log", "device.ssm.range"])
+@pytest.mark.parametrize(
+    "name", ["configuration-file", "net-file", "n", "c", "error-log", "device.ssm.range"]
+)
 def test_the_options_of_a_scenario_do_not_replace_its_network(name: str) -> None:
     assert "set by sumo_mcts itself" in refusal(lambda: require_good(sumo(**{name: str(NET)})))
 
@@ -81,7 +99,9 @@ def test_the_options_of_a_scenario_do_not_replace_its_network(name: str) -> None
         ("game.mode", "tls", True),
     ],
 )  # fmt: skip
-def test_in_a_scenario_and_in_a_sumocfg(name: str, value: str | float | bool, fine: bool, tmp_path: Path) -> None:
+def test_in_a_scenario_and_in_a_sumocfg(
+    name: str, value: str | float | bool, fine: bool, tmp_path: Path
+) -> None:
     said = refusal(lambda: require_good(sumo(**{name: value})))
     assert said.startswith(f"sumo.options: {name}: ") or (fine and said == "")
     text = str(value).lower() if isinstance(value, bool) else str(value)
@@ -94,13 +114,25 @@ def test_pipes_and_sockets_are_never_opened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(str(tmp_path / "socket"))
-        for key, name in (("route-files", "pipe"), ("additional-files", "socket"), ("fcd-output", "pipe"), ("load-state", "pipe"), ("weight-files", "pipe")):
+        for key, name in (
+            ("route-files", "pipe"),
+            ("additional-files", "socket"),
+            ("fcd-output", "pipe"),
+            ("load-state", "pipe"),
+            ("weight-files", "pipe"),
+        ):
             with pytest.raises(ConfigError, match=rf"options after --: {key}: .*, not a file$"):
                 require_good(sumo(), ["-W", f"--{key}", str(tmp_path / name)])
         for name in ("pipe", "socket", "."):
             other = str(tmp_path / name)
-            for config in (SumoConfig(net=other), SumoConfig(net=str(NET), routes=(other,)), SumoConfig(net=str(NET), additional=(other,))):
-                with pytest.raises(ConfigError, match=r"^sumo\.(net|routes|additional): .*, not a file$"):
+            for config in (
+                SumoConfig(net=other),
+                SumoConfig(net=str(NET), routes=(other,)),
+                SumoConfig(net=str(NET), additional=(other,)),
+            ):
+                with pytest.raises(
+                    ConfigError, match=r"^sumo\.(net|routes|additional): .*, not a file$"
+                ):
                     require_good(config)
 
 
@@ -128,7 +160,8 @@ def test_variables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", "/home/me")
     monkeypatch.delenv("NOTHING", raising=False)
     told = {
-        "${SCEN}/a.xml": "/scen/a.xml", "a${NOTHING}b": "ab", "$SCEN/a": "$SCEN/a", "~/a,~/b": "/home/me/a,/home/me/b", "a~": "a~", "${}": "${}",
+        "${SCEN}/a.xml": "/scen/a.xml", "a${NOTHING}b": "ab", "$SCEN/a": "$SCEN/a",
+        "~/a,~/b": "/home/me/a,/home/me/b", "a~": "a~", "${}": "${}",
         "${SCEN}${SCEN}": "/scen/scen", "%20": "%20", "${PID}": str(os.getpid()),
     }  # fmt: skip
     assert {value: expanded(value) for value in told} == told
@@ -143,10 +176,19 @@ def test_variables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (b"", "not a SUMO configuration"),
         (b"<configuration>", "not a SUMO configuration"),
-        (b'<?xml version="1.0" encoding="foo"?><configuration/>', "not a SUMO configuration (unknown encoding: foo)"),
+        (
+            b'<?xml version="1.0" encoding="foo"?><configuration/>',
+            "not a SUMO configuration (unknown encoding: foo)",
+        ),
         (b'<?xml version="1.0" encoding="utf-7"?><configuration/>', "not a SUMO configuration"),
-        (b'<!DOCTYPE c [<!ENTITY a "b">]><configuration/>', "not a SUMO configuration (entities may not be declared)"),
-        (b'<!DOCTYPE c [<!ENTITY a SYSTEM "/etc/passwd">]><configuration/>', "not a SUMO configuration (entities may not be declared)"),
+        (
+            b'<!DOCTYPE c [<!ENTITY a "b">]><configuration/>',
+            "not a SUMO configuration (entities may not be declared)",
+        ),
+        (
+            b'<!DOCTYPE c [<!ENTITY a SYSTEM "/etc/passwd">]><configuration/>',
+            "not a SUMO configuration (entities may not be declared)",
+        ),
         (b"\x1f\x8b\x08", "an archive that is cut off"),
         (b"\0" * 100, "not a SUMO configuration"),
     ],
@@ -159,7 +201,11 @@ def test_damaged_configurations(content: bytes, said: str, tmp_path: Path) -> No
 
 def test_a_configuration_in_utf_16(tmp_path: Path) -> None:
     path = tmp_path / "a.sumocfg"
-    path.write_text(f'<?xml version="1.0" encoding="utf-16"?><configuration><net-file value="{NET}"/></configuration>', encoding="utf-16")
+    path.write_text(
+        '<?xml version="1.0" encoding="utf-16"?><configuration><net-file '
+        f'value="{NET}"/></configuration>',
+        encoding="utf-16",
+    )
     assert network_of(str(path), None) == str(NET)
 
 
@@ -169,10 +215,15 @@ def test_a_configuration_in_utf_16(tmp_path: Path) -> None:
 def test_no_episode_has_a_seed_of_sumos_choice(tmp_path: Path) -> None:
     path = sumocfg(tmp_path, '<random value="true"/>')
     assert draws_seed(SumoConfig(sumocfg=path))
-    assert not draws_seed(SumoConfig(sumocfg=sumocfg(tmp_path, '<random value="false"/>', "b.sumocfg")))
+    assert not draws_seed(
+        SumoConfig(sumocfg=sumocfg(tmp_path, '<random value="false"/>', "b.sumocfg"))
+    )
     config = build({"name": "x", "sumo": {"sumocfg": path}, "egos": [{"id": "ego"}]}, "x")
     for seed, told in ((3, ["--seed", "3"]), (None, [])):
-        for words in (sumo_arguments(config, seed, Cast(), tmp_path, ()), sumocfg_arguments(path, seed, ())):
+        for words in (
+            sumo_arguments(config, seed, Cast(), tmp_path, ()),
+            sumocfg_arguments(path, seed, ()),
+        ):
             assert words[words.index("--random") + 1] == "false"
             assert ("--seed" in words) == bool(told)
     with pytest.raises(ConfigError, match="seed: at most 2147483647, got 2147483648"):

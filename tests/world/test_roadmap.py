@@ -1,4 +1,5 @@
-"""RoadMap against what netconvert was asked to build, against shapely, and against sumolib's own account of the right of way."""
+"""RoadMap against what netconvert was asked to build, against shapely, and against sumolib's own
+account of the right of way."""
 
 import gzip
 import xml.etree.ElementTree as ET
@@ -13,7 +14,18 @@ from helpers_networks import netconvert
 from shapely.geometry import LineString, Point
 
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.scene import ALLWAY, LEFT, PRIORITY, RIGHT, STOP, STRAIGHT, VEHICLE_CLASSES, YIELD, ZIPPER, RoadMap
+from sumo_mcts.scene import (
+    ALLWAY,
+    LEFT,
+    PRIORITY,
+    RIGHT,
+    STOP,
+    STRAIGHT,
+    VEHICLE_CLASSES,
+    YIELD,
+    ZIPPER,
+    RoadMap,
+)
 from sumo_mcts.world.roadmap import lane_index, lane_shape, read_roadmap
 
 GAME = Path(sumo.SUMO_HOME) / "tools" / "game"
@@ -36,14 +48,29 @@ RIGHT_OF = {arm: ACROSS[LEFT_OF[arm]] for arm in ARMS}
 
 
 def crossing(folder: Path, *options: str, node_type: str = "priority") -> str:
-    """Four arms of three lanes: right and straight on, straight on, left. East-west has priority."""
-    nodes = f'<node id="C" x="0" y="0" type="{node_type}"/>' + "".join(f'<node id="{arm}" x="{x}" y="{y}"/>' for arm, (x, y) in ARMS.items())
+    """Four arms of three lanes: right and straight on, straight on, left.
+
+    East-west has priority.
+    """
+    nodes = f'<node id="C" x="0" y="0" type="{node_type}"/>' + "".join(
+        f'<node id="{arm}" x="{x}" y="{y}"/>' for arm, (x, y) in ARMS.items()
+    )
     edges = connections = ""
     for arm in ARMS:
         rank = 3 if arm in "WE" else 1
-        edges += f'<edge id="{arm}C" from="{arm}" to="C" numLanes="3" priority="{rank}"/><edge id="C{arm}" from="C" to="{arm}" numLanes="3" priority="{rank}"/>'
-        for lane, out, target in ((0, RIGHT_OF[arm], 0), (0, ACROSS[arm], 0), (1, ACROSS[arm], 1), (2, LEFT_OF[arm], 2)):
-            connections += f'<connection from="{arm}C" to="C{out}" fromLane="{lane}" toLane="{target}"/>'
+        edges += (
+            f'<edge id="{arm}C" from="{arm}" to="C" numLanes="3" priority="{rank}"/><edge '
+            f'id="C{arm}" from="C" to="{arm}" numLanes="3" priority="{rank}"/>'
+        )
+        for lane, out, target in (
+            (0, RIGHT_OF[arm], 0),
+            (0, ACROSS[arm], 0),
+            (1, ACROSS[arm], 1),
+            (2, LEFT_OF[arm], 2),
+        ):
+            connections += (
+                f'<connection from="{arm}C" to="C{out}" fromLane="{lane}" toLane="{target}"/>'
+            )
     return netconvert(folder, nodes, edges, connections, *options)
 
 
@@ -75,7 +102,12 @@ def chain(road: RoadMap, origin: str, target: str) -> list[int]:
 
 def conflicts(road: RoadMap, a: list[int], b: list[int]) -> list[int]:
     """Conflict entries of the lanes of a with those of b."""
-    return [k for lane in a for k in range(road.conflict_offset[lane], road.conflict_offset[lane + 1]) if road.conflict_lane[k] in b]
+    return [
+        k
+        for lane in a
+        for k in range(road.conflict_offset[lane], road.conflict_offset[lane + 1])
+        if road.conflict_lane[k] in b
+    ]
 
 
 def yields(road: RoadMap, a: list[int], b: list[int]) -> set[bool]:
@@ -101,18 +133,32 @@ def test_lanes_and_neighbours(road: RoadMap) -> None:
     assert road.index[[right, middle, left]].tolist() == [0, 1, 2]
     assert {road.edge_ids[road.edge[i]] for i in (right, middle, left)} == {"WC"}
     shape = lane_shape(road, middle)
-    assert shape[0, 0] == pytest.approx(-200, abs=0.1) and np.all(shape[:, 1] == pytest.approx(-4.8))  # second lane right of the axis, driving on the right
-    assert not road.internal[middle] and road.exit[middle] == middle and road.junction[middle] == -1 and road.signal[middle] == -1
+    assert shape[0, 0] == pytest.approx(-200, abs=0.1) and np.all(
+        shape[:, 1] == pytest.approx(-4.8)
+    )  # second lane right of the axis, driving on the right
+    assert (
+        not road.internal[middle]
+        and road.exit[middle] == middle
+        and road.junction[middle] == -1
+        and road.signal[middle] == -1
+    )
     assert road.speed[middle] == pytest.approx(13.89, abs=0.05) and road.width[middle] == 3.2
 
 
 @pytest.mark.parametrize("arm", sorted(ARMS))
 def test_connections_lead_where_they_were_built_to(road: RoadMap, arm: str) -> None:
-    ways = {f"C{RIGHT_OF[arm]}_0": (0, RIGHT), f"C{ACROSS[arm]}_0": (0, STRAIGHT), f"C{ACROSS[arm]}_1": (1, STRAIGHT), f"C{LEFT_OF[arm]}_2": (2, LEFT)}
+    ways = {
+        f"C{RIGHT_OF[arm]}_0": (0, RIGHT),
+        f"C{ACROSS[arm]}_0": (0, STRAIGHT),
+        f"C{ACROSS[arm]}_1": (1, STRAIGHT),
+        f"C{LEFT_OF[arm]}_2": (2, LEFT),
+    }
     for target, (lane, direction) in ways.items():
         path = chain(road, f"{arm}C_{lane}", target)
         assert all(road.internal[path]) and set(road.direction[path]) == {direction}
-        assert {road.lane_ids[i] for i in road.exit[path]} == {target} and {road.junction_ids[i] for i in road.junction[path]} == {"C"}
+        assert {road.lane_ids[i] for i in road.exit[path]} == {target} and {
+            road.junction_ids[i] for i in road.junction[path]
+        } == {"C"}
         assert successors(road, path[-1]) == [lane_index(road)[target]]
         assert set(road.rule[path[1:]]) <= {PRIORITY}
 
@@ -142,22 +188,34 @@ def test_minor_road_yields_to_the_major_one(road: RoadMap) -> None:
 
 def test_paths_that_keep_clear_have_no_entry(road: RoadMap) -> None:
     left, right, straight = (
-        {arm: chain(road, f"{arm}C_{lane}", f"C{to[arm]}_{lane}") for arm in ARMS} for lane, to in ((2, LEFT_OF), (0, RIGHT_OF), (1, ACROSS))
+        {arm: chain(road, f"{arm}C_{lane}", f"C{to[arm]}_{lane}") for arm in ARMS}
+        for lane, to in ((2, LEFT_OF), (0, RIGHT_OF), (1, ACROSS))
     )
     for arm in ARMS:
         assert not conflicts(road, straight[arm], straight[ACROSS[arm]])  # oncoming
-        assert not conflicts(road, straight[arm], chain(road, f"{arm}C_0", f"C{ACROSS[arm]}_0"))  # beside it
+        assert not conflicts(
+            road, straight[arm], chain(road, f"{arm}C_0", f"C{ACROSS[arm]}_0")
+        )  # beside it
         assert not conflicts(road, straight[arm], left[arm])  # from the neighbouring lane
-        assert not conflicts(road, right[arm], chain(road, f"{arm}C_0", f"C{ACROSS[arm]}_0"))  # from the same lane
-        assert not conflicts(road, left[arm], left[ACROSS[arm]])  # opposing left turns pass in front of each other
+        assert not conflicts(
+            road, right[arm], chain(road, f"{arm}C_0", f"C{ACROSS[arm]}_0")
+        )  # from the same lane
+        assert not conflicts(
+            road, left[arm], left[ACROSS[arm]]
+        )  # opposing left turns pass in front of each other
 
 
 def test_merges_reach_the_end_of_both_lanes(road: RoadMap) -> None:
     right, straight = chain(road, "SC_0", "CE_0"), chain(road, "WC_0", "CE_0")
     (k,) = conflicts(road, right, straight)
     assert road.conflict_merge[k] and road.conflict_yields[k]
-    assert road.conflict_end[k] == pytest.approx(road.length[right[0]]) and road.conflict_other_end[k] == pytest.approx(road.length[straight[0]])
-    assert 0 < road.conflict_begin[k] < road.conflict_end[k] and 0 < road.conflict_other_begin[k] < road.conflict_other_end[k]
+    assert road.conflict_end[k] == pytest.approx(road.length[right[0]]) and road.conflict_other_end[
+        k
+    ] == pytest.approx(road.length[straight[0]])
+    assert (
+        0 < road.conflict_begin[k] < road.conflict_end[k]
+        and 0 < road.conflict_other_begin[k] < road.conflict_other_end[k]
+    )
     (back,) = conflicts(road, straight, right)
     assert road.conflict_merge[back] and not road.conflict_yields[back]
 
@@ -178,7 +236,11 @@ def test_stretches_agree_with_shapely(road: RoadMap) -> None:
     for lane, line in lines.items():
         for k in range(road.conflict_offset[lane], road.conflict_offset[lane + 1]):
             shared = line.intersection(lines[road.conflict_lane[k]].buffer(2.2, quad_segs=32))
-            at = [line.project(Point(p)) for part in getattr(shared, "geoms", [shared]) for p in part.coords]
+            at = [
+                line.project(Point(p))
+                for part in getattr(shared, "geoms", [shared])
+                for p in part.coords
+            ]
             scale = road.length[lane] / line.length
             assert road.conflict_begin[k] == pytest.approx(min(at) * scale, abs=0.5)
             assert road.conflict_end[k] == pytest.approx(max(at) * scale, abs=0.5)
@@ -188,9 +250,13 @@ def test_stretches_agree_with_shapely(road: RoadMap) -> None:
 
 def test_every_meeting_of_paths_has_an_entry(road: RoadMap) -> None:
     paths = {
-        (o, e): chain(road, road.lane_ids[o], road.lane_ids[e]) for o in np.flatnonzero(~road.internal) for e in {road.exit[i] for i in successors(road, o)}
+        (o, e): chain(road, road.lane_ids[o], road.lane_ids[e])
+        for o in np.flatnonzero(~road.internal)
+        for e in {road.exit[i] for i in successors(road, o)}
     }
-    for (origin_a, path_a), (origin_b, path_b) in combinations([(o, p) for (o, _), p in paths.items()], 2):
+    for (origin_a, path_a), (origin_b, path_b) in combinations(
+        [(o, p) for (o, _), p in paths.items()], 2
+    ):
         for a in path_a:
             for b in path_b:
                 gap = LineString(lane_shape(road, a)).distance(LineString(lane_shape(road, b)))
@@ -209,8 +275,14 @@ def test_signals(tmp_path: Path) -> None:
     assert road.signal_ids == ("C",)
     for connection in ET.parse(net_file).iter("connection"):
         if connection.get("tl"):
-            first = chain(road, f"{connection.get('from')}_{connection.get('fromLane')}", f"{connection.get('to')}_{connection.get('toLane')}")[0]
-            assert road.signal[first] == 0 and road.link[first] == int(connection.get("linkIndex", "-1"))
+            first = chain(
+                road,
+                f"{connection.get('from')}_{connection.get('fromLane')}",
+                f"{connection.get('to')}_{connection.get('toLane')}",
+            )[0]
+            assert road.signal[first] == 0 and road.link[first] == int(
+                connection.get("linkIndex", "-1")
+            )
     lanes = np.flatnonzero(road.signal >= 0)
     assert sorted(road.link[lanes]) == list(range(16)) and np.all(road.link[road.signal < 0] == -1)
     assert road.rule[chain(road, "WC_2", "CN_2")[0]] == YIELD
@@ -220,21 +292,37 @@ def test_signals(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("node_type", "minor", "major"),
-    [("priority_stop", STOP, PRIORITY), ("allway_stop", ALLWAY, ALLWAY), ("right_before_left", YIELD, YIELD), ("unregulated", PRIORITY, PRIORITY)],
+    [
+        ("priority_stop", STOP, PRIORITY),
+        ("allway_stop", ALLWAY, ALLWAY),
+        ("right_before_left", YIELD, YIELD),
+        ("unregulated", PRIORITY, PRIORITY),
+    ],
 )
 def test_rules_by_type_of_junction(tmp_path: Path, node_type: str, minor: int, major: int) -> None:
     road = read_roadmap(crossing(tmp_path, node_type=node_type))
-    assert road.rule[chain(road, "SC_1", "CN_1")[0]] == minor and road.rule[chain(road, "WC_1", "CE_1")[0]] == major
+    assert (
+        road.rule[chain(road, "SC_1", "CN_1")[0]] == minor
+        and road.rule[chain(road, "WC_1", "CE_1")[0]] == major
+    )
 
 
 def test_right_before_left(tmp_path: Path) -> None:
     road = read_roadmap(crossing(tmp_path, node_type="right_before_left"))
-    from_west, from_south = chain(road, "WC_1", "CE_1"), chain(road, "SC_1", "CN_1")  # coming from the west, the south is on the right
-    assert yields(road, from_west, from_south) == {True} and yields(road, from_south, from_west) == {False}
+    from_west, from_south = (
+        chain(road, "WC_1", "CE_1"),
+        chain(road, "SC_1", "CN_1"),
+    )  # coming from the west, the south is on the right
+    assert yields(road, from_west, from_south) == {True} and yields(
+        road, from_south, from_west
+    ) == {False}
 
 
 def test_zipper(tmp_path: Path) -> None:
-    nodes = '<node id="A" x="0" y="0"/><node id="B" x="200" y="0" type="zipper"/><node id="C" x="400" y="0"/>'
+    nodes = (
+        '<node id="A" x="0" y="0"/><node id="B" x="200" y="0" type="zipper"/><node id="C" '
+        'x="400" y="0"/>'
+    )
     edges = '<edge id="AB" from="A" to="B" numLanes="2"/><edge id="BC" from="B" to="C"/>'
     ways = "".join(f'<connection from="AB" to="BC" fromLane="{i}" toLane="0"/>' for i in (0, 1))
     road = read_roadmap(netconvert(tmp_path, nodes, edges, ways))
@@ -248,47 +336,92 @@ def test_network_without_internal_lanes(tmp_path: Path) -> None:
     road = read_roadmap(crossing(tmp_path, "--no-internal-links", "true"))
     number = lane_index(road)
     assert not road.internal.any() and not len(road.conflict_lane)
-    assert set(successors(road, number["WC_0"])) == {number["CS_0"], number["CE_0"]} and successors(road, number["CE_0"]) == []
+    assert (
+        set(successors(road, number["WC_0"])) == {number["CS_0"], number["CE_0"]}
+        and successors(road, number["CE_0"]) == []
+    )
 
 
 @pytest.mark.parametrize("node_type", ["traffic_light", "priority_stop", "allway_stop"])
-def test_without_internal_lanes_nobody_would_heed_lights_and_signs(tmp_path: Path, node_type: str) -> None:
+def test_without_internal_lanes_nobody_would_heed_lights_and_signs(
+    tmp_path: Path, node_type: str
+) -> None:
     net_file = crossing(tmp_path, "--no-internal-links", "true", node_type=node_type)
-    with pytest.raises(ConfigError, match=r"x\.net\.xml: signals or stop signs, but no lanes inside junctions.*without --no-internal-links"):
+    with pytest.raises(
+        ConfigError,
+        match=r"x\.net\.xml: signals or stop signs, but no lanes inside junctions.*without "
+        r"--no-internal-links",
+    ):
         read_roadmap(net_file)
 
 
 def test_permissions_of_a_connection_hold_on_its_internal_lanes(tmp_path: Path) -> None:
     nodes = '<node id="A" x="0" y="0"/><node id="B" x="100" y="0"/><node id="C" x="200" y="0"/>'
-    edges = '<edge id="AB" from="A" to="B" numLanes="2"/><edge id="BC" from="B" to="C" numLanes="2" disallow="truck pedestrian"/>'
-    ways = '<connection from="AB" to="BC" fromLane="0" toLane="0" allow="bus taxi"/><connection from="AB" to="BC" fromLane="1" toLane="1"/>'
+    edges = (
+        '<edge id="AB" from="A" to="B" numLanes="2"/><edge id="BC" from="B" to="C" '
+        'numLanes="2" disallow="truck pedestrian"/>'
+    )
+    ways = (
+        '<connection from="AB" to="BC" fromLane="0" toLane="0" allow="bus taxi"/><connection '
+        'from="AB" to="BC" fromLane="1" toLane="1"/>'
+    )
     net_file = netconvert(tmp_path, nodes, edges, ways)
     via = next(str(c.get("via")) for c in ET.parse(net_file).iter("connection") if c.get("allow"))
-    road = read_roadmap(edit_lane(net_file, via, tmp_path / "y.net.xml", allow="bus passenger taxi"))  # whatever the lane itself says
+    road = read_roadmap(
+        edit_lane(net_file, via, tmp_path / "y.net.xml", allow="bus passenger taxi")
+    )  # whatever the lane itself says
 
     def names(lane: int) -> set[str]:
         return {name for i, name in enumerate(VEHICLE_CLASSES) if int(road.classes[lane]) >> i & 1}
 
     number = lane_index(road)
-    assert names(number["AB_0"]) == set(VEHICLE_CLASSES) and names(number["BC_1"]) == set(VEHICLE_CLASSES) - {"truck", "pedestrian"}
+    assert names(number["AB_0"]) == set(VEHICLE_CLASSES) and names(number["BC_1"]) == set(
+        VEHICLE_CLASSES
+    ) - {"truck", "pedestrian"}
     assert names(chain(road, "AB_0", "BC_0")[0]) == {"bus", "taxi"}
 
 
 def test_crossings_for_pedestrians_are_lanes_without_successors(tmp_path: Path) -> None:
-    road = read_roadmap(crossing(tmp_path, "--sidewalks.guess", "true", "--sidewalks.guess.max-speed", "20", "--crossings.guess", "true"))
+    road = read_roadmap(
+        crossing(
+            tmp_path,
+            "--sidewalks.guess",
+            "true",
+            "--sidewalks.guess.max-speed",
+            "20",
+            "--crossings.guess",
+            "true",
+        )
+    )
     on_foot = [i for i, name in enumerate(road.lane_ids) if name.startswith((":C_c", ":C_w"))]
-    assert on_foot and all(road.internal[on_foot]) and {road.junction_ids[i] for i in road.junction[on_foot]} == {"C"}
-    assert not set(on_foot) & set(road.successor.tolist()) and not any(successors(road, i) for i in on_foot)
+    assert (
+        on_foot
+        and all(road.internal[on_foot])
+        and {road.junction_ids[i] for i in road.junction[on_foot]} == {"C"}
+    )
+    assert not set(on_foot) & set(road.successor.tolist()) and not any(
+        successors(road, i) for i in on_foot
+    )
 
 
 def test_conflicts_are_in_lane_positions(crossing_file: str, road: RoadMap, tmp_path: Path) -> None:
     lane = chain(road, "SC_1", "CN_1")[0]
-    longer = read_roadmap(edit_lane(crossing_file, road.lane_ids[lane], tmp_path / "longer.net.xml", length=str(2 * road.length[lane])))
-    mine = slice(road.conflict_offset[lane], road.conflict_offset[lane + 1])
-    assert longer.scale[lane] == pytest.approx(0.5 * road.scale[lane]) and longer.length[lane] == 2 * road.length[lane]
-    assert longer.conflict_begin[mine] == pytest.approx(2 * road.conflict_begin[mine]) and longer.conflict_end[mine] == pytest.approx(
-        2 * road.conflict_end[mine]
+    longer = read_roadmap(
+        edit_lane(
+            crossing_file,
+            road.lane_ids[lane],
+            tmp_path / "longer.net.xml",
+            length=str(2 * road.length[lane]),
+        )
     )
+    mine = slice(road.conflict_offset[lane], road.conflict_offset[lane + 1])
+    assert (
+        longer.scale[lane] == pytest.approx(0.5 * road.scale[lane])
+        and longer.length[lane] == 2 * road.length[lane]
+    )
+    assert longer.conflict_begin[mine] == pytest.approx(
+        2 * road.conflict_begin[mine]
+    ) and longer.conflict_end[mine] == pytest.approx(2 * road.conflict_end[mine])
     assert longer.conflict_other_begin[mine] == pytest.approx(road.conflict_other_begin[mine])
 
 
@@ -296,34 +429,60 @@ def test_lane_whose_points_coincide(crossing_file: str, road: RoadMap, tmp_path:
     first, second = chain(road, "WC_2", "CN_2")
     x, y = lane_shape(road, second)[0]
     name = road.lane_ids[first]
-    odd = read_roadmap(edit_lane(crossing_file, name, tmp_path / "odd.net.xml", shape=f"{x},{y} {x},{y}", length="0.10"))
+    odd = read_roadmap(
+        edit_lane(
+            crossing_file, name, tmp_path / "odd.net.xml", shape=f"{x},{y} {x},{y}", length="0.10"
+        )
+    )
     shape = lane_shape(odd, first)
     way, onward = np.diff(shape, axis=0)[0], np.diff(lane_shape(odd, second), axis=0)[0]
-    assert 0 < odd.scale[first] < 1.0 and np.dot(way, onward) > 0.99 * np.linalg.norm(way) * np.linalg.norm(onward)
-    assert all(np.all(np.isfinite(column)) for column in (odd.points, odd.point_s, odd.scale, odd.conflict_begin, odd.conflict_end))
+    assert 0 < odd.scale[first] < 1.0 and np.dot(way, onward) > 0.99 * np.linalg.norm(
+        way
+    ) * np.linalg.norm(onward)
+    assert all(
+        np.all(np.isfinite(column))
+        for column in (odd.points, odd.point_s, odd.scale, odd.conflict_begin, odd.conflict_end)
+    )
 
 
 @pytest.mark.parametrize(("gap", "meets"), [(1.6, True), (2.05, False)])
-def test_cars_that_just_pass_each_other_do_not_conflict(crossing_file: str, road: RoadMap, tmp_path: Path, gap: float, meets: bool) -> None:
+def test_cars_that_just_pass_each_other_do_not_conflict(
+    crossing_file: str, road: RoadMap, tmp_path: Path, gap: float, meets: bool
+) -> None:
     eastward, westward = chain(road, "WC_1", "CE_1"), chain(road, "EC_1", "CW_1")
     x, y = lane_shape(road, eastward[0]).T
     shape = f"{x[-1]},{y[-1] + gap} {x[0]},{y[0] + gap}"
-    near = read_roadmap(edit_lane(crossing_file, road.lane_ids[westward[0]], tmp_path / "near.net.xml", shape=shape))
-    assert bool(conflicts(near, eastward, westward)) == bool(conflicts(near, westward, eastward)) == meets
+    near = read_roadmap(
+        edit_lane(crossing_file, road.lane_ids[westward[0]], tmp_path / "near.net.xml", shape=shape)
+    )
+    assert (
+        bool(conflicts(near, eastward, westward))
+        == bool(conflicts(near, westward, eastward))
+        == meets
+    )
 
 
-def test_merge_of_lanes_that_are_drawn_apart(crossing_file: str, road: RoadMap, tmp_path: Path) -> None:
+def test_merge_of_lanes_that_are_drawn_apart(
+    crossing_file: str, road: RoadMap, tmp_path: Path
+) -> None:
     right, straight = chain(road, "SC_0", "CE_0"), chain(road, "WC_0", "CE_0")
     shape = " ".join(f"{x + 3},{y - 3}" for x, y in lane_shape(road, right[0]))
-    apart = read_roadmap(edit_lane(crossing_file, road.lane_ids[right[0]], tmp_path / "apart.net.xml", shape=shape))
+    apart = read_roadmap(
+        edit_lane(crossing_file, road.lane_ids[right[0]], tmp_path / "apart.net.xml", shape=shape)
+    )
     (k,) = conflicts(apart, right, straight)
-    assert apart.conflict_merge[k] and apart.conflict_end[k] == pytest.approx(apart.length[right[0]])
+    assert apart.conflict_merge[k] and apart.conflict_end[k] == pytest.approx(
+        apart.length[right[0]]
+    )
 
 
 def test_lanes_beside_each_other_do_not_conflict_however_they_are_drawn() -> None:
     road = read_roadmap(str(GAME / "highway" / "highway.net.xml"))
     lanes = [lane_index(road)[f":1658939360_0_{i}"] for i in range(3)]
-    assert LineString(lane_shape(road, lanes[0])).distance(LineString(lane_shape(road, lanes[1]))) < 0.5
+    assert (
+        LineString(lane_shape(road, lanes[0])).distance(LineString(lane_shape(road, lanes[1])))
+        < 0.5
+    )
     assert not conflicts(road, lanes, lanes)
 
 
@@ -335,7 +494,17 @@ def test_reading_twice_gives_the_same(crossing_file: str, road: RoadMap) -> None
 # --- wrong input ---
 
 
-@pytest.mark.parametrize("content", [None, b"", b"no xml", b"<net", b"<routes/>", b'<net version="1.20"><edge id="a" from="b" to="c"><lane/></edge></net>'])
+@pytest.mark.parametrize(
+    "content",
+    [
+        None,
+        b"",
+        b"no xml",
+        b"<net",
+        b"<routes/>",
+        b'<net version="1.20"><edge id="a" from="b" to="c"><lane/></edge></net>',
+    ],
+)
 def test_unreadable_file(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "bad.net.xml"
     if content is not None:
@@ -360,30 +529,66 @@ def test_truncated_files(crossing_file: str, tmp_path: Path) -> None:
 def check_invariants(road: RoadMap) -> None:
     count = len(road.lane_ids)
     assert len(set(road.lane_ids)) == count and np.all(np.diff(road.point_offset) >= 2)
-    assert all(np.all(np.isfinite(column)) for column in (road.points, road.point_s, road.length, road.scale, road.width, road.speed))
+    assert all(
+        np.all(np.isfinite(column))
+        for column in (road.points, road.point_s, road.length, road.scale, road.width, road.speed)
+    )
     own = np.repeat(np.arange(count), np.diff(road.point_offset))
     steps = np.diff(road.point_s)[own[1:] == own[:-1]]
-    assert np.all(steps > 0) and road.scale * road.length == pytest.approx(road.point_s[road.point_offset[1:] - 1])
+    assert np.all(steps > 0) and road.scale * road.length == pytest.approx(
+        road.point_s[road.point_offset[1:] - 1]
+    )
     for side, other in ((road.left, road.right), (road.right, road.left)):
         has = np.flatnonzero(side >= 0)
-        assert np.array_equal(other[side[has]], has) and np.array_equal(road.edge[side[has]], road.edge[has])
+        assert np.array_equal(other[side[has]], has) and np.array_equal(
+            road.edge[side[has]], road.edge[has]
+        )
 
     origin = np.repeat(np.arange(count), np.diff(road.successor_offset))
-    gap = np.linalg.norm(road.points[road.point_offset[origin + 1] - 1] - road.points[road.point_offset[road.successor]], axis=1)
+    gap = np.linalg.norm(
+        road.points[road.point_offset[origin + 1] - 1]
+        - road.points[road.point_offset[road.successor]],
+        axis=1,
+    )
     assert len(road.successor) and np.all(gap < 3.0)
     leaving = origin[road.internal[origin]]
     after = road.successor[road.internal[origin]]
-    assert np.array_equal(np.where(road.internal[after], road.exit[after], after), road.exit[leaving])
+    assert np.array_equal(
+        np.where(road.internal[after], road.exit[after], after), road.exit[leaving]
+    )
     assert len(leaving) == len(set(leaving))  # one way on inside a junction
     assert not road.internal[road.exit[leaving]].any() and np.all(road.junction[leaving] >= 0)
 
     me = np.repeat(np.arange(count), np.diff(road.conflict_offset))
-    assert np.all(road.internal[me]) and np.array_equal(road.junction[me], road.junction[road.conflict_lane])
+    assert np.all(road.internal[me]) and np.array_equal(
+        road.junction[me], road.junction[road.conflict_lane]
+    )
     assert np.array_equal(road.conflict_merge, road.exit[me] == road.exit[road.conflict_lane])
-    for begin, end, lane in ((road.conflict_begin, road.conflict_end, me), (road.conflict_other_begin, road.conflict_other_end, road.conflict_lane)):
-        assert np.all(begin >= 0) and np.all(begin < end) and np.all(end <= road.length[lane] + 1e-9)
-    there = zip(me, road.conflict_lane, road.conflict_begin, road.conflict_end, road.conflict_other_begin, road.conflict_other_end, strict=True)
-    back = zip(road.conflict_lane, me, road.conflict_other_begin, road.conflict_other_end, road.conflict_begin, road.conflict_end, strict=True)
+    for begin, end, lane in (
+        (road.conflict_begin, road.conflict_end, me),
+        (road.conflict_other_begin, road.conflict_other_end, road.conflict_lane),
+    ):
+        assert (
+            np.all(begin >= 0) and np.all(begin < end) and np.all(end <= road.length[lane] + 1e-9)
+        )
+    there = zip(
+        me,
+        road.conflict_lane,
+        road.conflict_begin,
+        road.conflict_end,
+        road.conflict_other_begin,
+        road.conflict_other_end,
+        strict=True,
+    )
+    back = zip(
+        road.conflict_lane,
+        me,
+        road.conflict_other_begin,
+        road.conflict_other_end,
+        road.conflict_begin,
+        road.conflict_end,
+        strict=True,
+    )
     assert sorted(there) == sorted(back)
 
 
@@ -405,6 +610,10 @@ def test_wheel_networks(name: str) -> None:
     for first, connection in entries.items():
         for k in range(road.conflict_offset[first], road.conflict_offset[first + 1]):
             other = entries.get(int(road.conflict_lane[k]))
-            if other is not None and connection.getJunction().getType() != "unregulated":  # those have no matrix
+            if (
+                other is not None and connection.getJunction().getType() != "unregulated"
+            ):  # those have no matrix
                 assert connection.getFromLane() is not other.getFromLane()
-                assert bool(road.conflict_yields[k]) == connection.getJunction().forbids(other, connection)
+                assert bool(road.conflict_yields[k]) == connection.getJunction().forbids(
+                    other, connection
+                )

@@ -42,13 +42,36 @@ _DRAWN = ("run", "good.yaml", "--out", "out", "--json")
 
 
 def cases() -> Iterator[Case]:
-    """Variables of the environment with values that make no sense. Most commands do not need them, and go on."""
+    """Variables of the environment with values that make no sense.
+
+    Most commands do not need them, and go on.
+    """
     for name, values in VARIABLES.items():
         for value in values:
             for words in (_LISTED, _DRAWN):
-                yield Case("environment", f"{name}={value!r:.30}, {words[0]}", words, environment={name: value}, allowed=ANY, patience_s=DRIVING_S)
+                yield Case(
+                    "environment",
+                    f"{name}={value!r:.30}, {words[0]}",
+                    words,
+                    environment={name: value},
+                    allowed=ANY,
+                    patience_s=DRIVING_S,
+                )
     for name, values in COMPILER.items():
         for value in values:
-            yield Case("environment", f"{name}={value!r:.30}, search", SEARCH, environment={name: value}, allowed=ANY, patience_s=COMPILING_S)
+            yield Case(
+                "environment",
+                f"{name}={value!r:.30}, search",
+                SEARCH,
+                environment={name: value},
+                allowed=ANY,
+                patience_s=COMPILING_S,
+            )
     for display, naming in ((None, "display"), ("nowhere:9", "")):
-        yield Case("environment", f"--gui, DISPLAY={display!r}", ("run", "good.yaml", "--gui"), environment={"DISPLAY": display}, naming=(naming,))
+        yield Case(
+            "environment",
+            f"--gui, DISPLAY={display!r}",
+            ("run", "good.yaml", "--gui"),
+            environment={"DISPLAY": display},
+            naming=(naming,),
+        )

@@ -10,11 +10,39 @@ from ..case import ANY, ONLY_REFUSED, Case, scenario_case
 from ..good import SCENARIO, dumped, with_key
 
 ALWAYS = (0, -1, 1e-300, 1e9, 1e308)
-IN_TURN: tuple[object, ...] = (float("nan"), float("inf"), float("-inf"), 10**400, "many", True, None, [], {}, "1e3", "0x10", "1_000")
-MAY_BE_TAKEN = (0, -1, 1e-300, 1e9, None, "0x10", "1_000", "1e3")  # depends on the key; the episode then has to end
+IN_TURN: tuple[object, ...] = (
+    float("nan"),
+    float("inf"),
+    float("-inf"),
+    10**400,
+    "many",
+    True,
+    None,
+    [],
+    {},
+    "1e3",
+    "0x10",
+    "1_000",
+)
+MAY_BE_TAKEN = (
+    0,
+    -1,
+    1e-300,
+    1e9,
+    None,
+    "0x10",
+    "1_000",
+    "1e3",
+)  # depends on the key; the episode then has to end
 EACH = 2  # of IN_TURN for every number
 
-_DRIVERS = {"paper": "paper", "idm": "idm", "sumo": "constant", "traffic": "constant", "episode": "constant"}
+_DRIVERS = {
+    "paper": "paper",
+    "idm": "idm",
+    "sumo": "constant",
+    "traffic": "constant",
+    "episode": "constant",
+}
 
 
 def cases() -> Iterator[Case]:
@@ -22,10 +50,24 @@ def cases() -> Iterator[Case]:
     turn = itertools.cycle(IN_TURN)
     for key, whole in numbers(json_schema()):
         for value in (*ALWAYS, *itertools.islice(turn, EACH)):
-            given = int(value) if whole and isinstance(value, float) and value in (1e9, 1e308) else value
+            given = (
+                int(value)
+                if whole and isinstance(value, float) and value in (1e9, 1e308)
+                else value
+            )
             name = f"{key}: {value if value != 10**400 else '10**400'!r}"
-            allowed = ANY if any(value == other and type(value) is type(other) for other in MAY_BE_TAKEN) else ONLY_REFUSED
-            yield scenario_case("number", name, dumped(with_key(whole_scenario(key), key, given)), allowed, (last_name(key),))
+            allowed = (
+                ANY
+                if any(value == other and type(value) is type(other) for other in MAY_BE_TAKEN)
+                else ONLY_REFUSED
+            )
+            yield scenario_case(
+                "number",
+                name,
+                dumped(with_key(whole_scenario(key), key, given)),
+                allowed,
+                (last_name(key),),
+            )
 
 
 def last_name(key: str) -> str:
@@ -34,7 +76,8 @@ def last_name(key: str) -> str:
 
 
 def numbers(schema: Mapping[str, Any]) -> Iterator[tuple[str, bool]]:
-    """Keys of all numbers of a JSON schema, `a.b.0` for the first of a list, and whether the number is a whole one."""
+    """Keys of all numbers of a JSON schema, `a.b.0` for the first of a list, and whether the number
+    is a whole one."""
 
     def walk(part: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[str, bool]]:
         if "$ref" in part:
@@ -55,7 +98,12 @@ def numbers(schema: Mapping[str, Any]) -> Iterator[tuple[str, bool]]:
 
 
 _TWO = [0.0, 1.0]
-_STREAM = {"route": ["road", "beyond"], "lanes": [0], "pos_m": [10.0, 40.0], "speed_mps": [1.0, 4.0]}
+_STREAM = {
+    "route": ["road", "beyond"],
+    "lanes": [0],
+    "pos_m": [10.0, 40.0],
+    "speed_mps": [1.0, 4.0],
+}
 _AROUND: dict[str, Any] = {  # what all numbers need around them
     "planner.iterations": 20,
     "planner.accelerations_mps2": _TWO,
@@ -75,7 +123,8 @@ def whole_scenario(key: str) -> dict[str, Any]:
         data = with_key(data, name, value)
     if ".events." not in key:
         return data
-    # An event has a time or a place, and one action: the number is one of these, or stands beside them.
+    # An event has a time or a place, and one action: the number is one of these, or stands beside
+    # them.
     when = {} if key.endswith(("at_s", "at_m")) else {"at_s": 1.0}
     action = {} if key.endswith(("slow_to_mps", "stop_for_s")) else {"slow_to_mps": 2.0}
     if key.startswith("traffic.events"):

@@ -1,4 +1,5 @@
-"""Wrong words on the command line: every option of every command, keys of --set, and what follows --."""
+"""Wrong words on the command line: every option of every command, keys of --set, and what follows
+--."""
 
 import functools
 import inspect
@@ -17,7 +18,21 @@ from ..case import ANY, DRIVING_S, NOT_DRIVEN, Case, nothing
 
 LONG = "x" * 100_000
 TEXTS = ("", " ", "a\nb", "\x1b[31mred", "-", "--", "../..", "%s%n", "ä\u202e", "x" * 300, LONG)
-NUMBERS = ("", "x", "nan", "inf", "-1", "0", "1e308", "1e400", "9" * 400, "0x10", "1,5", "true", "٣")
+NUMBERS = (
+    "",
+    "x",
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e308",
+    "1e400",
+    "9" * 400,
+    "0x10",
+    "1,5",
+    "true",
+    "٣",
+)
 PATHS = (
     "",
     "\n",
@@ -59,7 +74,8 @@ class Option(NamedTuple):
 
 
 def cases() -> Iterator[Case]:
-    """Every option with values that make no sense, as far as it takes one; arguments too many, too few, unknown."""
+    """Every option with values that make no sense, as far as it takes one; arguments too many, too
+    few, unknown."""
     for name, function in sorted(commands().items()):
         beside = BESIDE.get(name, (name, "nowhere") if takes_argument(function) else (name,))
         for option in options(function):
@@ -67,7 +83,19 @@ def cases() -> Iterator[Case]:
                 yield from _values(name, beside, option)
         yield from _counts(name, beside)
     yield from scheduler_cases()
-    for words in (("tank",), ("--tank",), ("-x",), ("",), ("run run",), ("RUN",), ("\n",), ("\x1b[31mrun",), ("--",), ("-",), (LONG,)):
+    for words in (
+        ("tank",),
+        ("--tank",),
+        ("-x",),
+        ("",),
+        ("run run",),
+        ("RUN",),
+        ("\n",),
+        ("\x1b[31mrun",),
+        ("--",),
+        ("-",),
+        (LONG,),
+    ):
         yield Case("option", f"the command {words[0][:20]!r}", words)
 
 
@@ -85,7 +113,14 @@ def scheduler_cases() -> Iterator[Case]:
     ):
         words = ("batch", "one.yaml", "--out", "out", "--quiet", "--scheduler", address)
         name = "a silent address" if address == silent_address() else repr(address)
-        yield Case("option", f"batch --scheduler, {name}", words, allowed=NOT_DRIVEN, naming=("--scheduler",), patience_s=SCHEDULER_S)
+        yield Case(
+            "option",
+            f"batch --scheduler, {name}",
+            words,
+            allowed=NOT_DRIVEN,
+            naming=("--scheduler",),
+            patience_s=SCHEDULER_S,
+        )
 
 
 @functools.cache
@@ -101,7 +136,10 @@ def silent_address() -> str:
 
 def commands() -> dict[str, Callable[..., Any]]:
     """The functions of all commands, by name."""
-    found = {info.name or getattr(info.callback, "__name__", ""): info.callback for info in cli.app.registered_commands}
+    found = {
+        info.name or getattr(info.callback, "__name__", ""): info.callback
+        for info in cli.app.registered_commands
+    }
     return {name: function for name, function in found.items() if function is not None}
 
 
@@ -112,7 +150,11 @@ def options(function: Callable[..., Any]) -> Iterator[Option]:
         for info in infos:
             plain = _plain(typing.get_args(hint)[0])
             # In Annotated the first name of an option stands where typer keeps a default.
-            declared = [str(word) for word in (info.default, *(info.param_decls or ())) if str(word).startswith("--")]
+            declared = [
+                str(word)
+                for word in (info.default, *(info.param_decls or ()))
+                if str(word).startswith("--")
+            ]
             yield Option(declared[0] if declared else f"--{name.replace('_', '-')}", plain)
 
 
@@ -156,12 +198,15 @@ def set_cases() -> Iterator[Case]:
     )  # fmt: skip
     taken = (
         "planner.name=mcts\n---\nidm", "sumo.step_length_s=", "planner.period_s=", "episode.",
-        "sensor.range_m=1e-9", "planner.options=", "planner=", "traffic.actors=[]", "cost={", "description=",
+        "sensor.range_m=1e-9", "planner.options=", "planner=", "traffic.actors=[]", "cost={",
+        "description=",
         "planner.iterations=1e3",
         "egos.0.id",
     )  # fmt: skip
     for number, assignment in enumerate(wrong):
-        allowed = ANY if assignment.startswith(taken) and assignment != "planner=1" else frozenset({2})
+        allowed = (
+            ANY if assignment.startswith(taken) and assignment != "planner=1" else frozenset({2})
+        )
         yield Case(
             "set",
             f"{number} {assignment!r:.50}",
@@ -228,14 +273,33 @@ LISTED = 60  # of them are tried where vehicles are listed, too
 
 
 def sumo_option_cases() -> Iterator[Case]:
-    """Options for SUMO that end, serve, save or wait instead of simulating, and those that SUMO does not have."""
+    """Options for SUMO that end, serve, save or wait instead of simulating, and those that SUMO
+    does not have."""
     for number, words in enumerate(SUMO_OPTIONS):
         told = f"{number} {' '.join(words)!r:.50}"
-        driven = ("run", "good.sumocfg", "--ego", "ego", "--planner", "constant", "--json", "--time-limit", "3", "--", *words)
+        driven = (
+            "run",
+            "good.sumocfg",
+            "--ego",
+            "ego",
+            "--planner",
+            "constant",
+            "--json",
+            "--time-limit",
+            "3",
+            "--",
+            *words,
+        )
         prepare = _pipe if "pipe" in words else nothing
         yield Case("sumo-option", told, driven, prepare=prepare, allowed=ANY, patience_s=DRIVING_S)
         if number < LISTED:
-            yield Case("sumo-option", f"listing, {told}", ("run", "good.sumocfg", "--json", "--", *words), prepare=prepare, allowed=ANY)
+            yield Case(
+                "sumo-option",
+                f"listing, {told}",
+                ("run", "good.sumocfg", "--json", "--", *words),
+                prepare=prepare,
+                allowed=ANY,
+            )
 
 
 def _pipe(folder: Path) -> None:
@@ -246,7 +310,14 @@ def _values(name: str, beside: tuple[str, ...], option: Option) -> Iterator[Case
     values = NUMBERS if option.kind in (int, float) else PATHS if option.kind is Path else TEXTS
     for value in values:
         words = (*_without(beside, option.name), option.name, value)
-        yield Case("option", f"{name} {option.name} {_shown(value)}", words, {"exp1.yaml": EXPERIMENT}, allowed=ANY, patience_s=DRIVING_S)
+        yield Case(
+            "option",
+            f"{name} {option.name} {_shown(value)}",
+            words,
+            {"exp1.yaml": EXPERIMENT},
+            allowed=ANY,
+            patience_s=DRIVING_S,
+        )
 
 
 def _shown(value: str) -> str:
@@ -267,8 +338,27 @@ def _counts(name: str, beside: tuple[str, ...]) -> Iterator[Case]:
     yield Case("option", f"{name} -x", (*beside, "-x"))
     yield Case("option", f"{name} --quiet=maybe", (*beside, "--quiet=maybe"))
     if len(beside) > 1:
-        yield Case("option", f"{name} with words too many", (*beside, "stray", "\x1b[31mstray", "a\nb"), {"exp1.yaml": EXPERIMENT}, allowed=NOT_DRIVEN)
+        yield Case(
+            "option",
+            f"{name} with words too many",
+            (*beside, "stray", "\x1b[31mstray", "a\nb"),
+            {"exp1.yaml": EXPERIMENT},
+            allowed=NOT_DRIVEN,
+        )
         if name != "regret":  # takes the built-in scenes then
             yield Case("option", f"{name} without a word", (name,), allowed=NOT_DRIVEN)
-        for word in ("", "\n", "/dev/null", "/dev/zero", "x" * 300, LONG, "-", ".", "\x1b[31mred", "nowhere", "~", "*"):
+        for word in (
+            "",
+            "\n",
+            "/dev/null",
+            "/dev/zero",
+            "x" * 300,
+            LONG,
+            "-",
+            ".",
+            "\x1b[31mred",
+            "nowhere",
+            "~",
+            "*",
+        ):
             yield Case("option", f"{name} of {_shown(word)}", (name, word), allowed=NOT_DRIVEN)

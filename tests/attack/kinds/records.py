@@ -29,10 +29,13 @@ READERS: tuple[tuple[str, ...], ...] = (
 
 
 def archive_cases() -> Iterator[Case]:
-    """Traces and maps: bytes that are turned or cut off, members that are replaced, numbers out of range."""
+    """Traces and maps: bytes that are turned or cut off, members that are replaced, numbers out of
+    range."""
     for what in ("traces", "maps"):
         name = recorded_file(f"one/{what}/*.npz")
-        readers = itertools.cycle(READERS if what == "traces" else (REPLAN, READERS[4], READERS[5], READERS[1]))
+        readers = itertools.cycle(
+            READERS if what == "traces" else (REPLAN, READERS[4], READERS[5], READERS[1])
+        )
         for damage, content in _bytes(recorded()[name]):
             yield _read(f"{what}: {damage}", name, content, next(readers))
         for column in _columns(name):
@@ -42,7 +45,16 @@ def archive_cases() -> Iterator[Case]:
 
 
 def _read(name: str, damaged: str, content: bytes, words: tuple[str, ...]) -> Case:
-    return Case("archive", name, words, {damaged: content}, recorded=True, allowed=ANY, naming=("one",), patience_s=DRIVING_S)
+    return Case(
+        "archive",
+        name,
+        words,
+        {damaged: content},
+        recorded=True,
+        allowed=ANY,
+        naming=("one",),
+        patience_s=DRIVING_S,
+    )
 
 
 def _bytes(content: bytes) -> Iterator[tuple[str, bytes]]:
@@ -78,14 +90,24 @@ def _columns(name: str) -> list[str]:
 
 
 def _values(name: str, column: str) -> Iterator[tuple[str, bytes]]:
-    """A column with values that make no sense: for a map all of them, for a trace one, another for each column."""
+    """A column with values that make no sense: for a map all of them, for a trace one, another for
+    each column."""
     whole = _whole(name)
     values = whole[column]
     changes = [(label, change) for label, change in _CHANGES if _fits(values, label)]
     number = list(whole).index(column)
-    for label, change in changes if "/maps/" in name and "#" not in column else changes[number % len(changes) :][:1]:
+    for label, change in (
+        changes if "/maps/" in name and "#" not in column else changes[number % len(changes) :][:1]
+    ):
         changed = change(values)
-        yield label, _packed({key: old for key, old in whole.items() if key != column} if changed is None else {**whole, column: changed})
+        yield (
+            label,
+            _packed(
+                {key: old for key, old in whole.items() if key != column}
+                if changed is None
+                else {**whole, column: changed}
+            ),
+        )
 
 
 def _filled(value: float) -> Callable[[NDArray[Any]], NDArray[Any]]:
@@ -165,11 +187,13 @@ ROW_VALUES: tuple[Any, ...] = (
 LINES: dict[str, bytes] = {
     "nothing": b"", "an empty line": b"\n\n\n", "no JSON": b"tank\n", "a number": b"3\n",
     "null": b"null\n", "a list": b"[]\n", "an empty row": b"{}\n", "half a row": b'{"key": "a',
-    "NaN": b'{"key": "a", "scenario": "s", "variant": "v", "outcome": "arrived", "travel_time_s": NaN}\n',
+    "NaN": b'{"key": "a", "scenario": "s", "variant": "v", "outcome": "arrived", "travel_time_s": '
+           b'NaN}\n',
     "zero bytes": b"\0" * 1000, "no UTF-8": b"\xff\xfe\n",
     "deep": b'{"key": ' + b"[" * 100_000 + b"\n",
     "a long number": b'{"key": "a", "seed": ' + b"9" * 100_000 + b"}\n",
-    "half a surrogate": b'{"key": "\\ud800", "scenario": "s", "variant": "v", "outcome": "arrived"}\n',
+    "half a surrogate": b'{"key": "\\ud800", "scenario": "s", "variant": "v", "outcome": '
+                        b'"arrived"}\n',
     "only the names": b'{"key": "a", "scenario": "s", "variant": "v", "outcome": "arrived"}\n',
     "an outcome of nobody": b'{"key": "a", "scenario": "s", "variant": "v", "outcome": "tank"}\n',
 }  # fmt: skip
@@ -187,20 +211,32 @@ def row_cases() -> Iterator[Case]:
     first, *others = recorded()[rows].decode().splitlines()
     for name, line in LINES.items():
         yield from _folder(f"rows: {name}", rows, line)
-        yield from _folder(f"rows: {name}, among good ones", rows, line + b"\n" + "\n".join([first, *others, ""]).encode())
+        yield from _folder(
+            f"rows: {name}, among good ones",
+            rows,
+            line + b"\n" + "\n".join([first, *others, ""]).encode(),
+        )
     values = itertools.cycle(ROW_VALUES)
     for key in json.loads(first):
         for value in itertools.islice(values, 2):
             changed = json.dumps({**json.loads(first), key: value})
-            yield _report(f"rows: {key} {value!r:.30}", rows, "\n".join([changed, *others, ""]).encode())
+            yield _report(
+                f"rows: {key} {value!r:.30}", rows, "\n".join([changed, *others, ""]).encode()
+            )
     for name, document in DOCUMENTS.items():
         yield from _folder(f"manifest: {name}", manifest, document)
     told = json.loads(recorded()[manifest])
     for key in told:
         for value in itertools.islice(values, 4):
-            yield from _folder(f"manifest: {key} {value!r:.30}", manifest, json.dumps({**told, key: value}).encode())
+            yield from _folder(
+                f"manifest: {key} {value!r:.30}",
+                manifest,
+                json.dumps({**told, key: value}).encode(),
+            )
     for shard in ("1/99999999999", "0/0", "2/1", "-1/2", "x", [1, 2], [1, 99999999999], 3, None):
-        yield _report(f"manifest: shard {shard!r}", manifest, json.dumps({**told, "shard": shard}).encode())
+        yield _report(
+            f"manifest: shard {shard!r}", manifest, json.dumps({**told, "shard": shard}).encode()
+        )
 
 
 def _report(name: str, damaged: str, content: bytes) -> Case:

@@ -16,7 +16,19 @@ def bomb(levels: int = 9, width: int = 10) -> str:
     """A flow mapping of aliases: `width` to the power of `levels` texts."""
     names = "abcdefghijklmnop"[:levels]
     first = f"a: &a [{', '.join(['x'] * width)}]"
-    return "{" + ", ".join([first, *(f"{b}: &{b} [{', '.join([f'*{a}'] * width)}]" for a, b in itertools.pairwise(names))]) + "}"
+    return (
+        "{"
+        + ", ".join(
+            [
+                first,
+                *(
+                    f"{b}: &{b} [{', '.join([f'*{a}'] * width)}]"
+                    for a, b in itertools.pairwise(names)
+                ),
+            ]
+        )
+        + "}"
+    )
 
 
 def ending(text: str) -> str:
@@ -65,11 +77,14 @@ NOT_YAML: dict[str, str | bytes] = {
     "deep mappings": ending("cost: " + "{a: " * DEEP + "1" + "}" * DEEP),
     "deep blocks": "".join(f"{' ' * k}a:\n" for k in range(1500)),
     "deep sequences": "- " * DEEP + "x\n",
-    "deep in options": GOOD.replace("name: constant", f"name: constant\n  options: {{a: {'[' * 600 + ']' * 600}}}"),
-    "a bomb of aliases in options": GOOD.replace("name: constant", f"name: constant\n  options: {bomb()}"),
+    "deep in options": GOOD.replace("name: constant",
+    f"name: constant\n  options: {{a: {'[' * 600 + ']' * 600}}}"),
+    "a bomb of aliases in options": GOOD.replace("name: constant",
+    f"name: constant\n  options: {bomb()}"),
     "a bomb of aliases as a text": ending(f"description: {bomb()}"),
     "a bomb of aliases under an unknown key": ending(f"bomb: {bomb()}"),
-    "a bomb of merges": ending("a: &a {x: 1}\n" + "\n".join(f"b{k}: &b{k} {{<<: [{', '.join(['*a' if k == 0 else f'*b{k - 1}'] * 10)}]}}" for k in range(9))),
+    "a bomb of merges": ending("a: &a {x: 1}\n" + "\n".join(f"b{k}: &b{k} {{<<: "
+                                                            f"[{', '.join(['*a' if k == 0 else f'*b{k - 1}'] * 10)}]}}" for k in range(9))),
     "a long text": ending(f"description: {'x' * 5_000_000}"),
     "a long list": ending(f"egos: [{', '.join(['{id: a}'] * 100_000)}]"),
     "many keys": ending("\n".join(f"k{k}: 1" for k in range(200_000))),
@@ -223,17 +238,49 @@ def key_cases() -> Iterator[Case]:
     """YAML that is no scenario: each key with what it must not hold; and no scenario at all."""
     for number, (key, value) in enumerate(WRONG_KEYS):
         text = dumped(with_key(SCENARIO, key, value))
-        yield scenario_case("scenario", f"{number} {key}: {value!r:.50}", text, ANY if (key, value) in TAKEN else ONLY_REFUSED)
+        yield scenario_case(
+            "scenario",
+            f"{number} {key}: {value!r:.50}",
+            text,
+            ANY if (key, value) in TAKEN else ONLY_REFUSED,
+        )
     for section in ("name", "sumo", "egos"):
-        yield scenario_case("scenario", f"without {section}", dumped({key: value for key, value in SCENARIO.items() if key != section}))
+        yield scenario_case(
+            "scenario",
+            f"without {section}",
+            dumped({key: value for key, value in SCENARIO.items() if key != section}),
+        )
     yield from _bases()
 
 
 def _bases() -> Iterator[Case]:
     long = {f"b{k}.yaml": f"base: b{k + 1}.yaml\n".encode() for k in range(2000)}
-    yield Case("scenario", "a chain of two thousand bases", ("run", "b0.yaml", "--json"), {**long, "b2000.yaml": GOOD.encode()}, allowed=ANY, naming=("yaml",))
-    circle = {"b0.yaml": b"base: b1.yaml\n", "b1.yaml": b"base: b2.yaml\n", "b2.yaml": b"base: b0.yaml\n"}
-    yield Case("scenario", "a circle of three bases", ("run", "b0.yaml", "--json"), circle, naming=("yaml",))
+    yield Case(
+        "scenario",
+        "a chain of two thousand bases",
+        ("run", "b0.yaml", "--json"),
+        {**long, "b2000.yaml": GOOD.encode()},
+        allowed=ANY,
+        naming=("yaml",),
+    )
+    circle = {
+        "b0.yaml": b"base: b1.yaml\n",
+        "b1.yaml": b"base: b2.yaml\n",
+        "b2.yaml": b"base: b0.yaml\n",
+    }
+    yield Case(
+        "scenario",
+        "a circle of three bases",
+        ("run", "b0.yaml", "--json"),
+        circle,
+        naming=("yaml",),
+    )
     for number, text in enumerate(("[1]", "name: [", "sumo: 3", "egos: 3", "", "\0")):
         files = {"s.yaml": b"base: b.yaml\nname: x\n", "b.yaml": text.encode()}
-        yield Case("scenario", f"a base that is wrong, {number}", ("run", "s.yaml", "--json"), files, naming=("yaml",))
+        yield Case(
+            "scenario",
+            f"a base that is wrong, {number}",
+            ("run", "s.yaml", "--json"),
+            files,
+            naming=("yaml",),
+        )

@@ -64,17 +64,32 @@ REPLACED: dict[str, Callable[[str], Prepare]] = {
     "no right to read": closed,
 }
 NAMES = (
-    "a\nb", "\x1b[31mred", "a\u202eb", "a\u2028b", "\x7f", "a b", "ä🚗", "x" * 250, "-x", "--help", "a%sb", "{0}", "$(id)",
+    "a\nb", "\x1b[31mred", "a\u202eb", "a\u2028b", "\x7f", "a b", "ä🚗", "x" * 250, "-x", "--help",
+    "a%sb", "{0}", "$(id)",
     "a\\b", "a;b", "a&b", "a<b", "a:b", "a=b", "a,b", "*", "~", "#x", "'", '"',
 )  # fmt: skip
 # Root reads everything unless it gives that up.
-_AS_OWNER = ("setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all", "--") if os.geteuid() == 0 else ()
+_AS_OWNER = (
+    ("setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all", "--")
+    if os.geteuid() == 0
+    else ()
+)
 _CAN_CLOSE = not _AS_OWNER or shutil.which("setpriv") is not None
 
 
 def cases() -> Iterator[Case]:
     """Files that are no files, and files with odd names."""
-    sumo = ("run", "good.sumocfg", "--ego", "ego", "--planner", "constant", "--time-limit", "3", "--json")
+    sumo = (
+        "run",
+        "good.sumocfg",
+        "--ego",
+        "ego",
+        "--planner",
+        "constant",
+        "--time-limit",
+        "3",
+        "--json",
+    )
     based = {"s.yaml": b"base: good.yaml\n"}
     read = {
         "scenario": ("good.yaml", RUN),
@@ -117,15 +132,48 @@ def _odd_names() -> Iterator[Case]:
             allowed=ANY,
             patience_s=DRIVING_S,
         )
-        yield Case("special-file", f"scenario named {name!r:.30}, wrong", ("run", "--json", f"./{name}.yaml"), {f"{name}.yaml": b"name: x\n"})
-        yield Case("special-file", f"scenario missing, {name!r:.30}", ("run", "--json", f"./{name}.yaml"))
+        yield Case(
+            "special-file",
+            f"scenario named {name!r:.30}, wrong",
+            ("run", "--json", f"./{name}.yaml"),
+            {f"{name}.yaml": b"name: x\n"},
+        )
+        yield Case(
+            "special-file", f"scenario missing, {name!r:.30}", ("run", "--json", f"./{name}.yaml")
+        )
         named = with_key(SCENARIO, "sumo.routes", [f"{name}.xml"])
         files = {"s.yaml": dumped(named).encode(), f"{name}.xml": ROUTES.encode()}
-        yield Case("special-file", f"routes named {name!r:.30}", ("run", "s.yaml", "--json"), files, allowed=ANY, patience_s=DRIVING_S)
-        sumo = ("run", f"./{name}.sumocfg", "--ego", "ego", "--planner", "constant", "--time-limit", "3", "--json")
-        yield Case("special-file", f"configuration named {name!r:.30}", sumo, {f"{name}.sumocfg": SUMOCFG.encode()}, allowed=ANY, patience_s=DRIVING_S)
+        yield Case(
+            "special-file",
+            f"routes named {name!r:.30}",
+            ("run", "s.yaml", "--json"),
+            files,
+            allowed=ANY,
+            patience_s=DRIVING_S,
+        )
+        sumo = (
+            "run",
+            f"./{name}.sumocfg",
+            "--ego",
+            "ego",
+            "--planner",
+            "constant",
+            "--time-limit",
+            "3",
+            "--json",
+        )
+        yield Case(
+            "special-file",
+            f"configuration named {name!r:.30}",
+            sumo,
+            {f"{name}.sumocfg": SUMOCFG.encode()},
+            allowed=ANY,
+            patience_s=DRIVING_S,
+        )
         words = ("run", "good.yaml", "--json", f"--out=./{name}")
-        yield Case("special-file", f"output named {name!r:.30}", words, allowed=ANY, patience_s=DRIVING_S)
+        yield Case(
+            "special-file", f"output named {name!r:.30}", words, allowed=ANY, patience_s=DRIVING_S
+        )
     yield Case("special-file", "a name that is too long", ("run", "x" * 300 + ".yaml", "--json"))
 
 
@@ -139,8 +187,17 @@ def _outputs() -> Iterator[Case]:
             ("a link to itself", link("out", "out")),
             ("a device", link("out", "/dev/full")),
         ):
-            yield Case("special-file", f"{what} into {name}", words, prepare=prepare, naming=("out",))
-        for inner in ("episodes.jsonl", "episodes.csv", "manifest.json", "traces", "maps", "figures"):
+            yield Case(
+                "special-file", f"{what} into {name}", words, prepare=prepare, naming=("out",)
+            )
+        for inner in (
+            "episodes.jsonl",
+            "episodes.csv",
+            "manifest.json",
+            "traces",
+            "maps",
+            "figures",
+        ):
             for by, replaced in (
                 ("a folder", directory),
                 ("a pipe", pipe),
@@ -150,10 +207,24 @@ def _outputs() -> Iterator[Case]:
                 if (by == "a folder") == (inner in ("traces", "maps", "figures")):
                     continue
                 prepare = _inside("out", replaced(f"out/{inner}"))
-                yield Case("special-file", f"{what} where {inner} is {by}", words, prepare=prepare, allowed=ANY, patience_s=DRIVING_S)
+                yield Case(
+                    "special-file",
+                    f"{what} where {inner} is {by}",
+                    words,
+                    prepare=prepare,
+                    allowed=ANY,
+                    patience_s=DRIVING_S,
+                )
         for right, mode in (("write", 0o500), ("enter", 0)) if _CAN_CLOSE else ():
             prepare = _inside("out", closed("out", mode))
-            yield Case("special-file", f"{what} without the right to {right}", words, prepare=prepare, prefix=_AS_OWNER, naming=("out",))
+            yield Case(
+                "special-file",
+                f"{what} without the right to {right}",
+                words,
+                prepare=prepare,
+                prefix=_AS_OWNER,
+                naming=("out",),
+            )
 
 
 def _inside(name: str, prepare: Prepare) -> Prepare:

@@ -8,7 +8,10 @@ from collections.abc import Iterator
 from ..case import ANY, DRIVEN, DRIVING_S, FAILED, ONLY_REFUSED, REFUSED, Case
 from ..good import BATCH, OUT, RUN
 
-_GONE = "import os, sys; r, w = os.pipe(); os.close(r); os.dup2(w, {number}); os.close(w); os.execvp(sys.argv[1], sys.argv[1:])"
+_GONE = (
+    "import os, sys; r, w = os.pipe(); os.close(r); os.dup2(w, {number}); os.close(w); "
+    "os.execvp(sys.argv[1], sys.argv[1:])"
+)
 
 
 def _without_reader(number: int) -> tuple[str, ...]:
@@ -19,7 +22,9 @@ def _redirected(how: str) -> tuple[str, ...]:
     return ("sh", "-c", f'exec "$0" "$@" {how}')
 
 
-STREAMS: dict[str, tuple[tuple[str, ...], bool]] = {  # a prefix, and whether standard error can still be read
+STREAMS: dict[
+    str, tuple[tuple[str, ...], bool]
+] = {  # a prefix, and whether standard error can still be read
     "standard output without a reader": (_without_reader(1), True),
     "standard output closed": (_redirected(">&-"), True),
     "standard output full": (_redirected(">/dev/full"), True),
@@ -37,7 +42,8 @@ READERS = ("report", "explain", "export")  # of recorded folders
 
 
 def stream_cases() -> Iterator[Case]:
-    """Standard output and error that are closed, full, or without a reader: what cannot be printed is a failure, what is wrong stays wrong."""
+    """Standard output and error that are closed, full, or without a reader: what cannot be printed
+    is a failure, what is wrong stays wrong."""
     report = ("report", "rec", "--out", "out")
     told: dict[str, tuple[str, ...]] = {
         "--help": ("--help",), "run --help": ("run", "--help"), "scenarios": ("scenarios",),
@@ -52,10 +58,37 @@ def stream_cases() -> Iterator[Case]:
         printed = "output" in how or how.startswith(("both", "all"))
         for what, words in told.items():
             # Closed, not full: Python has no stream then, and printing nothing is no failure.
-            allowed = frozenset({FAILED}) if printed and "closed" not in how else frozenset({DRIVEN, FAILED})
-            yield Case("stream", f"{what}, {how}", words, recorded=words[0] in READERS, prefix=prefix, allowed=allowed, patience_s=DRIVING_S, said=said)
-        yield Case("stream", f"wrong scenario, {how}", ("run", "nowhere.yaml"), prefix=prefix, allowed=ONLY_REFUSED, said=said)
-        yield Case("stream", f"wrong option, {how}", ("run", "--tank"), prefix=prefix, allowed=ONLY_REFUSED, said=said)
+            allowed = (
+                frozenset({FAILED})
+                if printed and "closed" not in how
+                else frozenset({DRIVEN, FAILED})
+            )
+            yield Case(
+                "stream",
+                f"{what}, {how}",
+                words,
+                recorded=words[0] in READERS,
+                prefix=prefix,
+                allowed=allowed,
+                patience_s=DRIVING_S,
+                said=said,
+            )
+        yield Case(
+            "stream",
+            f"wrong scenario, {how}",
+            ("run", "nowhere.yaml"),
+            prefix=prefix,
+            allowed=ONLY_REFUSED,
+            said=said,
+        )
+        yield Case(
+            "stream",
+            f"wrong option, {how}",
+            ("run", "--tank"),
+            prefix=prefix,
+            allowed=ONLY_REFUSED,
+            said=said,
+        )
 
 
 # --- disks ---
@@ -63,14 +96,23 @@ def stream_cases() -> Iterator[Case]:
 
 def _disk(size: str, where: str) -> tuple[str, ...]:
     """Starts the command where a folder is a disk of this size."""
-    return ("unshare", "--mount", "sh", "-c", f'mount -t tmpfs -o size={size} none {where} && exec "$0" "$@"')
+    return (
+        "unshare",
+        "--mount",
+        "sh",
+        "-c",
+        f'mount -t tmpfs -o size={size} none {where} && exec "$0" "$@"',
+    )
 
 
 def _can_mount() -> bool:
     """Whether this machine lets us have a disk of our own."""
     if shutil.which("unshare") is None:
         return False
-    return subprocess.run([*_disk("4k", "/mnt"), "true"], check=False, capture_output=True).returncode == 0
+    return (
+        subprocess.run([*_disk("4k", "/mnt"), "true"], check=False, capture_output=True).returncode
+        == 0
+    )
 
 
 def disk_cases() -> Iterator[Case]:
@@ -81,7 +123,10 @@ def disk_cases() -> Iterator[Case]:
 
 
 def _full_disks() -> Iterator[Case]:
-    export = {f"export {form}": ("export", "one", "--format", form, "--out", "out/x") for form in ("csv", "fcd")}
+    export = {
+        f"export {form}": ("export", "one", "--format", form, "--out", "out/x")
+        for form in ("csv", "fcd")
+    }
     writes: dict[str, tuple[str, ...]] = {
         "run": OUT, "batch": BATCH, "report": ("report", "rec", "--out", "out", "--quiet"),
         "render": ("render", "one", "--out", "out/x.png"), **export,
@@ -101,14 +146,43 @@ def _full_disks() -> Iterator[Case]:
             )
     for size in ("4k", "16k"):
         prefix = _disk(size, '"$TMPDIR"')
-        yield Case("disk", f"temporary folder on {size}", RUN, prefix=prefix, allowed=ANY, patience_s=DRIVING_S)
-        yield Case("disk", f"temporary folder on {size}, batch", BATCH, prefix=prefix, allowed=ANY, patience_s=DRIVING_S)
+        yield Case(
+            "disk",
+            f"temporary folder on {size}",
+            RUN,
+            prefix=prefix,
+            allowed=ANY,
+            patience_s=DRIVING_S,
+        )
+        yield Case(
+            "disk",
+            f"temporary folder on {size}, batch",
+            BATCH,
+            prefix=prefix,
+            allowed=ANY,
+            patience_s=DRIVING_S,
+        )
 
 
-LIMITS = ("-f 0", "-f 8", "-n 6", "-n 12", "-n 24", "-u 1", "-v 2000000")  # of bash: file size, open files, processes, memory
+LIMITS = (
+    "-f 0",
+    "-f 8",
+    "-n 6",
+    "-n 12",
+    "-n 24",
+    "-u 1",
+    "-v 2000000",
+)  # of bash: file size, open files, processes, memory
 
 
 def _limits() -> Iterator[Case]:
     for limit in LIMITS:
         prefix = ("bash", "-c", f'ulimit {limit}; exec "$0" "$@"')
-        yield Case("disk", f"limit {limit}", OUT, prefix=prefix, allowed=frozenset({DRIVEN, FAILED, REFUSED}), patience_s=DRIVING_S)
+        yield Case(
+            "disk",
+            f"limit {limit}",
+            OUT,
+            prefix=prefix,
+            allowed=frozenset({DRIVEN, FAILED, REFUSED}),
+            patience_s=DRIVING_S,
+        )

@@ -2,12 +2,14 @@
 
 import gzip
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from ..case import ANY, DRIVING_S, NOT_DRIVEN, Case
 from ..good import NET, ROUTES, SUMOCFG
 
-ENTITIES = "<!DOCTYPE x [<!ENTITY a0 'aaaaaaaaaa'>{}]>".format("".join(f"<!ENTITY a{k} '{f'&a{k - 1};' * 10}'>" for k in range(1, 10)))
+ENTITIES = "<!DOCTYPE x [<!ENTITY a0 'aaaaaaaaaa'>{}]>".format(
+    "".join(f"<!ENTITY a{k} '{f'&a{k - 1};' * 10}'>" for k in range(1, 10))
+)
 OUTSIDE = "<!DOCTYPE x [<!ENTITY a SYSTEM 'file:///etc/passwd'>]>"
 RUN = ("run", "n.sumocfg", "--ego", "ego", "--planner", "constant", "--time-limit", "3", "--json")
 NET_FILES = ("n.sumocfg", "net.xml")
@@ -32,11 +34,16 @@ def damages(text: str, root: str) -> Iterator[tuple[str, bytes]]:
     yield "UTF-16", _body(content).decode().encode("utf-16")
     yield (
         "bytes that are no UTF-8",
-        content.replace(b"<", b"<!-- \xff\xfe -->\n<", 1) if not content.startswith(b"<?xml") else content.replace(b"?>", b"?><!-- \xff\xfe -->", 1),
+        content.replace(b"<", b"<!-- \xff\xfe -->\n<", 1)
+        if not content.startswith(b"<?xml")
+        else content.replace(b"?>", b"?><!-- \xff\xfe -->", 1),
     )
     yield "a bomb of entities", f"{ENTITIES}<{root} a='&a9;'/>".encode()
     yield "a file of others as an entity", f"{OUTSIDE}<{root}>&a;</{root}>".encode()
-    yield "deep elements", (f"<{root}>" + "<a>" * 100_000 + "</a>" * 100_000 + f"</{root}>").encode()
+    yield (
+        "deep elements",
+        (f"<{root}>" + "<a>" * 100_000 + "</a>" * 100_000 + f"</{root}>").encode(),
+    )
     yield "an attribute twice", f"<{root} a='1' a='2'/>".encode()
     yield "a long attribute", f"<{root} a='{'x' * 5_000_000}'/>".encode()
     yield "an open comment", content + b"<!-- "
@@ -90,7 +97,8 @@ CONFIGURATIONS: dict[str, str] = {
     "a key with a new line in its value": SUMOCFG.replace('"0.1"', '"a&#10;b"'),
     **{
         f"a step of {value!r}": SUMOCFG.replace('"0.1"', f'"{value}"')
-        for value in ("", "x", "0", "-1", "nan", "inf", "1e9", "1e-9", "0.001", "99999999999", "0:0:1")
+        for value in ("", "x", "0", "-1", "nan", "inf", "1e9", "1e-9", "0.001", "99999999999",
+        "0:0:1")
     },
     **{
         f"an end of {value!r}": SUMOCFG.replace('"60"', f'"{value}"')
@@ -122,7 +130,8 @@ CONFIGURATIONS: dict[str, str] = {
 
 
 def configuration_cases() -> Iterator[Case]:
-    """Configurations that are damaged, name wrong files, or ask SUMO for something else than to simulate."""
+    """Configurations that are damaged, name wrong files, or ask SUMO for something else than to
+    simulate."""
     for words in (RUN, ("run", "n.sumocfg", "--json")):
         what = "driven" if words is RUN else "listed"
         for name, content in damages(SUMOCFG, "configuration"):
@@ -136,34 +145,73 @@ def configuration_cases() -> Iterator[Case]:
                 patience_s=DRIVING_S if words is RUN else 20.0,
             )
         for name, text in CONFIGURATIONS.items():
-            yield Case("sumocfg", f"{name}, {what}", words, {"n.sumocfg": text.encode()}, allowed=ANY, naming=("n.sumocfg",), patience_s=DRIVING_S)
+            yield Case(
+                "sumocfg",
+                f"{name}, {what}",
+                words,
+                {"n.sumocfg": text.encode()},
+                allowed=ANY,
+                naming=("n.sumocfg",),
+                patience_s=DRIVING_S,
+            )
 
 
 # --- networks ---
 
 VALUES = ("", "x", "-1", "0", "nan", "inf", "1e300", "99999999999999999999", "&#10;", "nowhere")
 CONFIGURATION = SUMOCFG.replace("net.net.xml", "net.xml").encode()
-SHAPES = ("", "0,0", "0,0 0,0", "nan,nan nan,nan", "1e300,0 -1e300,0", "0,0 x,y", "0 0", "0,0,0 1,1,1", "inf,0 0,0")
+SHAPES = (
+    "",
+    "0,0",
+    "0,0 0,0",
+    "nan,nan nan,nan",
+    "1e300,0 -1e300,0",
+    "0,0 x,y",
+    "0 0",
+    "0,0,0 1,1,1",
+    "inf,0 0,0",
+)
 
 
 def network_cases() -> Iterator[Case]:
-    """A good network, damaged as any file, and with each kind of attribute and element replaced or removed."""
+    """A good network, damaged as any file, and with each kind of attribute and element replaced or
+    removed."""
     for name, content in damages(NET, "net"):
         yield _network(f"as a file: {name}", content, _allowed(name))
     for tag, attribute in sorted(set(_attributes(NET))):
         values = SHAPES if attribute in ("shape", "convBoundary", "origBoundary") else VALUES
         yield _network(f"{tag} without {attribute}", _first(NET, tag, attribute, None), ANY)
         for value in values:
-            yield _network(f"{tag} with {attribute} {value!r}", _first(NET, tag, attribute, value), ANY)
+            yield _network(
+                f"{tag} with {attribute} {value!r}", _first(NET, tag, attribute, value), ANY
+            )
     for tag in ("location", "edge", "lane", "junction", "connection", "request"):
-        yield _network(f"without any {tag}", re.sub(rf"<{tag}\b[^>]*/>|<{tag}\b.*?</{tag}>", "", NET, flags=re.DOTALL), ANY)
-        yield _network(f"{tag} twice", re.sub(rf"(<{tag}\b[^>]*/>|<{tag}\b.*?</{tag}>)", r"\1\1", NET, count=1, flags=re.DOTALL), ANY)
+        yield _network(
+            f"without any {tag}",
+            re.sub(rf"<{tag}\b[^>]*/>|<{tag}\b.*?</{tag}>", "", NET, flags=re.DOTALL),
+            ANY,
+        )
+        yield _network(
+            f"{tag} twice",
+            re.sub(
+                rf"(<{tag}\b[^>]*/>|<{tag}\b.*?</{tag}>)", r"\1\1", NET, count=1, flags=re.DOTALL
+            ),
+            ANY,
+        )
 
 
 def _network(name: str, content: str | bytes, allowed: frozenset[int]) -> Case:
     data = content.encode() if isinstance(content, str) else content
     # The line may name the network or the configuration that names it.
-    return Case("network", name, RUN, {"n.sumocfg": CONFIGURATION, "net.xml": data}, allowed=allowed, naming=("n",), patience_s=DRIVING_S)
+    return Case(
+        "network",
+        name,
+        RUN,
+        {"n.sumocfg": CONFIGURATION, "net.xml": data},
+        allowed=allowed,
+        naming=("n",),
+        patience_s=DRIVING_S,
+    )
 
 
 def _attributes(text: str) -> Iterator[tuple[str, str]]:
@@ -174,10 +222,16 @@ def _attributes(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _first(text: str, tag: str, attribute: str, value: str | None) -> str:
-    """The text with an attribute of another value, None: without it, in every element of the kind where that can be told apart from ids, else in the first."""
+    """The text with an attribute of another value, None: without it, in every element of the kind
+    where that can be told apart from ids, else in the first."""
     pattern = re.compile(rf"(<{tag}\b[^>]*?)\s{attribute}=\"[^\"]*\"")
-    replacement: Callable[[re.Match[str]], str] = lambda found: found[1] if value is None else f'{found[1]} {attribute}="{value}"'  # noqa: E731
-    return pattern.sub(replacement, text, count=0 if attribute in ("speed", "length", "width", "shape") else 1)
+
+    def replacement(found: re.Match[str]) -> str:
+        return found[1] if value is None else f'{found[1]} {attribute}="{value}"'
+
+    return pattern.sub(
+        replacement, text, count=0 if attribute in ("speed", "length", "width", "shape") else 1
+    )
 
 
 # --- routes and additional files ---
@@ -202,18 +256,27 @@ TRIPS = {
     "an id of a path": ROUTES.replace('id="other"', 'id="../../x"'),
     "a long id": ROUTES.replace('id="other"', f'id="{"x" * 100_000}"'),
     "no route": ROUTES.replace('<route edges="road beyond"/>', "", 1),
-    "a type of nobody": ROUTES.replace(VEHICLE, VEHICLE.replace("<vehicle", '<vehicle type="tank"')),
-    "a flow without end": ROUTES.replace("</routes>", '<flow id="f" begin="0" end="1e300" period="0.01" from="road" to="beyond"/></routes>'),
-    "a flow of nothing": ROUTES.replace("</routes>", '<flow id="f" begin="0" end="10" period="0" from="road" to="beyond"/></routes>'),
-    "a flow of infinitely many": ROUTES.replace("</routes>", '<flow id="f" begin="0" end="10" number="99999999999" from="road" to="beyond"/></routes>'),
-    "a probability of 9": ROUTES.replace("</routes>", '<flow id="f" begin="0" end="10" probability="9" from="road" to="beyond"/></routes>'),
-    "a person": ROUTES.replace("</routes>", '<person id="p" depart="0"><walk edges="road"/></person></routes>'),
-    "a container": ROUTES.replace("</routes>", '<container id="c" depart="0"><tranship edges="road" speed="1"/></container></routes>'),
-    "a person named like the ego": ROUTES.replace("</routes>", '<person id="ego" depart="0"><walk edges="road"/></person></routes>'),
+    "a type of nobody": ROUTES.replace(VEHICLE,
+    VEHICLE.replace("<vehicle", '<vehicle type="tank"')),
+    "a flow without end": ROUTES.replace("</routes>",
+    '<flow id="f" begin="0" end="1e300" period="0.01" from="road" to="beyond"/></routes>'),
+    "a flow of nothing": ROUTES.replace("</routes>",
+    '<flow id="f" begin="0" end="10" period="0" from="road" to="beyond"/></routes>'),
+    "a flow of infinitely many": ROUTES.replace("</routes>",
+    '<flow id="f" begin="0" end="10" number="99999999999" from="road" to="beyond"/></routes>'),
+    "a probability of 9": ROUTES.replace("</routes>",
+    '<flow id="f" begin="0" end="10" probability="9" from="road" to="beyond"/></routes>'),
+    "a person": ROUTES.replace("</routes>",
+    '<person id="p" depart="0"><walk edges="road"/></person></routes>'),
+    "a container": ROUTES.replace("</routes>",
+    '<container id="c" depart="0"><tranship edges="road" speed="1"/></container></routes>'),
+    "a person named like the ego": ROUTES.replace("</routes>",
+    '<person id="ego" depart="0"><walk edges="road"/></person></routes>'),
     "an include": ROUTES.replace("</routes>", '<include href="nowhere.xml"/></routes>'),
     "an include of itself": ROUTES.replace("</routes>", '<include href="r.xml"/></routes>'),
     **{
-        f"{attribute} {value!r}": ROUTES.replace(VEHICLE, re.sub(rf' {attribute}="[^"]*"', "", VEHICLE).replace(">", f' {attribute}="{value}">'))
+        f"{attribute} {value!r}": ROUTES.replace(VEHICLE,
+        re.sub(rf' {attribute}="[^"]*"', "", VEHICLE).replace(">", f' {attribute}="{value}">'))
         for attribute, values in {
             "depart": ("", "x", "-5", "nan", "inf", "1e300", "triggered", "split", "99999"),
             "departLane": ("", "x", "-1", "3", "99", "nan"),
@@ -250,16 +313,26 @@ ADDITIONAL = {
     "a stop on no lane": '<busStop id="b" lane="nowhere_0"/>',
     "a stop backwards": '<busStop id="b" lane="road_0" startPos="90" endPos="10"/>',
     "a detector without a file": '<inductionLoop id="d" lane="road_0" pos="10" period="10"/>',
-    "a detector that writes nowhere": '<inductionLoop id="d" lane="road_0" pos="10" period="10" file="/nowhere/x.xml"/>',
-    "a detector that writes on a full disk": '<inductionLoop id="d" lane="road_0" pos="10" period="1" file="/dev/full"/>',
-    "a speed sign of nan": '<variableSpeedSign id="v" lanes="road_0 road_1"><step time="0" speed="nan"/></variableSpeedSign>',
-    "a speed sign of -1": '<variableSpeedSign id="v" lanes="road_0 road_1 road_2"><step time="0" speed="-1"/></variableSpeedSign>',
-    "a speed sign of 0": '<variableSpeedSign id="v" lanes="road_0 road_1 road_2"><step time="0" speed="0"/></variableSpeedSign>',
-    "a rerouter that closes the road": '<rerouter id="r" edges="road"><interval begin="0" end="99"><closingReroute id="beyond"/></interval></rerouter>',
-    "a rerouter to nowhere": '<rerouter id="r" edges="nowhere"><interval begin="0" end="99"><destProbReroute id="x"/></interval></rerouter>',
-    "a signal of nobody": '<tlLogic id="t" type="static" programID="1" offset="0"><phase duration="0" state=""/></tlLogic>',
+    "a detector that writes nowhere": '<inductionLoop id="d" lane="road_0" pos="10" period="10" '
+                                      'file="/nowhere/x.xml"/>',
+    "a detector that writes on a full disk": '<inductionLoop id="d" lane="road_0" pos="10" '
+                                             'period="1" file="/dev/full"/>',
+    "a speed sign of nan": '<variableSpeedSign id="v" lanes="road_0 road_1"><step time="0" '
+                           'speed="nan"/></variableSpeedSign>',
+    "a speed sign of -1": '<variableSpeedSign id="v" lanes="road_0 road_1 road_2"><step time="0" '
+                          'speed="-1"/></variableSpeedSign>',
+    "a speed sign of 0": '<variableSpeedSign id="v" lanes="road_0 road_1 road_2"><step time="0" '
+                         'speed="0"/></variableSpeedSign>',
+    "a rerouter that closes the road": '<rerouter id="r" edges="road"><interval begin="0" '
+                                       'end="99"><closingReroute '
+                                       'id="beyond"/></interval></rerouter>',
+    "a rerouter to nowhere": '<rerouter id="r" edges="nowhere"><interval begin="0" '
+                             'end="99"><destProbReroute id="x"/></interval></rerouter>',
+    "a signal of nobody": '<tlLogic id="t" type="static" programID="1" offset="0"><phase '
+                          'duration="0" state=""/></tlLogic>',
     "a polygon without a shape": '<poly id="p" shape="" color="x"/>',
-    "a calibrator of nan": '<calibrator id="c" lane="road_0" pos="nan" period="1"><flow begin="0" end="9" vehsPerHour="nan"/></calibrator>',
+    "a calibrator of nan": '<calibrator id="c" lane="road_0" pos="nan" period="1"><flow begin="0" '
+                           'end="9" vehsPerHour="nan"/></calibrator>',
     "an unknown element": "<tank/>",
 }  # fmt: skip
 
@@ -268,26 +341,72 @@ def traffic_cases() -> Iterator[Case]:
     """Route files, vehicle types and additional files."""
     for name, content in damages(ROUTES, "routes"):
         yield _traffic(f"routes as a file: {name}", {"r.xml": content}, _allowed(name))
-        if name in ("zipped, cut off", "zipped, the head only", "nothing", "cut off at 60 %", "zero bytes"):
-            files = {"n.sumocfg": SUMOCFG.replace("ego.rou.xml", "r.xml.gz").encode(), "r.xml.gz": content}
-            yield Case("traffic", f"routes as an archive: {name}", RUN, files, allowed=NOT_DRIVEN, naming=("n.sumocfg",), patience_s=DRIVING_S)
+        if name in (
+            "zipped, cut off",
+            "zipped, the head only",
+            "nothing",
+            "cut off at 60 %",
+            "zero bytes",
+        ):
+            files = {
+                "n.sumocfg": SUMOCFG.replace("ego.rou.xml", "r.xml.gz").encode(),
+                "r.xml.gz": content,
+            }
+            yield Case(
+                "traffic",
+                f"routes as an archive: {name}",
+                RUN,
+                files,
+                allowed=NOT_DRIVEN,
+                naming=("n.sumocfg",),
+                patience_s=DRIVING_S,
+            )
     for name, text in TRIPS.items():
         yield _traffic(name, {"r.xml": text.encode()}, ANY)
     for attribute, values in TYPE_ATTRIBUTES.items():
         for value in values:
-            text = ROUTES.replace("<routes>", f'<routes><vType id="t" {attribute}="{value}"/>').replace('id="ego"', 'id="ego" type="t"')
+            text = ROUTES.replace(
+                "<routes>", f'<routes><vType id="t" {attribute}="{value}"/>'
+            ).replace('id="ego"', 'id="ego" type="t"')
             yield _traffic(f"a type with {attribute} {value!r}", {"r.xml": text.encode()}, ANY)
     for name, element in ADDITIONAL.items():
         files = {
             "n.sumocfg": SUMOCFG.replace("<end", '<additional-files value="a.xml"/><end').encode(),
             "a.xml": f"<additional>{element}</additional>".encode(),
         }
-        yield Case("traffic", f"additional: {name}", RUN, files, allowed=ANY, naming=("n.sumocfg",), patience_s=DRIVING_S)
+        yield Case(
+            "traffic",
+            f"additional: {name}",
+            RUN,
+            files,
+            allowed=ANY,
+            naming=("n.sumocfg",),
+            patience_s=DRIVING_S,
+        )
     for name, content in damages("<additional/>", "additional"):
-        files = {"n.sumocfg": SUMOCFG.replace("<end", '<additional-files value="a.xml"/><end').encode(), "a.xml": content}
-        yield Case("traffic", f"additional as a file: {name}", RUN, files, allowed=ANY, naming=("n.sumocfg",), patience_s=DRIVING_S)
+        files = {
+            "n.sumocfg": SUMOCFG.replace("<end", '<additional-files value="a.xml"/><end').encode(),
+            "a.xml": content,
+        }
+        yield Case(
+            "traffic",
+            f"additional as a file: {name}",
+            RUN,
+            files,
+            allowed=ANY,
+            naming=("n.sumocfg",),
+            patience_s=DRIVING_S,
+        )
 
 
 def _traffic(name: str, files: dict[str, bytes], allowed: frozenset[int]) -> Case:
     configuration = {"n.sumocfg": SUMOCFG.replace("ego.rou.xml", "r.xml").encode()}
-    return Case("traffic", name, RUN, {**configuration, **files}, allowed=allowed, naming=("n.sumocfg",), patience_s=DRIVING_S)
+    return Case(
+        "traffic",
+        name,
+        RUN,
+        {**configuration, **files},
+        allowed=allowed,
+        naming=("n.sumocfg",),
+        patience_s=DRIVING_S,
+    )
