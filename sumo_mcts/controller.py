@@ -16,9 +16,9 @@ from typing import Any, NoReturn, Self
 
 from sumo_mcts import config as scenario_files
 from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.driver.driver import Driver, Thought
+from sumo_mcts.driver.driver import Driver, PlanningResult
 from sumo_mcts.driver.params import streams
-from sumo_mcts.driver.vehicle import Pilot, never_departed, running_world
+from sumo_mcts.driver.vehicle import EgoVehicle, never_departed, running_world
 from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.prediction.interface import Oracles
@@ -135,7 +135,7 @@ class Controller:
         )
         self._noise = streams(self._seed).noise.spawn(1)[0]
         warm_up(self._config, self._world.road, self._world.physics)
-        self.thought: Thought | None = None  # the last decision, and what it rests on
+        self.thought: PlanningResult | None = None  # the last decision, and what it rests on
         self._over = False
         self._departure: float | None = None  # of the vehicle, s; None: it has not come so far
         self._time = -math.inf  # of the last step(), s
@@ -210,7 +210,7 @@ class Controller:
             pilot.accept(self.thought.decision)
         pilot.before_step()
 
-    def _look(self) -> Pilot | None:
+    def _look(self) -> EgoVehicle | None:
         """The pilot that can drive now;
 
         None before the departure, during a teleport, and afterwards.
@@ -224,7 +224,7 @@ class Controller:
             self._hold.let_go()
         elif self._hold.pilot is None:
             self._departure = departed
-            self._hold.pilot = Pilot(self._ego, self._config, self._world, self._noise)
+            self._hold.pilot = EgoVehicle(self._ego, self._config, self._world, self._noise)
         if self._hold.pilot is not None:
             self._hold.pilot.glance()
         return self._hold.pilot
@@ -244,7 +244,7 @@ class _Hold:
     moment in which it lets go."""
 
     def __init__(self) -> None:
-        self.pilot: Pilot | None = None  # None: SUMO drives
+        self.pilot: EgoVehicle | None = None  # None: SUMO drives
         self.simulation = 0  # its number
 
     def let_go(self) -> None:

@@ -16,7 +16,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from sumo_mcts.config import whole
-from sumo_mcts.driver.driver import Driver, Thought
+from sumo_mcts.driver.driver import Driver, PlanningResult
 from sumo_mcts.driver.observation import Actions, Observation, Shown, bounds, observe
 from sumo_mcts.driver.params import streams
 from sumo_mcts.episode.loop import Loop
@@ -202,7 +202,9 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         if not hasattr(self, "_scene"):  # which reset() sets
             raise gymnasium.error.ResetNeeded(_FIRST)
         shot = Recorder()
-        shot.note(self._scene, Thought(Decision(Release(), None, (), -1, NAME, 0, 0), None, 0.0))
+        shot.note(
+            self._scene, PlanningResult(Decision(Release(), None, (), -1, NAME, 0, 0), None, 0.0)
+        )
         trace = shot.trace("", self._config.name, "", self._road, Setting())
         assert trace is not None, "a scene was noted"
         return np.asarray(picture(trace, self._scene.time)[0].convert("RGB"))

@@ -18,7 +18,7 @@ from sumo_mcts.scene import (
     RoadMap,
     Signals,
 )
-from sumo_mcts.world.links import knots
+from sumo_mcts.world.links import junction_clusters
 
 ALL_CLASSES = 2**33 - 1
 
@@ -108,7 +108,7 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
         exit=_ints(leads_to(lane) for lane in lanes),
         direction=_ints(lane.direction for lane in lanes),
         junction=_ints(junctions.index(lane.junction) if lane.junction else -1 for lane in lanes),
-        **knots(
+        **junction_clusters(
             np.array([bool(lane.junction) for lane in lanes]),
             length,
             *(

@@ -11,13 +11,13 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import params
 from sumo_mcts.driver.params import Physics, cost_params, ego_params
 from sumo_mcts.model.local_build import build_local
-from sumo_mcts.model.local_map import Local, State, ego_state
+from sumo_mcts.model.local_map import LocalMap, State, ego_state
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.prediction.behaviour import TrafficParams
-from sumo_mcts.prediction.forecast import Told, predict
+from sumo_mcts.prediction.forecast import OracleData, predict
 from sumo_mcts.scene import EgoState, Forecast, RoadMap, Scene, Signals
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -119,14 +119,20 @@ def forecast_of(
     scene: Scene,
     seconds: float = 10.0,
     params: TrafficParams | None = None,
-    told: Told | None = None,
+    told: OracleData | None = None,
 ) -> Forecast:
     """The forecast, with an ego that follows its leader."""
     state = ego_state(task.route, scene.ego)
     assert state is not None
     lanes = np.array(ego_lanes(task.route, state), np.int32)
     return predict(
-        task.road, scene, lanes, np.zeros(0), params or traffic_params(), seconds, told or Told()
+        task.road,
+        scene,
+        lanes,
+        np.zeros(0),
+        params or traffic_params(),
+        seconds,
+        told or OracleData(),
     )
 
 
@@ -145,7 +151,7 @@ def local_of(
     cleared: frozenset[int] = frozenset(),
     seconds: float = 10.0,
     reactive: int = 0,
-) -> tuple[Local, State]:
+) -> tuple[LocalMap, State]:
     """What compiled code reads, and the ego's state in it."""
     situation = situation_of(task, scene, cleared, seconds)
     return build_local(

@@ -24,7 +24,7 @@ from helpers_model import (
 
 from sumo_mcts.driver.params import mcts_params
 from sumo_mcts.driver.registry import make_planner
-from sumo_mcts.model.local_map import Local, State
+from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.reactions import at_rest
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.mcts import actions_of, in_steps
@@ -47,7 +47,7 @@ class Grown(NamedTuple):
     """A tree with all that it was grown from."""
 
     tree: Tree
-    local: Local
+    local: LocalMap
     task: Task
     q: SearchParams
     actions: Floats

@@ -458,7 +458,7 @@ def test_release_never_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object) -> None:
         raise libsumo.TraCIException("no")
 
-    monkeypatch.setattr("sumo_mcts.driver.vehicle.Pilot.release", broken)
+    monkeypatch.setattr("sumo_mcts.driver.vehicle.EgoVehicle.release", broken)
     controller.release()
     controller.release()
     libsumo.close()

@@ -11,8 +11,8 @@ import pytest
 
 from sumo_mcts import config, records
 from sumo_mcts.config import builtin
-from sumo_mcts.driver.driver import Driver, Thought
-from sumo_mcts.driver.vehicle import Pilot
+from sumo_mcts.driver.driver import Driver, PlanningResult
+from sumo_mcts.driver.vehicle import EgoVehicle
 from sumo_mcts.episode import run_episode
 from sumo_mcts.records import ROW_KEYS
 from sumo_mcts.reporting import birdseye
@@ -235,7 +235,7 @@ def test_a_shortage_of_the_machine_is_no_outcome(
         raise shortage
 
     scene = config.load(builtin.scenario_path("straight-line"), ("planner.name=constant",))
-    for where, what in ((Driver, "decide"), (Pilot, "before_step")):
+    for where, what in ((Driver, "decide"), (EgoVehicle, "before_step")):
         with monkeypatch.context() as patch:
             patch.setattr(where, what, starve)
             with pytest.raises(type(shortage)):
@@ -271,7 +271,7 @@ def test_a_planner_that_raises_under_way_leaves_what_was_driven_so_far(
 ) -> None:
     decide = Driver.decide
 
-    def tired(self: Driver, scene: Scene) -> Thought:
+    def tired(self: Driver, scene: Scene) -> PlanningResult:
         if scene.time > 3.0:
             raise RuntimeError("enough")
         return decide(self, scene)

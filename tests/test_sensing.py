@@ -17,7 +17,7 @@ from sumo_mcts import config
 from sumo_mcts.config import SensorConfig, builtin
 from sumo_mcts.driver.driver import Driver
 from sumo_mcts.driver.params import streams
-from sumo_mcts.driver.sensor import Senses, matched, moved_on, room_m, share_in_view, with_errors
+from sumo_mcts.driver.sensor import Sensor, matched, moved_on, room_m, share_in_view, with_errors
 from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.scene import RoadMap, Scene
@@ -33,8 +33,8 @@ NOISY = (
 ROAD = lanes_east(3, 4000.0)  # lane 1 along y = 0
 
 
-def senses(road: RoadMap = ROAD, seed: int = 0, **keys: Any) -> Senses:
-    return Senses(SensorConfig(**keys), road, PERIOD, streams(seed).noise)
+def senses(road: RoadMap = ROAD, seed: int = 0, **keys: Any) -> Sensor:
+    return Sensor(SensorConfig(**keys), road, PERIOD, streams(seed).noise)
 
 
 def at(time: float, *agents: Agent, road: RoadMap = ROAD, s: float = 1000.0) -> Scene:
@@ -418,7 +418,7 @@ def test_who_drives_out_of_range_is_forgotten() -> None:
 
 def test_the_remembered_follow_their_lane_into_the_next() -> None:
     road = straight_road()
-    sensor = Senses(
+    sensor = Sensor(
         SensorConfig(occlusion=True, drop_probability=0.5), road, PERIOD, streams(0).noise
     )
     before = scene_of(ego_at(road, "a_1", 150.0), road, Agent("car", "a_0", 197.0, 10.0))

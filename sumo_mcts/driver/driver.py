@@ -30,10 +30,10 @@ from sumo_mcts.planners.budget import Timekeeper
 from sumo_mcts.planners.failsafe import FailSafe, nonsense
 from sumo_mcts.planners.mcts import MctsPlanner
 from sumo_mcts.planners.reference import horizon_s
-from sumo_mcts.prediction.forecast import Told, predict, times_of
-from sumo_mcts.prediction.hypotheses import foresee
-from sumo_mcts.prediction.interface import Heard, Oracles, Question, checked
-from sumo_mcts.prediction.margins import with_room
+from sumo_mcts.prediction.forecast import OracleData, predict, times_of
+from sumo_mcts.prediction.hypotheses import predict_hypotheses
+from sumo_mcts.prediction.interface import OracleRecorder, Oracles, Question, checked
+from sumo_mcts.prediction.margins import inflate
 from sumo_mcts.scene import (
     STANDING,
     Answers,
@@ -53,7 +53,7 @@ from sumo_mcts.scene import (
 NEAR_STOP = 3.0  # m before a stop sign within which standing counts
 
 
-class Thought(NamedTuple):
+class PlanningResult(NamedTuple):
     """One decision with what it rests on."""
 
     decision: Decision
@@ -83,7 +83,7 @@ class Driver:
         Raises ConfigError where a plugin cannot be made.
         """
         self._config, self._road, self._physics, self._seed = config, road, physics, seed
-        self._heard = Heard(oracles)
+        self._heard = OracleRecorder(oracles)
         self._oracles = self._heard.oracles()
         self._planner = make_planner(config) if planner is None else planner
         self._cost = cost_params(config)
@@ -111,7 +111,7 @@ class Driver:
             None  # what the planner was asked last; None where the ego is not on its route
         )
 
-    def decide(self, scene: Scene) -> Thought:
+    def decide(self, scene: Scene) -> PlanningResult:
         """Observe, predict, plan, check.
 
         Raises PlannerError where the planner failed too often in a row.
@@ -124,7 +124,7 @@ class Driver:
         if placed is None:
             self._plan, self._command, self.question = None, Release(), None
             self._fail_safe.forget()
-            return Thought(
+            return PlanningResult(
                 Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0),
                 None,
                 watch.seconds * 1000.0,
@@ -151,7 +151,7 @@ class Driver:
         assert decision is not None, "whatever fails has a reason"
         self._plan, self._command, self._plan_time = decision.plan, decision.command, scene.time
         self._timekeeper.note(until, watch.began + watch.seconds)
-        return Thought(
+        return PlanningResult(
             decision,
             forecast,
             watch.seconds * 1000.0,
@@ -330,7 +330,9 @@ class Driver:
             question = Question(scene, lanes, nominal, params, seconds, stood_s)
             found = checked(self._predictor.predict(question), self._road, question)
         elif name == "idm":
-            found = foresee(self._road, scene, lanes, nominal, params, seconds, stood_s, most)
+            found = predict_hypotheses(
+                self._road, scene, lanes, nominal, params, seconds, stood_s, most
+            )
         else:
             found = predict(
                 self._road,
@@ -345,9 +347,9 @@ class Driver:
         on_foot = (
             0.0 if name == "clone" else self._config.prediction.room_on_foot_m
         )  # a copy knows where people walk
-        return with_room(found, scene, room_m(self._config.sensor), on_foot)
+        return inflate(found, scene, room_m(self._config.sensor), on_foot)
 
-    def _told(self, scene: Scene, name: str, seconds: float) -> Told:
+    def _told(self, scene: Scene, name: str, seconds: float) -> OracleData:
         """What the oracle `name` tells, if it is one."""
         agents, ask = scene.agents, self._oracles
         count = times_of(seconds, self._traffic.step)
@@ -359,19 +361,19 @@ class Driver:
                 }
                 scripts = {i: script for i, script in known.items() if script is not None}
                 if name == "script":
-                    return Told(scripts=scripts)
+                    return OracleData(scripts=scripts)
                 copies = ask.clone(
                     scene, self._nominal_command(scene.time), self._traffic.step, count
                 )
-                return Told(scripts={i: copies[i] for i in scripts}, copies=copies)
+                return OracleData(scripts={i: copies[i] for i in scripts}, copies=copies)
             case "routes" if ask is not None:
-                return Told(
+                return OracleData(
                     ways={
                         int(i): ask.way(agents.ids[i], int(agents.lane[i]))
                         for i in np.flatnonzero(agents.lane >= 0)
                     }
                 )
-        return Told()
+        return OracleData()
 
     def _nominal(self, now: float) -> Floats:
         """[K] speeds of the last plan from now on, at the forecast's times."""

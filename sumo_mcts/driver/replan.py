@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 
 from sumo_mcts.config import ScenarioConfig, build, is_oracle
-from sumo_mcts.driver.driver import Driver, Thought
+from sumo_mcts.driver.driver import Driver, PlanningResult
 from sumo_mcts.driver.params import Physics
 from sumo_mcts.driver.registry import prediction_label
 from sumo_mcts.driver.warmup import warm_up
@@ -43,7 +43,7 @@ def recorded_config(
     return config
 
 
-def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> Thought:
+def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> PlanningResult:
     """The decision of a cycle, taken again from what is recorded.
 
     Raises ConfigError where another oracle would have to be asked, TraceError where the record is

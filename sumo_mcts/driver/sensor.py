@@ -14,7 +14,7 @@ import numpy as np
 from sumo_mcts.config import SensorConfig
 from sumo_mcts.numerics.geometry import nearest
 from sumo_mcts.prediction.behaviour import TrafficParams
-from sumo_mcts.prediction.forecast import Told, predict
+from sumo_mcts.prediction.forecast import OracleData, predict
 from sumo_mcts.prediction.paths import LEAVES_FROM
 from sumo_mcts.scene import STANDING, Agents, Bools, EgoState, Floats, RoadMap, Scene
 
@@ -26,7 +26,7 @@ SURE = 2.0
 EDGE = 1e-6  # m by which a box that is nearer on a ray has to be so
 
 
-class Senses:
+class Sensor:
     """One ego's sensor.
 
     The same agent at the same time has the same error, whoever plans and whoever else is in range.
@@ -302,7 +302,7 @@ def moved_on(road: RoadMap, scene: Scene, seconds: float, aside: float) -> Agent
         seconds, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, False, aside
     )
     forecast = predict(
-        road, scene, np.zeros(0, np.int32), np.zeros(0), keeps_speed, seconds, Told()
+        road, scene, np.zeros(0, np.int32), np.zeros(0), keeps_speed, seconds, OracleData()
     )
     pose, zero = forecast.pose[0, 1], np.zeros(len(agents.ids))
     moved = agents._replace(

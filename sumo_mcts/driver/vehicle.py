@@ -8,7 +8,7 @@ import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.params import Physics, ego_params
-from sumo_mcts.driver.sensor import Senses
+from sumo_mcts.driver.sensor import Sensor
 from sumo_mcts.scene import Decision, Frame, RoadMap, Scene
 from sumo_mcts.world.command import Bounds, Commander
 from sumo_mcts.world.observe import Change, Observer
@@ -40,7 +40,7 @@ def running_world(period_s: float) -> World:
     )
 
 
-class Pilot:
+class EgoVehicle:
     """Holds one ego that is on the road.
 
     Between two steps of SUMO: look() or glance(), then decide if due(), then before_step().
@@ -51,7 +51,7 @@ class Pilot:
     ) -> None:
         """Take over a vehicle that is on the road; `noise` seeds its sensor's errors."""
         self._vehicle, self._world, self._sensor = vehicle, world, config.sensor
-        self._senses = Senses(config.sensor, world.road, world.period, noise)
+        self._senses = Sensor(config.sensor, world.road, world.period, noise)
         state = world.observer.ego(vehicle, Change())
         params = ego_params(config, state, world.physics)
         bounds = Bounds(

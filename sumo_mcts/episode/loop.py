@@ -13,7 +13,7 @@ import numpy as np
 from sumo_mcts.config import EgoConfig, ScenarioConfig
 from sumo_mcts.driver.forecaster import as_seen
 from sumo_mcts.driver.params import ego_params, streams
-from sumo_mcts.driver.vehicle import Pilot, World, never_departed, running_world
+from sumo_mcts.driver.vehicle import EgoVehicle, World, never_departed, running_world
 from sumo_mcts.episode.goals import check_edges, goal_of
 from sumo_mcts.errors import ConfigError, of_machine
 from sumo_mcts.evaluation.hindsight import Future, Hindsight
@@ -42,7 +42,7 @@ class _Ego:
 
     def __init__(self, config: EgoConfig, noise: np.random.SeedSequence) -> None:
         self.id, self.until, self.noise = config.id, config.until, noise
-        self.pilot: Pilot | None = None  # None: not departed, or over
+        self.pilot: EgoVehicle | None = None  # None: not departed, or over
         self.referee: Referee | None = None
         self.hindsight: Hindsight | None = (
             None  # None: somebody reacts, so nobody knows what would have come
@@ -321,7 +321,7 @@ class Loop:
 
     def _take_over(self, ego: _Ego) -> None:
         self._actors.limit(ego.id)
-        pilot = Pilot(ego.id, self.config, self.world, ego.noise)
+        pilot = EgoVehicle(ego.id, self.config, self.world, ego.noise)
         frame = pilot.look()
         goal = goal_of(self.config, self.world.road, frame.ego, ego.until)
         ego.hindsight = self._hindsight(goal, frame)
@@ -370,7 +370,7 @@ class Loop:
         self._simulation = None
         self.start()
 
-    def _judge(self, ego: _Ego, pilot: Pilot) -> None:
+    def _judge(self, ego: _Ego, pilot: EgoVehicle) -> None:
         assert ego.referee is not None
         frame = pilot.look()
         ego.digest.add_state(frame.ego)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.driver.driver import Thought
+from sumo_mcts.driver.driver import PlanningResult
 from sumo_mcts.driver.forecaster import no_forecast
 from sumo_mcts.driver.params import deadline_s
 from sumo_mcts.episode.surroundings import lanes_around
@@ -24,9 +24,9 @@ class Recorder:
 
     def __init__(self) -> None:
         self._scenes: list[Scene] = []
-        self._thoughts: list[Thought] = []
+        self._thoughts: list[PlanningResult] = []
 
-    def note(self, scene: Scene, thought: Thought) -> None:
+    def note(self, scene: Scene, thought: PlanningResult) -> None:
         """Add a cycle."""
         self._scenes.append(scene)
         self._thoughts.append(thought)
@@ -78,7 +78,7 @@ class Recorder:
         )
 
 
-def _cycle(scene: Scene, thought: Thought, after: Scene | None) -> CycleRecord:
+def _cycle(scene: Scene, thought: PlanningResult, after: Scene | None) -> CycleRecord:
     """One cycle, and what came of it by the next one."""
     decision = thought.decision
     speed, lane = _commanded(decision.plan, scene, after)

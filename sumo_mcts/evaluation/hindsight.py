@@ -21,7 +21,7 @@ from sumo_mcts.model.local_map import (
     HALF_WIDTH,
     NODE,
     SIN,
-    Local,
+    LocalMap,
     State,
     X,
     Y,
@@ -174,7 +174,7 @@ def _forecast(futures: Sequence[Future], dt: float, times: int) -> Forecast:
 
 @lengthy
 def way_out(
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     root: State,
     choice: Floats,
@@ -233,7 +233,7 @@ def _cell_of(
 
 @kernel
 def drive(
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     home: Bools,
     state: State,
@@ -258,7 +258,7 @@ def drive(
 
 
 @kernel
-def _touched(local: Local, p: EgoParams, state: State, row: int, share: float) -> bool:
+def _touched(local: LocalMap, p: EgoParams, state: State, row: int, share: float) -> bool:
     """Whether the ego touches anybody in a state a share of a step after forecast time `row`."""
     x, y, c, n = pose_of(local, p, state)
     own_length, own_width = p.half_length + MARGIN, p.half_width + MARGIN

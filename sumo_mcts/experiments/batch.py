@@ -29,7 +29,7 @@ from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.numerics.announce import COMPILING, Growth, watched
 from sumo_mcts.numerics.kernel import kept_kernels
 from sumo_mcts.records import MAPS, TRACES, Row
-from sumo_mcts.records.highlights import Bar, Worth
+from sumo_mcts.records.highlights import Bar, Highlight
 from sumo_mcts.world.arguments import REFEREE_OPTIONS, files_of
 
 TRIES = 2  # of an episode whose worker dies
@@ -220,7 +220,7 @@ class _Batch:
         drive_one: Drive = tasks.drive,
     ) -> None:
         self._out, self._all, self._tell, self._drive = out, found, tell, drive_one
-        self._worth = Worth(traces)
+        self._worth = Highlight(traces)
         self._rows = [row for row in folder.done(out, found) if not tasks.of_shortage(row)]
         known = {row["key"] for row in self._rows}
         self._waiting = deque(episode for episode in found if not known.issuperset(episode.keys))

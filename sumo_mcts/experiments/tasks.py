@@ -23,7 +23,7 @@ from sumo_mcts.errors import ConfigError, of_machine
 from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode
 from sumo_mcts.numerics.announce import announced, unannounced
 from sumo_mcts.records import Row
-from sumo_mcts.records.highlights import Bar, is_worth
+from sumo_mcts.records.highlights import Bar, is_highlight
 from sumo_mcts.world.arguments import network_of, sumo_arguments, without_outputs
 from sumo_mcts.world.candidates import Candidate, candidates, not_passing
 from sumo_mcts.world.crowd import Cast
@@ -72,7 +72,7 @@ def drive(episode: Episode, bar: Bar) -> Driven:
         "traffic_digest": digest(episode.config, TRAFFIC),
     }
     rows = tuple({**row, "key": key_of[row["key"]], **further} for row in result.rows)
-    kept = {row["key"] for row in rows if is_worth(row, bar)}
+    kept = {row["key"] for row in rows if is_highlight(row, bar)}
     traces = [trace._replace(key=key_of[trace.key]) for trace in result.traces]
     traces = [trace for trace in traces if trace.key in kept]
     maps = (

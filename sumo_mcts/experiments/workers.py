@@ -270,14 +270,14 @@ class LocalPool(Executor):
                 try:
                     done, value = self._worker(number).ask(call, self._patience_s)
                 except (DeadWorkerError, SilentWorkerError) as error:
-                    self._bury(number)
+                    self._close_branch(number)
                     done, value = False, error
                 except Exception as error:  # what cannot be pickled
                     done, value = False, error
                 (future.set_result if done else future.set_exception)(value)
                 if number in self._workers and self._workers[number].answered >= self._longest:
-                    self._bury(number)
-        self._bury(number)
+                    self._close_branch(number)
+        self._close_branch(number)
 
     def _worker(self, number: int) -> "_Worker":
         with (
@@ -289,7 +289,7 @@ class LocalPool(Executor):
                 self._workers[number] = _Worker(self._scratch.name)
             return self._workers[number]
 
-    def _bury(self, number: int) -> None:
+    def _close_branch(self, number: int) -> None:
         with self._lock:
             worker = self._workers.pop(number, None)
         if worker is not None:

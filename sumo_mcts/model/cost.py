@@ -6,7 +6,7 @@ One unit is one second of standing still.
 import math
 
 from sumo_mcts.model.cost_params import CostParams, Term
-from sumo_mcts.model.local_map import Local, State
+from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import INTERNAL, LIMIT, NEXT, REACH, RIGHT_NODE, STATION
 from sumo_mcts.numerics.kernel import kernel
@@ -41,7 +41,7 @@ def step_comfort(p: EgoParams, c: CostParams, before: State, after: State) -> fl
 
 
 @kernel
-def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) -> float:
+def step_passability(local: LocalMap, p: EgoParams, c: CostParams, after: State) -> float:
     """C_p of one simulation step: time lost against the limit or before a stop sign, a lane that
     the route leaves, standing in a junction or across lanes."""
     limit = local.node[after.node, LIMIT]
@@ -58,14 +58,14 @@ def step_passability(local: Local, p: EgoParams, c: CostParams, after: State) ->
 
 
 @kernel
-def _urgent(local: Local, node: int) -> float:
+def _urgent(local: LocalMap, node: int) -> float:
     """How many lane changes are urgent there; 0 beyond the lanes that this cycle looks at."""
     i = node - local.first
     return abs(local.urgency[i]) if 0 <= i < local.urgency.shape[0] else 0.0
 
 
 @kernel
-def leads_nowhere(local: Local, node: int) -> bool:
+def leads_nowhere(local: LocalMap, node: int) -> bool:
     """Whether the lane ends before the route does."""
     return local.node[node, NEXT] < 0.0 and not math.isinf(local.node[node, REACH])
 
@@ -73,7 +73,7 @@ def leads_nowhere(local: Local, node: int) -> bool:
 @kernel
 def step_own(
     term: Term | None,
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     c: CostParams,
     before: State,
@@ -100,7 +100,7 @@ def step_own(
 
 
 @kernel
-def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: float) -> float:
+def terminal(local: LocalMap, c: CostParams, state: State, gap: float, leader_v: float) -> float:
     """What is still to come at the horizon: the time lost until the limit is reached, and for
     tail_s more behind a slow leader, before a dead end, and in a lane that the route leaves.
 
@@ -126,7 +126,7 @@ def terminal(local: Local, c: CostParams, state: State, gap: float, leader_v: fl
 
 
 @kernel
-def _too_slow(local: Local, state: State) -> float:
+def _too_slow(local: LocalMap, state: State) -> float:
     """Share of the speed of those it has to move between that the ego cannot reach any more before
     its lane ends: who stands there finds no gap."""
     room = local.node[state.node, REACH] - state.s
@@ -139,7 +139,7 @@ def _too_slow(local: Local, state: State) -> float:
 
 
 @kernel
-def _before_sign(local: Local, state: State) -> float:
+def _before_sign(local: LocalMap, state: State) -> float:
     """Share of a second that is lost before the ego stands at the stop sign ahead: its turn comes
     only after that."""
     if math.isinf(local.stop_at):
@@ -148,7 +148,7 @@ def _before_sign(local: Local, state: State) -> float:
 
 
 @kernel
-def _to_sign(local: Local, state: State) -> float:
+def _to_sign(local: LocalMap, state: State) -> float:
     """m to where it has to stand; 0 where it has, or there is none."""
     if math.isinf(local.stop_at):
         return 0.0
@@ -156,7 +156,7 @@ def _to_sign(local: Local, state: State) -> float:
 
 
 @kernel
-def _behind(local: Local, c: CostParams, gap: float, leader_v: float) -> float:
+def _behind(local: LocalMap, c: CostParams, gap: float, leader_v: float) -> float:
     """Share of the coming tail_s that is lost behind somebody, or something that stands."""
     return (1.0 - min(leader_v, local.limit) / local.limit) * max(
         0.0, 1.0 - TAIL_SLOPE * gap / (c.tail_s * local.limit + 1e-9)

@@ -31,7 +31,7 @@ from sumo_mcts.model.local_map import (
     UNTIL,
     WEST,
     WHO,
-    Local,
+    LocalMap,
     S,
     State,
     V,
@@ -75,7 +75,7 @@ class Meeting(NamedTuple):
 
 @inlined
 def meet(
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     c: CostParams,
     state: State,
@@ -174,7 +174,7 @@ def meet(
 
 @inlined
 def _nearness(
-    local: Local,
+    local: LocalMap,
     c: CostParams,
     state: State,
     box: Box,
@@ -200,7 +200,7 @@ def _nearness(
 
 
 @kernel
-def _near(local: Local, x: float, y: float, own: float, now: int, i: int) -> bool:
+def _near(local: LocalMap, x: float, y: float, own: float, now: int, i: int) -> bool:
     """Whether the box of agent i, or what it claims, can be within `own` m of the ego: one look
     instead of several."""
     reach = local.reach[now, i]
@@ -221,7 +221,7 @@ def _headway(c: CostParams, gap: float, v: float) -> float:
 
 
 @inlined
-def _touch(local: Local, state: State, box: Box, other: Box, v: float, at: int, i: int) -> bool:
+def _touch(local: LocalMap, state: State, box: Box, other: Box, v: float, at: int, i: int) -> bool:
     """Whether the ego's box touches that of agent i, who drives at v and is where it was to be at
     forecast time `at`."""
     close = (
@@ -247,7 +247,7 @@ def _swept(box: Box, way: float) -> Box:
 
 @kernel
 def place_is_free(
-    local: Local, p: EgoParams, c: CostParams, changed: State, index: int, most: float = math.inf
+    local: LocalMap, p: EgoParams, c: CostParams, changed: State, index: int, most: float = math.inf
 ) -> bool:
     """Whether a change that begins now (`changed`: the state right after it began) leaves everybody
     who reacts a gap to cope with, which costs at `most`."""
@@ -288,7 +288,7 @@ def _target(state: State) -> int:
 
 
 @kernel
-def _gap_ahead(local: Local, state: State, node: int, s: float) -> float:
+def _gap_ahead(local: LocalMap, state: State, node: int, s: float) -> float:
     """m from the ego's front to an agent's front, down the ego's lane or the other lane of its
     change; inf: not there."""
     gap = chain_gap(local, state.node, state.s, node, s)
@@ -298,7 +298,7 @@ def _gap_ahead(local: Local, state: State, node: int, s: float) -> float:
 
 
 @kernel
-def _to_leaving(local: Local, state: State, i: int, s: float, now: int) -> float:
+def _to_leaving(local: LocalMap, state: State, i: int, s: float, now: int) -> float:
     """m from the ego's front to the rear of an agent that is ahead, in another lane already but not
     yet wholly out of the ego's; inf: it is not."""
     left = _leaves(local, i, now)
@@ -309,7 +309,7 @@ def _to_leaving(local: Local, state: State, i: int, s: float, now: int) -> float
 
 
 @kernel
-def _leaves(local: Local, i: int, now: int) -> int:
+def _leaves(local: LocalMap, i: int, now: int) -> int:
     """The node of the lane that an agent leaves and is not yet wholly out of; -1: none.
 
     Whoever moves in front of it there makes it brake.
@@ -318,7 +318,7 @@ def _leaves(local: Local, i: int, now: int) -> int:
 
 
 @kernel
-def _gap_behind(local: Local, state: State, node: int, s: float) -> float:
+def _gap_behind(local: LocalMap, state: State, node: int, s: float) -> float:
     """m from an agent's front to the ego's front, down the agent's lane; inf: its lane does not
     lead to the ego."""
     gap = chain_gap(local, node, s, state.node, state.s)
@@ -329,7 +329,7 @@ def _gap_behind(local: Local, state: State, node: int, s: float) -> float:
 
 @kernel
 def _beside_in_lane(
-    local: Local, p: EgoParams, state: State, node: int, s: float, half_length: float
+    local: LocalMap, p: EgoParams, state: State, node: int, s: float, half_length: float
 ) -> bool:
     """Whether an agent is beside the ego in the lane that the ego counts to:
 
@@ -361,7 +361,7 @@ def _cut_in(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float
 
 
 @kernel
-def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: int) -> float:
+def _in_the_way(local: LocalMap, p: EgoParams, c: CostParams, state: State, now: int) -> float:
     """Cost per second of being inside a junction while somebody with the right of way comes near:
     drivers brake for whoever is on it."""
     rate = 0.0
@@ -384,7 +384,7 @@ def _in_the_way(local: Local, p: EgoParams, c: CostParams, state: State, now: in
 
 
 @inlined
-def _claim(local: Local, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
+def _claim(local: LocalMap, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
     """Cost per second of standing where the agent will be within claim_s; the sooner, the
     dearer."""
     if local.trait[i, POLITE] != 0.0:
@@ -403,7 +403,7 @@ def _claim(local: Local, c: CostParams, state: State, box: Box, now: int, i: int
 
 
 @inlined
-def _late(local: Local, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
+def _late(local: LocalMap, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
     """Cost per second of being where the agent still is if it comes a little later than its
     forecast."""
     at = now - int(LATE / local.dt + 0.5)
@@ -417,7 +417,7 @@ def _late(local: Local, c: CostParams, state: State, box: Box, now: int, i: int)
 
 
 @inlined
-def _touches(local: Local, box: Box, at: int, i: int) -> bool:
+def _touches(local: LocalMap, box: Box, at: int, i: int) -> bool:
     """Whether the ego's box, where it is now, meets that of agent i at forecast time `at`."""
     length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
     reach = box.half_length + length + box.half_width + width

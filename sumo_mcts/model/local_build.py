@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.model.local_map import CLAIM_SAMPLES, GONE, LATE, NEARBY, UPSTREAM, Local, State
+from sumo_mcts.model.local_map import CLAIM_SAMPLES, GONE, LATE, NEARBY, UPSTREAM, LocalMap, State
 from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap, Upstream, stop_ahead
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.signals import signal_states
@@ -64,7 +64,7 @@ def build_local(
     road: RoadMap, route: RouteMap, state: State, scene: Scene, forecast: Forecast,
     hypothesis: int, cleared: frozenset[int], stop_decel: float,
     claim_s: float, reactive: int = 0,
-) -> Local:  # fmt: skip
+) -> LocalMap:  # fmt: skip
     """The search's view of this cycle, with at most `reactive` agents that the search is to move.
 
     `cleared` holds the nodes at whose stop sign the ego has stood; `stop_decel` (m/s2) is the
@@ -99,7 +99,7 @@ def build_local(
     bits = _bits(forecast, node, scene.ego)
     followers = _followers(node[0], s[0], forecast.reacts, bits, ahead, state, first)
     behind = (bits >= 0) & ((followers >> np.maximum(bits, 0)) & 1 > 0)
-    return Local(
+    return LocalMap(
         route.table, route.rows, closed, level, place, ahead,
         _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, position,
         driven]),
@@ -111,7 +111,7 @@ def build_local(
         ]),
         _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width,
         forecast.dt, claim_s),
-        _duties(road, route, first, last, here, forecast, hypothesis, lane, s, driven, behind),
+        _obligations(road, route, first, last, here, forecast, hypothesis, lane, s, driven, behind),
         first, float(route.limit[state.node]),
         _pace(route, view, here, node[0], position[0], v[0]),
         _is_free(route, closed, first, state,
@@ -275,7 +275,7 @@ def _stop_at(route: RouteMap, state: State, cleared: frozenset[int], here: float
     return here + distance if node >= 0 and route.sign[node] and node not in cleared else math.inf
 
 
-def _duties(
+def _obligations(
     road: RoadMap, route: RouteMap, first: int, last: int, here: float, forecast: Forecast,
     hypothesis: int, lane: Ints, s: Floats, driven: Floats,
     behind: Bools,
@@ -295,7 +295,7 @@ def _duties(
     )
     rows = np.zeros((256, 5))
     coming = _Coming(lane, s, driven, forecast.valid[hypothesis], lets_pass)
-    used = _find_duties(rows, nodes[near], route.lane, areas_of(road), ahead_of(road), coming)
+    used = _find_obligations(rows, nodes[near], route.lane, areas_of(road), ahead_of(road), coming)
     return rows[:used]
 
 
@@ -310,7 +310,7 @@ class _Coming(NamedTuple):
 
 
 @entry
-def _find_duties(
+def _find_obligations(
     rows: Floats, nodes: Indices, node_lane: Indices, areas: Areas, ahead: Ahead, coming: _Coming
 ) -> int:
     """How many of the `rows` were written."""

@@ -17,7 +17,7 @@ UPSTREAM = (
 )  # ... and UPSTREAM - n of one that comes to node n from a lane beside the route: see upstream_of
 
 
-class Local(NamedTuple):
+class LocalMap(NamedTuple):
     """What compiled code reads.
 
     W window nodes from `first` on; T forecast times; N agents. Few arrays: each costs at every
@@ -120,7 +120,7 @@ def upstream_of(node: int) -> int:
 
 
 @kernel
-def apart(local: Local, node: int, s: float, length: float, at: int, i: int) -> bool:
+def apart(local: LocalMap, node: int, s: float, length: float, at: int, i: int) -> bool:
     """Whether the ego (its front at s on `node`, its length in m) and agent i, where it is at
     forecast time `at`, are on different levels."""
     w, place = node - local.first, local.place[at, i]
@@ -135,7 +135,7 @@ def apart(local: Local, node: int, s: float, length: float, at: int, i: int) -> 
 
 
 @kernel
-def follows(local: Local, followers: int, i: int) -> bool:
+def follows(local: LocalMap, followers: int, i: int) -> bool:
     """Whether agent i is one of the `followers`, a bit mask."""
     bit = int(local.trait[i, BIT])
     return bit >= 0 and (followers >> bit) & 1 > 0
@@ -170,13 +170,13 @@ def kept_state(where: Indices, motion: Floats, i: int) -> State:
 
 
 @kernel
-def index_at(local: Local, time: float) -> int:
+def index_at(local: LocalMap, time: float) -> int:
     """The forecast time nearest to `time` (s from now); it may lie beyond the last one."""
     return int(time / local.dt + 0.5)
 
 
 @kernel
-def chain_gap(local: Local, node: int, s: float, other_node: int, other_s: float) -> float:
+def chain_gap(local: LocalMap, node: int, s: float, other_node: int, other_s: float) -> float:
     """m from (node, s) forward along the lane's chain to (other_node, other_s); inf where that is
     not on it."""
     i, j = node - local.first, other_node - local.first

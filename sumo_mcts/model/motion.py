@@ -4,7 +4,7 @@ SUMO."""
 import math
 from typing import NamedTuple
 
-from sumo_mcts.model.local_map import Local, State, index_at
+from sumo_mcts.model.local_map import LocalMap, State, index_at
 from sumo_mcts.model.route import (
     FIRST_ROW,
     LAST_ROW,
@@ -63,7 +63,7 @@ class EgoParams(NamedTuple):
 
 @inlined
 def advance(
-    local: Local, p: EgoParams, state: State, accel: float, time: float
+    local: LocalMap, p: EgoParams, state: State, accel: float, time: float
 ) -> tuple[State, int]:
     """One step of the simulation towards an acceleration (m/s2), from `time` (s from now) on.
 
@@ -86,7 +86,9 @@ def advance(
 
 
 @kernel
-def obey(local: Local, p: EgoParams, state: State, wanted: float, time: float) -> tuple[State, int]:
+def obey(
+    local: LocalMap, p: EgoParams, state: State, wanted: float, time: float
+) -> tuple[State, int]:
     """One step of the simulation at a commanded speed (m/s), whatever the road allows, within what
     world/command.py lets through."""
     low = min(max(state.a - p.emergency_jerk * p.step, -p.max_decel), p.max_accel)
@@ -132,7 +134,7 @@ def _moved(p: EgoParams, v: float, speed: float) -> float:
 
 @inlined
 def _move(
-    local: Local, p: EgoParams, state: State, moved: float, speed: float, a: float, time: float
+    local: LocalMap, p: EgoParams, state: State, moved: float, speed: float, a: float, time: float
 ) -> tuple[State, int]:
     """Along the lane and into the next ones; a lane change goes on."""
     node, other, s, progress, event = state.node, state.other, state.s + moved, state.progress, FREE
@@ -168,7 +170,7 @@ def _move(
 
 
 @kernel
-def within_step(local: Local, p: EgoParams, before: State, after: State, share: float) -> State:
+def within_step(local: LocalMap, p: EgoParams, before: State, after: State, share: float) -> State:
     """Where the front is after a share of the step from `before` to `after`, at the speed of its
     end; in the lane of before where that has not ended yet."""
     if share >= 1.0:
@@ -187,7 +189,7 @@ def within_step(local: Local, p: EgoParams, before: State, after: State, share: 
 
 
 @kernel
-def can_change(local: Local, p: EgoParams, state: State, side: int) -> bool:
+def can_change(local: LocalMap, p: EgoParams, state: State, side: int) -> bool:
     """Whether a change to the left (+1) or right (-1) may begin: a lane is there, and long enough
     for the change to take place on it."""
     if state.progress > 0.0:
@@ -203,7 +205,7 @@ def can_change(local: Local, p: EgoParams, state: State, side: int) -> bool:
 
 
 @kernel
-def begin_change(local: Local, p: EgoParams, state: State, side: int) -> State:
+def begin_change(local: LocalMap, p: EgoParams, state: State, side: int) -> State:
     """The state right after a change was begun; without a duration SUMO jumps at the end of the
     step."""
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
@@ -218,7 +220,7 @@ def towards_other(state: State) -> float:
 
 
 @kernel
-def pose_of(local: Local, p: EgoParams, state: State) -> tuple[float, float, float, float]:
+def pose_of(local: LocalMap, p: EgoParams, state: State) -> tuple[float, float, float, float]:
     """Centre x, y, cos and sin of the heading of the ego's box."""
     x, y, c, n = lane_pose(local.node, local.row, state.node, state.s)
     if state.progress > 0.0 and state.other >= 0:
@@ -232,7 +234,7 @@ def pose_of(local: Local, p: EgoParams, state: State) -> tuple[float, float, flo
 
 
 @kernel
-def _turned(local: Local, p: EgoParams, before: State, moved: float) -> float:
+def _turned(local: LocalMap, p: EgoParams, before: State, moved: float) -> float:
     """The turn after a step from the state `before` that leads `moved` metres on."""
     left = 0.0
     if before.progress > 0.0 and before.other >= 0 and p.change_duration > 0.0:
@@ -246,7 +248,7 @@ def _turned(local: Local, p: EgoParams, before: State, moved: float) -> float:
 
 
 @kernel
-def _to_the_left(local: Local, node: int, other: int, s: float) -> float:
+def _to_the_left(local: LocalMap, node: int, other: int, s: float) -> float:
     """m from a lane to another one beside it, positive to the left."""
     x, y, c, n = lane_pose(local.node, local.row, node, s)
     ox, oy, _, _ = lane_pose(local.node, local.row, other, s)
@@ -254,7 +256,7 @@ def _to_the_left(local: Local, node: int, other: int, s: float) -> float:
 
 
 @kernel
-def _cap(local: Local, node: int, s: float) -> float:
+def _cap(local: LocalMap, node: int, s: float) -> float:
     """The speed from which everything ahead can be met with approach_decel, m/s."""
     while s > local.node[node, LENGTH] and local.node[node, NEXT] >= 0:
         s -= local.node[node, LENGTH]
@@ -269,7 +271,7 @@ def _cap(local: Local, node: int, s: float) -> float:
 
 
 @kernel
-def _to_line(local: Local, p: EgoParams, state: State, time: float) -> float:
+def _to_line(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
     """m to the next closed stop line; inf where there is none near enough to matter."""
     node, distance = state.node, -state.s
     limit = state.v * state.v / (2.0 * p.approach_decel) + state.v * (1.0 + p.step) + 10.0
@@ -301,7 +303,7 @@ def _towards_line(p: EgoParams, v: float, distance: float, look: float) -> float
 
 
 @kernel
-def is_closed(local: Local, node: int, time: float) -> bool:
+def is_closed(local: LocalMap, node: int, time: float) -> bool:
     """Whether the stop line at the node's end may not be crossed at `time` (s from now)."""
     i = node - local.first
     if i < 0 or i >= local.closed.shape[0] or local.node[node, STOP_LINE] == 0.0:

@@ -17,7 +17,7 @@ from sumo_mcts.model.local_map import (
     NODE,
     SIN,
     SLOT,
-    Local,
+    LocalMap,
     S,
     State,
     V,
@@ -39,7 +39,7 @@ IMPOSED = 2.0  # m/s2 of braking that counts as imposed (measures)
 CLOCK, SPEED = range(2)
 
 
-def at_rest(local: Local, count: int) -> Floats:
+def at_rest(local: LocalMap, count: int) -> Floats:
     """[count, 2] the reacting agents as they are now."""
     others = np.zeros((count, 2))
     for i, slot in enumerate(local.trait[:, SLOT].astype(int)):
@@ -50,7 +50,7 @@ def at_rest(local: Local, count: int) -> Floats:
 
 @kernel
 def react(
-    local: Local, p: EgoParams, state: State, others: Floats, now: int, seconds: float
+    local: LocalMap, p: EgoParams, state: State, others: Floats, now: int, seconds: float
 ) -> float:
     """Move every reacting agent on by `seconds`, up to forecast time `now`, with the ego where
     `state` says. Returns the braking beyond IMPOSED that the ego causes, summed up over agents, in
@@ -94,7 +94,7 @@ def react(
 
 @kernel
 def seen(
-    local: Local, others: Floats, i: int, now: int
+    local: LocalMap, others: Floats, i: int, now: int
 ) -> tuple[float, float, float, float, float, float, int]:
     """Agent i at forecast time `now`, wherever it is by then: centre x, y, cos and sin of the
     heading, speed, lane position, and when it was to be there."""
@@ -112,7 +112,7 @@ def seen(
 
 
 @kernel
-def _at(local: Local, i: int, clock: float, column: int) -> float:
+def _at(local: LocalMap, i: int, clock: float, column: int) -> float:
     """A column of agent i between two forecast times."""
     k = min(int(clock), local.agent.shape[0] - 2)
     return float(
@@ -122,7 +122,7 @@ def _at(local: Local, i: int, clock: float, column: int) -> float:
 
 
 @kernel
-def _gap_to_ego(local: Local, p: EgoParams, state: State, node: int, s: float) -> float:
+def _gap_to_ego(local: LocalMap, p: EgoParams, state: State, node: int, s: float) -> float:
     """m from an agent's front to the ego's rear down the agent's lane; inf where the ego is not
     ahead of it."""
     if node < 0:

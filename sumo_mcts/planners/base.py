@@ -7,7 +7,7 @@ import numpy as np
 
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_build import build_local
-from sumo_mcts.model.local_map import Local, State
+from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.scene import Decision, Forecast, PlannerMemory, RoadMap, Scene, Words
@@ -37,7 +37,7 @@ class Situation(NamedTuple):
     )  # time.perf_counter() at which a search has to end; inf: iterations count
 
 
-def local_of(task: Task, situation: Situation, reactive: int = 0, hypothesis: int = 0) -> Local:
+def local_of(task: Task, situation: Situation, reactive: int = 0, hypothesis: int = 0) -> LocalMap:
     """What one cycle's search reads, in one hypothesis (0 the likeliest) of the forecast; it may
     move at most `reactive` agents."""
     return build_local(

@@ -21,7 +21,7 @@ from sumo_mcts.model.local_map import (
     NODE_OF,
     SIN,
     WHO,
-    Local,
+    LocalMap,
     S,
     State,
     V,
@@ -161,7 +161,7 @@ class IdmPlanner:
         )
         return Decision(Follow(plan.v, side), plan, (), -1, "idm", 0, 0)
 
-    def _side(self, local: Local, state: State) -> int:
+    def _side(self, local: LocalMap, state: State) -> int:
         """The lane change to begin now: -1, 0, 1."""
         side = int(np.sign(local.urgency[state.node - local.first]))
         if side == 0 or not can_change(local, self._task.ego, state, side):
@@ -199,7 +199,7 @@ class RandomPlanner(Drawing):
 
 
 def plan_of(
-    task: Task, p: MctsParams, local: Local, state: State, accel: float, side: float
+    task: Task, p: MctsParams, local: LocalMap, state: State, accel: float, side: float
 ) -> Plan:
     """Two periods of an action that the search could begin with; without steps where its lane
     change cannot begin."""
@@ -217,7 +217,7 @@ def _two_periods(period_s: float, task: Task) -> int:
 # --- car following and gap acceptance ---
 
 
-def accel_behind(local: Local, follower: EgoParams, changed: State) -> float:
+def accel_behind(local: LocalMap, follower: EgoParams, changed: State) -> float:
     """The car following, m/s2, of whoever is next behind in the lane of a change that has just
     begun; inf: nobody is.
 
@@ -246,7 +246,7 @@ def accel_behind(local: Local, follower: EgoParams, changed: State) -> float:
     )
 
 
-def with_yield_lines(local: Local, state: State, critical_gap: float) -> Local:
+def with_yield_lines(local: LocalMap, state: State, critical_gap: float) -> LocalMap:
     """The local map with a closed stop line before each stretch of the ego's way on which somebody
     with the right of way is to come too soon.
 
@@ -281,7 +281,7 @@ def _before(table: Floats, node: int, target: int) -> int:
 
 @entry
 def leader_on_the_way(
-    local: Local, p: EgoParams, state: State, reach: float
+    local: LocalMap, p: EgoParams, state: State, reach: float
 ) -> tuple[float, float]:
     """How far (m, up to `reach`) the ego can go until its box would meet somebody's, and how fast
     (m/s) that one drives along the same way.
@@ -321,7 +321,7 @@ def leader_on_the_way(
 
 @entry
 def _follow(
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     follower: EgoParams,
     state: State,

@@ -24,7 +24,7 @@ from sumo_mcts.model.local_map import (
     NODE,
     REACTS,
     SIN,
-    Local,
+    LocalMap,
     S,
     State,
     V,
@@ -146,7 +146,7 @@ class FailSafe:
         return None, blocked
 
     def _drive(
-        self, local: Local, situation: Situation, command: Follow, begin: int, decel: float
+        self, local: LocalMap, situation: Situation, command: Follow, begin: int, decel: float
     ) -> tuple[Plan, Obstacle]:
         """What a command and the manoeuvre after it come to; without speeds the manoeuvre begins at
         once."""
@@ -257,7 +257,7 @@ def coming(ego: EgoState, agents: Agents, i: int) -> str:
 
 @entry
 def drive(
-    local: Local, p: EgoParams, q: Assumed, top: Floats, start: State, speeds: Floats, side: int,
+    local: LocalMap, p: EgoParams, q: Assumed, top: Floats, start: State, speeds: Floats, side: int,
     period: int, begin: int, decel: float,
     nodes: Indices, motion: Floats, pose: Floats,
 ) -> tuple[int, int, float]:  # fmt: skip
@@ -316,7 +316,7 @@ def drive(
 
 
 @kernel
-def _to_clear(local: Local, p: EgoParams, state: State) -> float:
+def _to_clear(local: LocalMap, p: EgoParams, state: State) -> float:
     """m to where the ego has left the junction that it is in, or that it cannot stop before in
     comfort; 0 elsewhere."""
     node, end = state.node, local.node[state.node, LENGTH] - state.s
@@ -337,7 +337,7 @@ def _to_clear(local: Local, p: EgoParams, state: State) -> float:
 
 @kernel
 def _in_the_way(
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     q: Assumed,
     top: Floats,
@@ -381,7 +381,7 @@ def _in_the_way(
 
 
 @kernel
-def _is_behind(local: Local, start: State, i: int) -> bool:
+def _is_behind(local: LocalMap, start: State, i: int) -> bool:
     """Whether the agent is now behind the ego on a lane that leads to it."""
     node = int(local.agent[0, i, NODE])
     for target in (start.node, start.other):
@@ -419,7 +419,7 @@ def _driven_reacting(v: float, q: Assumed, top: float, time: float) -> float:
 
 @kernel
 def _meets(
-    local: Local, state: State, i: int, least: float, most: float, reacting: float, box: Box
+    local: LocalMap, state: State, i: int, least: float, most: float, reacting: float, box: Box
 ) -> bool:
     """Whether a box meets what agent i covers of its way from `least` to `most` (m from now); only
     to `reacting` where it would drive up to the box from behind, or set off towards it."""
@@ -454,7 +454,7 @@ def _meets(
 
 @kernel
 def _covers(
-    local: Local, state: State, i: int, t: int, then: int, least: float, most: float, box: Box
+    local: LocalMap, state: State, i: int, t: int, then: int, least: float, most: float, box: Box
 ) -> bool:
     """Whether a box meets agent i anywhere between forecast times t and `then`, as far as that lies
     between `least` and `most` on its way."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.local_map import Local, State
+from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import FOLLOW
 from sumo_mcts.model.reactions import at_rest
 from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
@@ -167,7 +167,7 @@ class MctsPlanner(Drawing):
         )
 
     def _search(
-        self, local: Local, q: SearchParams, situation: Situation, share: Floats, beat: float
+        self, local: LocalMap, q: SearchParams, situation: Situation, share: Floats, beat: float
     ) -> tuple[Tree, int, int]:
         """A tree with the first `share` of the effort, of those that are left; its passes to the
         horizon, and to a known terminal node.
@@ -256,7 +256,7 @@ def actions_of(p: MctsParams) -> Floats:
 
 def _children(
     tree: Tree,
-    local: Local,
+    local: LocalMap,
     task: Task,
     q: SearchParams,
     actions: Floats,
@@ -290,7 +290,13 @@ def _children(
 
 
 def _cost_in(
-    tree: Tree, local: Local, task: Task, q: SearchParams, actions: Floats, state: State, way: Way
+    tree: Tree,
+    local: LocalMap,
+    task: Task,
+    q: SearchParams,
+    actions: Floats,
+    state: State,
+    way: Way,
 ) -> tuple[float, Floats]:
     """What a way costs in another hypothesis, of which the tree is: driven to its end, or else
     begun only and gone on with as is best there. And its terms.
@@ -321,7 +327,7 @@ def _cost_in(
 
 
 def _carried(
-    local: Local,
+    local: LocalMap,
     task: Task,
     q: SearchParams,
     state: State,
@@ -381,7 +387,7 @@ def _steps(line: Floats, action: Floats, end: int, ply: int) -> Floats:
 
 
 def follow_line(
-    local: Local, task: Task, q: SearchParams, state: State, others: Floats, line: Floats
+    local: LocalMap, task: Task, q: SearchParams, state: State, others: Floats, line: Floats
 ) -> tuple[Plan, Floats, int]:
     """The plan, step by step, the cost terms [5] of a sequence, and how it ends (see
     tree.replay)."""

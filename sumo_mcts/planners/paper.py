@@ -17,7 +17,7 @@ from sumo_mcts.model.local_map import (
     HALF_WIDTH,
     NODE,
     SIN,
-    Local,
+    LocalMap,
     State,
     X,
     Y,
@@ -180,7 +180,7 @@ class PaperPlanner(Drawing):
         return self._decision(tree, local, weights, situation, done)
 
     def _decision(
-        self, tree: PaperTree, local: Local, weights: Weights, situation: Situation, done: int
+        self, tree: PaperTree, local: LocalMap, weights: Weights, situation: Situation, done: int
     ) -> Decision:
         children, plans = [], []
         for k, action in enumerate(self._actions):
@@ -255,7 +255,7 @@ def _new_tree(size: int, actions: int) -> PaperTree:
     )  # fmt: skip
 
 
-def _drive(local: Local, task: Task, w: Weights, state: State, action: Floats) -> Plan:
+def _drive(local: LocalMap, task: Task, w: Weights, state: State, action: Floats) -> Plan:
     """The first action, step by step."""
     state = begin_change(local, task.ego, state, int(action[1])) if action[1] else state
     v, lane, s, pose = [], [], [], []
@@ -279,7 +279,7 @@ def _drive(local: Local, task: Task, w: Weights, state: State, action: Floats) -
 @making_arrays
 def _search(
     tree: PaperTree,
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     w: Weights,
     actions: Floats,
@@ -336,7 +336,7 @@ def _select(tree: PaperTree, w: Weights, rng: Generator) -> int:
 @making_arrays
 def _expand(
     tree: PaperTree,
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     w: Weights,
     actions: Floats,
@@ -373,7 +373,7 @@ def _expand(
 
 
 @kernel
-def _can_finish(local: Local, p: EgoParams, w: Weights, state: State, level: int) -> bool:
+def _can_finish(local: LocalMap, p: EgoParams, w: Weights, state: State, level: int) -> bool:
     """Whether a lane change that began in the ply before can go on at this speed without contact;
     it may take longer than T_1."""
     for k in range(level * w.ply, (w.look_ahead + w.rollout) * w.ply):
@@ -389,7 +389,13 @@ def _can_finish(local: Local, p: EgoParams, w: Weights, state: State, level: int
 
 @making_arrays
 def _rollout(
-    tree: PaperTree, local: Local, p: EgoParams, w: Weights, guide: Guide, node: int, rng: Generator
+    tree: PaperTree,
+    local: LocalMap,
+    p: EgoParams,
+    w: Weights,
+    guide: Guide,
+    node: int,
+    rng: Generator,
 ) -> float:
     """Algorithm 2: random longitudinal actions to the terminal state; the cost J of the whole
     sequence."""
@@ -414,7 +420,7 @@ def _rollout(
 
 @making_arrays
 def _ply(
-    local: Local, p: EgoParams, w: Weights, state: State, accel: float, guide: Guide, at: int
+    local: LocalMap, p: EgoParams, w: Weights, state: State, accel: float, guide: Guide, at: int
 ) -> tuple[State, Floats, int]:
     """One step of T_1: the state after it, its four weighted costs, and how it ended.
 
@@ -458,7 +464,7 @@ def _ply(
 
 
 @kernel
-def _nearest(local: Local, p: EgoParams, state: State, time: float) -> float:
+def _nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
     """Distance between the boxes of the ego and of the nearest agent, m; 0 at contact."""
     x, y, c, s = pose_of(local, p, state)
     now = min(index_at(local, time), local.agent.shape[0] - 1)
@@ -498,7 +504,7 @@ def _aside(guide: Guide, state: State) -> float:
 
 
 @kernel
-def _junction_ahead(local: Local, state: State, goal: float) -> bool:
+def _junction_ahead(local: LocalMap, state: State, goal: float) -> bool:
     """Whether a junction lies between the state and the local goal."""
     node, distance = state.node, goal - local.node[state.node, STATION]
     while node >= 0 and distance > 0.0:

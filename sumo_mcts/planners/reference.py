@@ -16,7 +16,7 @@ import numpy as np
 from sumo_mcts.model.cost import PICK_UP, step_comfort, terminal
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.interaction import meet
-from sumo_mcts.model.local_map import Local, State, keep_state, kept_state
+from sumo_mcts.model.local_map import LocalMap, State, keep_state, kept_state
 from sumo_mcts.model.motion import COMMANDED, FOLLOW, EgoParams, begin_change, can_change
 from sumo_mcts.model.reactions import at_rest
 from sumo_mcts.model.route import LIMIT
@@ -108,7 +108,7 @@ class Problem(NamedTuple):
     """The reference problem in one state. P plies, A actions, B of them can begin now."""
 
     task: Task  # with the frozen cost
-    local: Local
+    local: LocalMap
     state: State
     others: Floats  # [R, 2] the agents that react, as they are now
     q: SearchParams
@@ -120,7 +120,7 @@ class Problem(NamedTuple):
 class Work(NamedTuple):
     """What the compiled solution reads, and its scratch."""
 
-    local: Local
+    local: LocalMap
     ego: EgoParams
     q: SearchParams
     ends: Indices
@@ -519,7 +519,7 @@ def _note(best: Floats, way: Floats, end: int, cost: float, line: Floats) -> Non
 
 
 @kernel
-def _at_least(local: Local, rest: Rest, v: float, steps: int, step: float) -> float:
+def _at_least(local: LocalMap, rest: Rest, v: float, steps: int, step: float) -> float:
     """What `steps` of the simulation (of `step` s) and the end cost at least from speed v on:
     progress lost although the ego accelerates as it can."""
     if rest.limit == math.inf:

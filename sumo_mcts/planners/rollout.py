@@ -13,7 +13,7 @@ from sumo_mcts.model.cost import (
 )
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.interaction import meet, place_is_free
-from sumo_mcts.model.local_map import Local, State, index_at
+from sumo_mcts.model.local_map import LocalMap, State, index_at
 from sumo_mcts.model.motion import (
     COMMANDED,
     GOAL,
@@ -115,7 +115,7 @@ def side_of(entry: float) -> int:
 
 @inlined
 def simulate(
-    local: Local, p: EgoParams, c: CostParams, q: SearchParams, state: State, others: Floats,
+    local: LocalMap, p: EgoParams, c: CostParams, q: SearchParams, state: State, others: Floats,
     followers: int, gap: float, leader_v: float,
     accel: float, at: int,
 ) -> Ply:  # fmt: skip
@@ -193,7 +193,7 @@ def copy_pairs(source: Floats, target: Floats) -> None:
 
 
 @kernel
-def needed_side(local: Local, state: State) -> int:
+def needed_side(local: LocalMap, state: State) -> int:
     """The side of the lane change that the route needs next: -1, 0, 1."""
     i = state.node - local.first
     if not 0 <= i < local.urgency.shape[0] or local.urgency[i] == 0.0:
@@ -203,7 +203,7 @@ def needed_side(local: Local, state: State) -> int:
 
 @kernel
 def may_change(
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     c: CostParams,
     state: State,
@@ -227,7 +227,7 @@ def may_change(
 
 @entry
 def replay(
-    local: Local, p: EgoParams, c: CostParams, q: SearchParams, root: State, others: Floats,
+    local: LocalMap, p: EgoParams, c: CostParams, q: SearchParams, root: State, others: Floats,
     line: Floats, lanes: Indices, motion: Floats, pose: Floats,
     terms: Floats,
 ) -> tuple[int, int]:  # fmt: skip

@@ -12,7 +12,7 @@ from numpy.random import Generator
 from sumo_mcts.model.cost import terminal
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.interaction import meet
-from sumo_mcts.model.local_map import Local, State, keep_state, kept_state
+from sumo_mcts.model.local_map import LocalMap, State, keep_state, kept_state
 from sumo_mcts.model.motion import FOLLOW, EgoParams, begin_change
 from sumo_mcts.numerics.kernel import entry, inlined, kernel
 from sumo_mcts.planners.rollout import (
@@ -77,7 +77,7 @@ def new_tree(size: int, actions: int, plies: int, others: Floats) -> Tree:
 @entry
 def search(
     tree: Tree,
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     c: CostParams,
     q: SearchParams,
@@ -109,14 +109,14 @@ def search(
             child = _expand(tree, local, p, c, q, actions, node, beat)
             if child < 0:
                 if _exhausted(tree, node):
-                    _bury(tree, node)
+                    _close_branch(tree, node)
                 continue
             node = child
             if tree.end[node] != ALIVE:
                 known += 1
                 line[:] = np.nan
                 _back_up(tree, actions, node, tree.best[node], line)
-                _bury(tree, node)
+                _close_branch(tree, node)
                 continue
         for again in (
             False,
@@ -134,12 +134,12 @@ def search(
         if (
             leaf and q.adaptive and tree.visits[node] >= 3 + 4 * q.rollout
         ):  # every continuation was driven, see _continuation
-            _bury(tree, node)
+            _close_branch(tree, node)
     return done, known
 
 
 @kernel
-def _plant(tree: Tree, local: Local, p: EgoParams, c: CostParams, root: State) -> None:
+def _plant(tree: Tree, local: LocalMap, p: EgoParams, c: CostParams, root: State) -> None:
     meeting = meet(local, p, c, root, tree.others[0], local.followers, 0)
     _store(tree, 0, root, meeting.followers, meeting.gap, meeting.leader_v)
     tree.used[0] = 1
@@ -159,7 +159,7 @@ def _spent(tree: Tree, node: int) -> float:
 
 
 @kernel
-def _hopeless(
+def _is_pruned(
     tree: Tree, c: CostParams, q: SearchParams, node: int, cost: float, beat: float
 ) -> bool:
     """Whether a sequence by way of a node below the root that has cost this much already cannot
@@ -189,7 +189,7 @@ def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
                 return node
             if i < 0 or tree.dead[i]:
                 continue
-            if _hopeless(tree, c, q, i, _spent(tree, i), beat):
+            if _is_pruned(tree, c, q, i, _spent(tree, i), beat):
                 tree.dead[i] = True
                 continue
             worth = -min((tree.best[i] - low) / (high - low), 1.0)
@@ -207,7 +207,7 @@ def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
 @kernel
 def _expand(
     tree: Tree,
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     c: CostParams,
     q: SearchParams,
@@ -251,7 +251,7 @@ def _expand(
     dear = (
         tree.level[node] > 0
         and ply.end == ALIVE
-        and _hopeless(
+        and _is_pruned(
             tree,
             c,
             q,
@@ -296,7 +296,7 @@ def _known(tree: Tree, node: int, action: int, state: State) -> bool:
 @inlined
 def _rollout(
     tree: Tree,
-    local: Local,
+    local: LocalMap,
     p: EgoParams,
     c: CostParams,
     q: SearchParams,
@@ -413,7 +413,7 @@ def _exhausted(tree: Tree, node: int) -> bool:
 
 
 @kernel
-def _bury(tree: Tree, node: int) -> None:
+def _close_branch(tree: Tree, node: int) -> None:
     """Nothing is left to try below this node: it is dead, and so are its ancestors that have
     nothing else."""
     tree.dead[node] = True

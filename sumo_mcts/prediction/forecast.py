@@ -34,7 +34,7 @@ CRUISING = 0.5
 NOBODY = Intent(-1, USUAL)
 
 
-class Told(NamedTuple):
+class OracleData(NamedTuple):
     """What oracles tell, by agent (index): nothing, unless a scenario asks for one."""
 
     scripts: Mapping[int, Scripted] = {}  # its coming states, whatever happens
@@ -55,7 +55,7 @@ def times_of(seconds: float, step: float) -> int:
 
 def predict(
     road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams,
-    seconds: float, told: Told, ego_stood_s: float = -math.inf,
+    seconds: float, told: OracleData, ego_stood_s: float = -math.inf,
     intent: Intent = NOBODY,
 ) -> Forecast:  # fmt: skip
     """Every agent of the scene for `seconds`;

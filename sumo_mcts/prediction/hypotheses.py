@@ -18,7 +18,7 @@ import numpy as np
 from sumo_mcts.numerics.geometry import nearest
 from sumo_mcts.numerics.lanes import successors
 from sumo_mcts.prediction.behaviour import TrafficParams
-from sumo_mcts.prediction.forecast import Told, predict
+from sumo_mcts.prediction.forecast import OracleData, predict
 from sumo_mcts.prediction.paths import MERGES, Paths, changing, conflicts_of, likely_paths, of_class
 from sumo_mcts.scene import (
     BRAKES,
@@ -86,13 +86,13 @@ class Alternative(NamedTuple):
     intent: Intent
 
 
-def foresee(
+def predict_hypotheses(
     road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams,
     seconds: float, ego_stood_s: float, most: int
 ) -> Forecast:  # fmt: skip
     """A forecast of up to `most` joint hypotheses, the likeliest first, with what sensors see (see
     traffic.predict for the arguments)."""
-    usual = predict(road, scene, ego_lanes, nominal, params, seconds, Told(), ego_stood_s)
+    usual = predict(road, scene, ego_lanes, nominal, params, seconds, OracleData(), ego_stood_s)
     if most == 1 or not params.interacting:
         return usual
     found, odds = [usual], [1.0]
@@ -103,7 +103,7 @@ def foresee(
         nominal,
         params._replace(persistence=0.0),
         params.step,
-        Told(),
+        OracleData(),
         ego_stood_s,
     )
     expected = (
@@ -111,7 +111,15 @@ def foresee(
     ) / plain.dt  # what an agent does otherwise is the evidence, so it must not be in here
     for other in alternatives(road, scene, ego_lanes, usual, expected, params):
         forecast = predict(
-            road, scene, ego_lanes, nominal, params, seconds, Told(), ego_stood_s, other.intent
+            road,
+            scene,
+            ego_lanes,
+            nominal,
+            params,
+            seconds,
+            OracleData(),
+            ego_stood_s,
+            other.intent,
         )
         if (
             other.intent.does != STARTS or forecast.v[0, :, other.intent.agent].max() > STANDING

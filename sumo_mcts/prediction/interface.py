@@ -37,7 +37,7 @@ class Oracles(NamedTuple):
     # copy of the simulation
 
 
-class Heard:
+class OracleRecorder:
     """Passes questions on to oracles and keeps their answers, so that a decision can be taken again
     without them."""
 

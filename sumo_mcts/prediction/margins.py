@@ -8,7 +8,7 @@ from sumo_mcts.numerics.geometry import Box, box_distance
 from sumo_mcts.scene import EgoState, Floats, Forecast, Scene
 
 
-def with_room(forecast: Forecast, scene: Scene, error: float, on_foot: float) -> Forecast:
+def inflate(forecast: Forecast, scene: Scene, error: float, on_foot: float) -> Forecast:
     """The forecast with longer boxes, by `error` (m) at either end, and those of whoever is on foot
     `on_foot` (m) larger on every side.
 

@@ -69,7 +69,7 @@ def order(row: Row) -> Order:
     return row["seed"] if row["seed"] is not None else -1, row["ego"] or "", row["key"]
 
 
-def is_worth(row: Row, bar: Bar) -> bool:
+def is_highlight(row: Row, bar: Bar) -> bool:
     """Whether a trace is wanted, as far as the bar tells."""
     if row["planner"] == TWIN:
         return bar.twins
@@ -84,7 +84,7 @@ def is_worth(row: Row, bar: Bar) -> bool:
     )
 
 
-class Worth:
+class Highlight:
     """Follows a batch: the traces of which rows are worth keeping so far.
 
     The choice in the end does not depend on the order of the rows.

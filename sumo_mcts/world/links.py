@@ -70,7 +70,7 @@ def following_lane(lane: Any, number: dict[str, int]) -> list[int]:
 # --- connections and right of way ---
 
 
-def knots(internal: Bools, length: Floats, begins: Ints, ends: Ints) -> dict[str, Ints]:
+def junction_clusters(internal: Bools, length: Floats, begins: Ints, ends: Ints) -> dict[str, Ints]:
     """RoadMap.knot, begins and ends, from the junctions [L] where lanes begin and end (-1: nowhere;
     of internal lanes that which they lie in)."""
     inside = internal | (length < KNOT)

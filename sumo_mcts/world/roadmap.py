@@ -20,7 +20,7 @@ from sumo_mcts.world.conflicts import (
     lane_path,
     stretched,
 )
-from sumo_mcts.world.links import Link, following_lane, knots, mask_of, read_links
+from sumo_mcts.world.links import Link, following_lane, junction_clusters, mask_of, read_links
 from sumo_mcts.world.net_file import BROKEN, NoInternalLanesError, read_net, require_within
 
 NAMED = 6  # edges that a message names
@@ -178,7 +178,7 @@ def _lane_fields(
         "left": _neighbours(edge, -1 if lefthand else 1),
         "right": _neighbours(edge, 1 if lefthand else -1),
         "junction": np.where(internal, begins, -1).astype(np.int32),
-        **knots(internal, length, begins, ends),
+        **junction_clusters(internal, length, begins, ends),
     }
 
 

@@ -37,7 +37,7 @@ from sumo_mcts.experiments.batch import BatchError, Progress, _asked, _Batch, _k
 from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode, episodes, load
 from sumo_mcts.experiments.tasks import choose, drive, failed, rehearse
 from sumo_mcts.experiments.workers import DeadWorkerError, LocalPool, SilentWorkerError, here, local
-from sumo_mcts.records.highlights import Worth
+from sumo_mcts.records.highlights import Highlight
 from sumo_mcts.records.statistics import Pair, pairs
 from sumo_mcts.reporting.results import gather
 
@@ -156,7 +156,7 @@ def test_what_lies_in_the_folder(whole: Reference) -> None:
         "sumo": {"planner.name": "sumo"},
     }
     assert manifest["versions"]["sumo_mcts"] is not None
-    worth = Worth("worth")
+    worth = Highlight("worth")
     keys = {row["key"] for row in rows}
     for row in rows:
         keys -= worth.add(row)
@@ -720,7 +720,7 @@ def two(tmp_path: Path) -> Episode:
 
 
 def test_two_egos_leave_two_rows(two: Episode) -> None:
-    driven = drive(two, Worth("all").bar("two", "constant"))
+    driven = drive(two, Highlight("all").bar("two", "constant"))
     assert [(row["key"], row["ego"]) for row in driven.rows] == [
         ("two--constant--0--ego", "ego"),
         ("two--constant--0--left_lane", "left_lane"),
@@ -742,7 +742,7 @@ def test_an_exception_is_the_outcome(two: Episode, monkeypatch: pytest.MonkeyPat
         raise RuntimeError("as asked")
 
     monkeypatch.setattr("sumo_mcts.experiments.tasks.run_episode", broken)
-    driven = drive(two, Worth("all").bar("two", "constant"))
+    driven = drive(two, Highlight("all").bar("two", "constant"))
     assert [(row["outcome"], row["error"]) for row in driven.rows] == [
         ("error", "RuntimeError: as asked")
     ] * 2
@@ -768,7 +768,7 @@ def test_what_the_machine_lacks_is_no_outcome(
     monkeypatch.setattr("sumo_mcts.experiments.tasks.run_episode", broken)
     monkeypatch.setattr("sumo_mcts.experiments.tasks.warm_up", broken)
     with pytest.raises(type(error)):
-        drive(two, Worth("all").bar("two", "constant"))
+        drive(two, Highlight("all").bar("two", "constant"))
     with pytest.raises(type(error)):
         rehearse(two.config, 0)
 

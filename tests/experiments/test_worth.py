@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.records.highlights import HARDEST, Worth, is_worth
+from sumo_mcts.records.highlights import HARDEST, Highlight, is_highlight
 from sumo_mcts.reporting.tables import worth_a_look
 
 SCORES = st.one_of(st.none(), st.sampled_from([0.0, 0.5, 1.0, 2.0, 4.5]))
@@ -86,24 +86,24 @@ def obvious(found: list[dict[str, Any]]) -> set[str]:
 def test_what_is_kept_does_not_depend_on_the_order(
     found: list[dict[str, Any]], data: st.DataObject
 ) -> None:
-    worth, kept, flying = Worth("worth"), set(), []
+    worth, kept, flying = Highlight("worth"), set(), []
     for row in found:
         flying.append((row, worth.bar("s", row["variant"])))  # the bar when its episode begins
         while flying and data.draw(st.booleans()):  # episodes end later, in any order
             ended, bar = flying.pop(data.draw(st.integers(0, len(flying) - 1)))
-            kept |= {ended["key"]} if is_worth(ended, bar) else set()
+            kept |= {ended["key"]} if is_highlight(ended, bar) else set()
             kept -= worth.add(ended)
     for ended, bar in flying:
-        kept |= {ended["key"]} if is_worth(ended, bar) else set()
+        kept |= {ended["key"]} if is_highlight(ended, bar) else set()
         kept -= worth.add(ended)
     assert kept == obvious(found)
 
 
 @given(rows())
 def test_what_a_report_shows_has_been_kept(found: list[dict[str, Any]]) -> None:
-    worth, kept = Worth("worth"), set()
+    worth, kept = Highlight("worth"), set()
     for row in found:
-        kept |= {row["key"]} if is_worth(row, worth.bar("s", row["variant"])) else set()
+        kept |= {row["key"]} if is_highlight(row, worth.bar("s", row["variant"])) else set()
         kept -= worth.add(row)
     looks, of = worth_a_look(found, 1000)
     assert {look.row["key"] for look in looks} <= kept
@@ -114,26 +114,26 @@ def test_what_a_report_shows_has_been_kept(found: list[dict[str, Any]]) -> None:
 def test_twins_are_not_shown_and_not_kept() -> None:
     twin = {**QUIET, "planner": "sumo", "outcome": "collision", "min_ttc_s": 0.1}
     for rule, wanted in (("worth", False), ("all", True), ("none", False)):
-        worth = Worth(rule)
-        assert is_worth(twin, worth.bar("s", "a")) is wanted
+        worth = Highlight(rule)
+        assert is_highlight(twin, worth.bar("s", "a")) is wanted
         assert worth.add(twin) == (set() if wanted else {"k"})
 
 
 @given(rows())
 def test_all_and_none(found: list[dict[str, Any]]) -> None:
     for rule, wanted in (("all", True), ("none", False)):
-        worth = Worth(rule)
+        worth = Highlight(rule)
         for row in found:
-            assert is_worth(row, worth.bar("s", row["variant"])) is wanted
+            assert is_highlight(row, worth.bar("s", row["variant"])) is wanted
             assert worth.add(row) == (set() if wanted else {row["key"]})
 
 
 def test_nobody_who_had_to_brake_is_no_hard_moment() -> None:
-    worth = Worth("worth")
+    worth = Highlight("worth")
     assert worth.add({**QUIET, "key": "first", "seed": 0}) == set()
-    assert not is_worth(QUIET, worth.bar("s", "a"))
+    assert not is_highlight(QUIET, worth.bar("s", "a"))
     close = {**QUIET, "min_ttc_s": 2.9}
-    assert is_worth(close, worth.bar("s", "a"))
+    assert is_highlight(close, worth.bar("s", "a"))
     assert worth.add(close) == {"first"}
 
 
@@ -145,6 +145,6 @@ def test_an_unknown_row_is_judged(rule: str) -> None:
         "failsafe_interventions": None,
         "imposed_max_decel_mps2": None,
     }
-    worth = Worth(rule)
-    assert is_worth(nothing, worth.bar("s", "a")) is (rule != "none")
+    worth = Highlight(rule)
+    assert is_highlight(nothing, worth.bar("s", "a")) is (rule != "none")
     assert worth.add(nothing) == ({"k"} if rule == "none" else set())

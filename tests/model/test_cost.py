@@ -21,7 +21,7 @@ from sumo_mcts.model.local_build import _fill_upstream, _levels
 from sumo_mcts.model.local_map import (
     ENTERS,
     WHO,
-    Local,
+    LocalMap,
     State,
     apart,
     chain_gap,
@@ -55,7 +55,9 @@ def ending_lane(length: float = 500.0) -> RoadMap:
     )
 
 
-def view(road: RoadMap, lane: str, s: float, v: float, *agents: Agent) -> tuple[Task, Local, State]:
+def view(
+    road: RoadMap, lane: str, s: float, v: float, *agents: Agent
+) -> tuple[Task, LocalMap, State]:
     ego = ego_at(road, lane, s, v, route=edges(road, *dict.fromkeys(road.edge_ids)))
     task = task_of(road, ego)
     return task, *local_of(task, scene_of(ego, road, *agents))
@@ -306,7 +308,7 @@ def test_whom_a_first_look_leaves_out_would_not_have_mattered(seed: int) -> None
         assert seen == all_of_them
 
 
-def on_foot(ahead: float, v: float = 0.0, who: str = "") -> tuple[Task, Local, State]:
+def on_foot(ahead: float, v: float = 0.0, who: str = "") -> tuple[Task, LocalMap, State]:
     """Somebody comes towards an ego that drives at v, `ahead` m before its front."""
     walker = Agent(
         "walker",
@@ -573,7 +575,7 @@ def acceleration_lane() -> RoadMap:
     )
 
 
-def merging(s: float, v: float, *agents: Agent) -> tuple[Task, Local, State]:
+def merging(s: float, v: float, *agents: Agent) -> tuple[Task, LocalMap, State]:
     road = acceleration_lane()
     ego = ego_at(road, "a_0", s, v, route=edges(road, "a", "b"))
     task = task_of(road, ego)

@@ -21,7 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_mcts.driver.params import Physics
-from sumo_mcts.model.local_map import Local, State
+from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import (
     FREE,
     GOAL,
@@ -61,7 +61,7 @@ def on_road(
     *,
     route: Sequence[str] = (),
     signals: Signals | None = None,
-) -> tuple[Task, Local, State]:
+) -> tuple[Task, LocalMap, State]:
     """An ego alone."""
     ego = ego_at(road, name, s, v, route=edges(road, *(route or road.edge_ids[:1])))
     task = task_of(road, ego, physics=moves)
@@ -70,7 +70,7 @@ def on_road(
 
 
 def drive(
-    local: Local, p: EgoParams, state: State, asked: Sequence[float], seconds: float = 1.0
+    local: LocalMap, p: EgoParams, state: State, asked: Sequence[float], seconds: float = 1.0
 ) -> list[tuple[State, int]]:
     """The state after every step, each acceleration asked for during `seconds`; until something
     happens."""

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_mcts.prediction.behaviour import HARD
-from sumo_mcts.prediction.forecast import Told, predict
+from sumo_mcts.prediction.forecast import OracleData, predict
 from sumo_mcts.prediction.hypotheses import (
     COMES_OVER,
     HALTING,
@@ -20,9 +20,9 @@ from sumo_mcts.prediction.hypotheses import (
     alternatives,
     braking_odds,
     forcing_odds,
-    foresee,
     from_way,
     likeliest,
+    predict_hypotheses,
     signal_worth,
     starting_odds,
     way_worth,
@@ -73,7 +73,7 @@ def ego_lanes(road: RoadMap, ego: EgoState) -> np.ndarray:
 
 
 def foreseen(scene: Scene, most: int, road: RoadMap = ROAD) -> Forecast:
-    return foresee(
+    return predict_hypotheses(
         road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params(), 10.0, -np.inf, most
     )
 
@@ -81,7 +81,14 @@ def foreseen(scene: Scene, most: int, road: RoadMap = ROAD) -> Forecast:
 def usual(scene: Scene, intent: Intent | None = None, road: RoadMap = ROAD) -> Forecast:
     more = {} if intent is None else {"intent": intent}
     return predict(
-        road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params(), 10.0, Told(), **more
+        road,
+        scene,
+        ego_lanes(road, scene.ego),
+        np.zeros(0),
+        traffic_params(),
+        10.0,
+        OracleData(),
+        **more,
     )
 
 
@@ -94,7 +101,7 @@ def expected(scene: Scene, road: RoadMap = ROAD) -> np.ndarray:
         np.zeros(0),
         traffic_params()._replace(persistence=0.0),
         10.0,
-        Told(),
+        OracleData(),
     )
     return (plain.v[0, 1] - plain.v[0, 0]) / plain.dt
 
@@ -214,7 +221,7 @@ def test_no_more_than_asked_for_and_the_likeliest_of_them() -> None:
 
 def test_constant_velocity_has_no_alternatives() -> None:
     scene = may_turn()
-    forecast = foresee(
+    forecast = predict_hypotheses(
         ROAD,
         scene,
         ego_lanes(ROAD, scene.ego),

@@ -10,7 +10,7 @@ from helpers_model import lanes_east, local_of, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.model.local_map import COS, SIN, SLOT, Local, S, State, V, X, Y
+from sumo_mcts.model.local_map import COS, SIN, SLOT, LocalMap, S, State, V, X, Y
 from sumo_mcts.model.reactions import CLOCK, IMPOSED, SPEED, at_rest, react, seen
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.planners.base import Task
@@ -19,7 +19,7 @@ DT = 0.2  # s between looks, and between forecast times
 LENGTH = 5.0  # m, of everybody
 
 
-def view(v: float, *agents: Agent, reactive: int = 4) -> tuple[Task, Local, State]:
+def view(v: float, *agents: Agent, reactive: int = 4) -> tuple[Task, LocalMap, State]:
     """The ego in the middle of three lanes, 300 m along."""
     road = lanes_east(3, 1500.0)
     ego = ego_at(road, "a_1", 300.0, v)
@@ -28,7 +28,7 @@ def view(v: float, *agents: Agent, reactive: int = 4) -> tuple[Task, Local, Stat
 
 
 def drive(
-    task: Task, local: Local, state: State, accels: Sequence[float]
+    task: Task, local: LocalMap, state: State, accels: Sequence[float]
 ) -> tuple[list[State], list[tuple[float, float]], list[float]]:
     """The ego's states, position and speed of agent 0 beside each, and the braking imposed."""
     others, states, rows, imposed = (

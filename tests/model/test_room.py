@@ -8,7 +8,7 @@ from helpers import Agent, ego_at
 from helpers_model import PHYSICS, forecast_of, lanes_east, scenario, scene_of, task_of
 
 from sumo_mcts.driver.driver import Driver
-from sumo_mcts.prediction.margins import with_room
+from sumo_mcts.prediction.margins import inflate
 from sumo_mcts.scene import Forecast, Scene
 
 ROAD = lanes_east(1)
@@ -35,7 +35,7 @@ def test_errors_lengthen_boxes_by_half_of_what_is_between_at_most() -> None:
             for name, gap in (("ahead", 20.0), ("close", 0.5), ("inside", -1.0))
         )
     )
-    found = with_room(forecast, scene, 0.6, 0.4)
+    found = inflate(forecast, scene, 0.6, 0.4)
     assert found.half_length - forecast.half_length == pytest.approx([0.6, 0.25, 0.0])
     assert (found.half_width == forecast.half_width).all()
     rear, front = found.s - 2.0 * found.half_length, found.s
@@ -52,7 +52,7 @@ def test_who_is_on_foot_has_room_on_every_side(
     error: float, along: list[float], aside: list[float]
 ) -> None:
     scene, forecast = seen(walker(20.0, 3.0), walker(0.8, 0.0))  # the latter 0.6 m before the ego
-    found = with_room(forecast, scene, error, 0.4)
+    found = inflate(forecast, scene, error, 0.4)
     order = np.argsort(scene.agents.x)[::-1]
     assert (found.half_length - forecast.half_length)[order] == pytest.approx(along)
     assert (found.half_width - forecast.half_width)[order] == pytest.approx(aside)
@@ -60,7 +60,7 @@ def test_who_is_on_foot_has_room_on_every_side(
 
 def test_vehicles_seen_without_error_have_none() -> None:
     scene, forecast = seen(Agent("car", "a_0", FRONT + 20.0))
-    assert with_room(forecast, scene, 0.0, 0.4) is forecast
+    assert inflate(forecast, scene, 0.0, 0.4) is forecast
 
 
 def test_the_planner_is_given_it() -> None:

@@ -27,7 +27,7 @@ from sumo_mcts.config.builtin import root, scenario_path
 from sumo_mcts.episode import run_episode
 from sumo_mcts.numerics.signals import signal_states
 from sumo_mcts.prediction.behaviour import HARD, MOST_HABIT, _Course, _stop_place
-from sumo_mcts.prediction.forecast import CRUISING, Told, predict
+from sumo_mcts.prediction.forecast import CRUISING, OracleData, predict
 from sumo_mcts.scene import (
     ALLWAY,
     BRAKES,
@@ -107,7 +107,7 @@ def test_who_brakes_comes_as_far_as_in_sumo_with_its_steps(step: float) -> None:
         np.zeros(0, np.int32),
     )
     forecast = predict(
-        road, scene, nowhere, np.zeros(0), params, 8.0, Told(), intent=Intent(0, BRAKES)
+        road, scene, nowhere, np.zeros(0), params, 8.0, OracleData(), intent=Intent(0, BRAKES)
     )
     s, v = 100.0, 12.0
     while v > 0.0:
@@ -327,7 +327,7 @@ def test_a_follower_stops_behind_a_standing_ego() -> None:
     standing = forecast_of(task, scene, 10.0)
     # the nominal ego drives off by car following; one that is known to stand is stopped for
     waited = predict(
-        road, scene, np.array([0], np.int32), np.zeros(100), traffic_params(), 10.0, Told()
+        road, scene, np.array([0], np.int32), np.zeros(100), traffic_params(), 10.0, OracleData()
     )
     assert standing.s[0, -1, 0] > 200.0
     assert 188.0 < waited.s[0, -1, 0] < 195.0
@@ -390,7 +390,7 @@ def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
         np.zeros(0),
         traffic_params(),
         19.8,
-        Told(),
+        OracleData(),
     )
     theirs = np.array(driven)[::2]
     assert np.abs(forecast.s[0, : len(theirs), 0] - theirs[:, 0]).max() < 1.0
@@ -471,7 +471,7 @@ def test_who_turns_left_waits_inside_the_junction_where_it_waits_in_sumo(tmp_pat
         np.zeros(0),
         traffic_params(),
         8.0,
-        Told(),
+        OracleData(),
     )
     assert waits < 0.1 and driven[-1][0] == ":centre_3_0" == road.lane_ids[forecast.lane[0, -1, i]]
     centre = forecast.pose[0, -1, i, :2]
@@ -614,7 +614,7 @@ def test_the_oracle_knows_better_than_the_blinker(names: tuple[str, ...]) -> Non
     state = ego_at(road, "b_0", 6.0, 0.0)
     scene = scene_of(state, road, Agent("a", "a_0", 80.0, 8.0), Agent("b", "a_0", 60.0, 8.0))
     way = np.array([road.lane_ids.index(name) for name in names], np.int32)
-    forecast = forecast_of(task_of(road, state), scene, told=Told(ways={0: way}))
+    forecast = forecast_of(task_of(road, state), scene, told=OracleData(ways={0: way}))
     assert [road.lane_ids[lane] for lane in forecast.lane[0, -1]] == [
         "c_0" if ":l_0" in names else "b_0",
         "b_0",
@@ -640,7 +640,7 @@ def test_the_oracle_is_known_by_the_edge_to_whoever_changes_lanes() -> None:
     state = ego_at(road, "b_0", 6.0, 0.0)
     scene = scene_of(state, road, Agent("a", "a_1", 80.0, 8.0))
     true = np.array([road.lane_ids.index(name) for name in ("a_0", ":l_0", "c_0")], np.int32)
-    for told, end in ((Told(), "b_0"), (Told(ways={0: true}), "c_1")):
+    for told, end in ((OracleData(), "b_0"), (OracleData(ways={0: true}), "c_1")):
         assert (
             road.lane_ids[forecast_of(task_of(road, state), scene, told=told).lane[0, -1, 0]] == end
         )

@@ -20,7 +20,7 @@ from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.evaluation import hindsight
 from sumo_mcts.model.local_build import build_local
-from sumo_mcts.model.local_map import Local, State
+from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import FREE, advance, begin_change, can_change, pose_of
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.scene import Decision, Follow, Plan
@@ -63,7 +63,7 @@ class Erratic:
             local, state, side, float(self._rng.choice([-8.0, -3.0, -1.0, 0.0, 1.0, 2.6, 2.6]))
         )
 
-    def _driven(self, local: Local, state: State, side: int, accel: float) -> Decision:
+    def _driven(self, local: LocalMap, state: State, side: int, accel: float) -> Decision:
         task = self._task
         state = begin_change(local, task.ego, state, side) if side else state
         states, events = [], []
