@@ -25,9 +25,10 @@ from typer.testing import CliRunner
 from sumo_mcts import config, scenarios
 from sumo_mcts.cli import app
 from sumo_mcts.config import ScenarioConfig, builtin
-from sumo_mcts.driver import driver, registry, warm_up
+from sumo_mcts.driver import driver, registry
 from sumo_mcts.driver.params import assumed
 from sumo_mcts.driver.registry import make_planner
+from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.model.local_build import build_local
 from sumo_mcts.model.motion import can_change, obey
@@ -698,7 +699,7 @@ def test_compiling_a_kernel_does_not_make_a_decision_late() -> None:
     ego, planner = ego_at(road, "a_1", 100.0), Loading()
     settings = scenario("planner.time_budget_ms=300", "planner.enforce_deadline=true")
     mind = driver.Driver(settings, road, PHYSICS, 0, planner=planner)
-    warm_up.warm_up(settings, road, PHYSICS)
+    warm_up(settings, road, PHYSICS)
     first, second = (mind.decide(scene_of(ego, road)) for _ in range(2))
     assert not first.intervened and first.plan_ms < 300.0
     assert second.intervened and second.decision.reason.startswith("fail-safe: late: ")

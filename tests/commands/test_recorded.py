@@ -24,7 +24,7 @@ from sumo_mcts.episode import run_episode
 from sumo_mcts.reporting import export
 
 KEY = "unprotected-left-turn--mcts-idm-200--3"
-EXPLAIN = Path(__file__).resolve().parent.parent / "docs" / "explain.md"
+EXPLAIN = Path(__file__).resolve().parents[2] / "docs" / "explain.md"
 
 
 class Answer(NamedTuple):

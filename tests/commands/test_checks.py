@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from sumo_mcts.cli import app
 from sumo_mcts.commands import checks
 
-FILES = Path(__file__).parent / "bad_inputs"
-TOP = Path(__file__).resolve().parents[1]
+FILES = Path(__file__).parents[1] / "bad_inputs"
+TOP = Path(__file__).resolve().parents[2]
 
 SCENE = f"""
 name: mine

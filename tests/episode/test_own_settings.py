@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from sumo_mcts.cli import app
 
-TOP = Path(__file__).resolve().parents[1]
+TOP = Path(__file__).resolve().parents[2]
 NET = TOP / "networks" / "straight-line" / "straight-line.net.xml"
 ROUTES = """<routes>
     <vType id="mine">{parameters}</vType>
