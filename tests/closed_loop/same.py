@@ -65,9 +65,7 @@ def rows(cfgs: list[str], processes: int) -> dict[str, dict[str, Any]]:
         ]
         jobs = [(scene, scene, planner) for scene in scenes for planner in PLANNERS]
         jobs += [(str(cfg), name, planner) for cfg, name in networks for planner in PLANNERS]
-        with ProcessPoolExecutor(
-            processes, multiprocessing.get_context("spawn"), max_tasks_per_child=8
-        ) as pool:
+        with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
             found = {}
             for name, row in pool.map(row_of, jobs):
                 found[name] = row

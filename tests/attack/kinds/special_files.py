@@ -64,7 +64,7 @@ REPLACED: dict[str, Callable[[str], Prepare]] = {
     "no right to read": closed,
 }
 NAMES = (
-    "a\nb", "\x1b[31mred", "a\u202eb", "a\u2028b", "\x7f", "a b", "ä🚗", "x" * 250, "-x", "--help",
+    "a\nb", "\x1b[31mred", "a\u202eb", "a\u2028b", "\x7f", "a b", "ä🚗", "x" * 240, "-x", "--help",
     "a%sb", "{0}", "$(id)",
     "a\\b", "a;b", "a&b", "a<b", "a:b", "a=b", "a,b", "*", "~", "#x", "'", '"',
 )  # fmt: skip

@@ -177,7 +177,9 @@ LIMITS = (
 
 def _limits() -> Iterator[Case]:
     for limit in LIMITS:
-        prefix = ("bash", "-c", f'ulimit {limit}; exec "$0" "$@"')
+        # by way of a pipe: the limit is not for the file that takes what is said
+        limited = f'(ulimit {limit}; exec "$0" "$@") 2>&1 | cat >&2'
+        prefix = ("bash", "-c", f"set -o pipefail; {limited}")
         yield Case(
             "disk",
             f"limit {limit}",
