@@ -23,7 +23,7 @@ from sumo_mcts.process.supervisor import results_are_out, supervised
 if TYPE_CHECKING:
     from sumo_mcts.commands import drive
     from sumo_mcts.episode.run import EpisodeResult
-    from sumo_mcts.experiments.batch import Progress
+    from sumo_mcts.experiments.progress import Progress
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,

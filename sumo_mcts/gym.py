@@ -19,6 +19,7 @@ from sumo_mcts.config import whole
 from sumo_mcts.driver.driver import Driver, PlanningResult
 from sumo_mcts.driver.observation import Actions, Observation, Shown, bounds, observe
 from sumo_mcts.driver.params import streams
+from sumo_mcts.episode.launch import LaunchOptions
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.episode.recorder import Recorder
 from sumo_mcts.episode.run import completed
@@ -133,9 +134,9 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         self._take_the_wheel()
         self._seed = int(self.np_random.integers(SEEDS)) if seed is None else seed % SEEDS
         self._began, self._recorder = time.perf_counter(), Recorder()
-        self._loop = loop = Loop(self._config, self._seed, sumo_options=self._options)
         try:
-            loop.start()
+            launch = LaunchOptions(sumo_options=self._options)
+            self._loop = loop = Loop(self._config, self._seed, launch)
             physics = loop.world.physics
             self._driver = Driver(
                 self._config,

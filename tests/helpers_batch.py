@@ -1,13 +1,19 @@
-"""Small experiments, and drivers of episodes that crash: in a module that worker processes can
-import."""
+"""Small experiments, the command in a process of its own, and drivers of episodes that crash: in a
+module that worker processes can import."""
 
+import json
 import os
 import resource
 import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sumo_mcts.experiments.experiment import Episode
+from sumo_mcts import records
+from sumo_mcts.experiments.experiment import Episode, Plan, load
 from sumo_mcts.experiments.tasks import Driven, drive
 from sumo_mcts.records import ROW_KEYS, Row
 from sumo_mcts.records.highlights import Bar
@@ -21,6 +27,12 @@ variants: {constant: {planner.name: constant}}
 twins: true
 seeds: 0..1
 """
+SLOW = (
+    SMALL.replace("name: small", "name: slow").replace("0..1", "0..14")
+    + "set: {sumo.step_length_s: 0.02}\n"
+)
+GOOD = Path(__file__).parent / "bad_inputs" / "good.sumocfg"
+NET = GOOD.parent.parent.parent / "networks" / "crossing" / "crossing.net.xml"
 CLOCK = (
     "plan_ms_p50",
     "plan_ms_p95",
@@ -30,6 +42,8 @@ CLOCK = (
     "wall_s",
     "realtime_factor",
 )
+
+Reference = tuple[Path, list[Row]]  # the folder and the rows of a batch
 
 
 def write(folder: Path, text: str = SMALL, name: str = "small.yaml") -> Path:
@@ -42,6 +56,80 @@ def write(folder: Path, text: str = SMALL, name: str = "small.yaml") -> Path:
 def timeless(rows: list[Row]) -> list[dict[str, Any]]:
     """The rows without what a clock says."""
     return [{key: row[key] for key in (*ROW_KEYS, "redrawn") if key not in CLOCK} for row in rows]
+
+
+def plan(folder: Path, text: str) -> Plan:
+    """What such an experiment file stands for."""
+    return load(write(folder, text))
+
+
+def on_disk(out: Path) -> list[dict[str, Any]]:
+    """Every line of episodes.jsonl; raises where one is torn."""
+    return [json.loads(line) for line in (out / records.ROWS).read_text().splitlines()]
+
+
+def start(experiment: Path, out: Path, jobs: int, **more: Any) -> subprocess.Popen[str]:
+    """The command in a group of processes of its own, with its temporary files beside the
+    experiment."""
+    words = [
+        sys.executable,
+        "-m",
+        "sumo_mcts",
+        "batch",
+        str(experiment),
+        "--out",
+        str(out),
+        "--jobs",
+        str(jobs),
+    ]
+    environment = {**os.environ, "TMPDIR": str(experiment.parent)}
+    return subprocess.Popen(
+        words,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=environment,
+        **more,
+    )
+
+
+def wait_for(there: Callable[[], bool], process: subprocess.Popen[str] | None) -> None:
+    """Fails where the process ends before, or patience does."""
+    until = time.monotonic() + 60.0
+    while not there():
+        assert time.monotonic() < until
+        assert process is None or process.poll() is None, process.communicate()
+        time.sleep(0.02)
+
+
+def nobody(group: int) -> bool:
+    """Whether no process of a group is left."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def count(out: Path) -> int:
+    return (out / records.ROWS).read_bytes().count(b"\n") if (out / records.ROWS).exists() else 0
+
+
+def begun(whole: Reference, folder: Path, text: str = SMALL) -> tuple[Path, Path]:
+    """An experiment, and a folder in which it was begun and no episode has ended."""
+    manifest = json.loads((whole[0] / records.MANIFEST).read_text())
+    path = write(folder, text)
+    records.write_manifest(folder / "out", {**manifest, "experiment_digest": load(path).digest})
+    return path, folder / "out"
+
+
+def network(egos: str, more: str = "") -> str:
+    """An experiment on the user's network GOOD."""
+    return (
+        f"name: x\nscenarios: [{{sumocfg: {GOOD}, egos: {egos}{more}}}]\nvariants: {{constant: "
+        f"{{planner.name: constant}}}}\ntwins: true\n"
+    )
 
 
 def crash_or_drive(episode: Episode, bar: Bar) -> Driven:

@@ -7,7 +7,9 @@ from typing import Any
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.experiments.batch import SHARDS, Progress, listed, run_batch
+from sumo_mcts.experiments.batch import listed, run_batch
+from sumo_mcts.experiments.preparation import SHARDS
+from sumo_mcts.experiments.progress import Progress
 from sumo_mcts.scenarios import require_egos, resolve
 
 TRIED_S = 7.0  # wall time that a check may take once SUMO runs

@@ -13,7 +13,7 @@ from sumo_mcts.episode.goals import check_edges
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments import tasks
 from sumo_mcts.experiments.batch import tried
-from sumo_mcts.experiments.experiment import is_experiment
+from sumo_mcts.experiments.schema import is_experiment
 from sumo_mcts.scenarios import check_sumocfg, naming_source
 from sumo_mcts.world import crowd, scripts
 from sumo_mcts.world.arguments import is_sumocfg, network_of, require_good, sumocfg_arguments

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from sumo_mcts import config, records
 from sumo_mcts.commands import run_key
 from sumo_mcts.config import MOST_SEED, ScenarioConfig, builtin
+from sumo_mcts.episode.launch import LaunchOptions
 from sumo_mcts.episode.run import EpisodeResult, open_episode
 from sumo_mcts.errors import ConfigError, printable
 from sumo_mcts.experiments import folder as batch_folder
@@ -42,9 +43,8 @@ def run(
                 seed = secrets.randbelow(MOST_SEED + 1)
                 note(f"SUMO's option random is on: --seed {seed} drives this episode again")
             variant = run_key.variant_of(scenario, own, sumo_options)
-            episode = open_episode(
-                scenario, seed, gui=gui, sumo_options=sumo_options, progress=note, variant=variant
-            )
+            options = LaunchOptions(gui, sumo_options, progress=note)
+            episode = open_episode(scenario, seed, options, variant=variant)
             result = stack.enter_context(episode)
             further = {
                 REDRAWN: result.manifest["redrawn"],

@@ -10,8 +10,8 @@ from typing import Any
 from sumo_mcts.config import ScenarioConfig, digest
 from sumo_mcts.driver.registry import SEARCHING
 from sumo_mcts.episode.run import EpisodeResult, default_variant
-from sumo_mcts.experiments.batch import contents
 from sumo_mcts.experiments.experiment import TRAFFIC
+from sumo_mcts.experiments.preparation import contents
 from sumo_mcts.records import Row, episode_key
 from sumo_mcts.world.arguments import files_of
 

@@ -1,19 +1,16 @@
-"""Where an ego has to go, and in which time."""
+"""The goal of an ego and its time limit, from the scenario and the ego's route."""
 
 import math
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.errors import ConfigError
+from sumo_mcts.evaluation.goal import Goal
 from sumo_mcts.evaluation.metrics import free_flow_time
-from sumo_mcts.evaluation.referee import Goal
 from sumo_mcts.scene import EgoState, RoadMap
 from sumo_mcts.world.roadmap import has_edge
 
 FREE_FLOWS = 3.0  # the default time limit in free-flow times, and
 LIMIT_SLACK_S = 120.0  # what comes on top: see measures.md
-
-
-# --- goals ---
 
 
 def check_edges(config: ScenarioConfig, road: RoadMap) -> None:
@@ -26,12 +23,15 @@ def check_edges(config: ScenarioConfig, road: RoadMap) -> None:
 
 
 def goal_of(config: ScenarioConfig, road: RoadMap, ego: EgoState, until: str | None) -> Goal:
-    """Where the ego has to go. Raises ConfigError where it cannot get there."""
+    """Where the ego has to go. `until`: its goal edge, else the last of its route.
+
+    Raises ConfigError where it cannot get there.
+    """
     if -1 in ego.route or not ego.route:
         raise ConfigError(f"egos: {ego.id}: its route leaves the network")
-    end = (
-        len(ego.route) - 1 if until is None else _place(road, ego, until, f"egos: {ego.id}: until")
-    )
+    end = len(ego.route) - 1
+    if until is not None:
+        end = _place(road, ego, until, f"egos: {ego.id}: until")
     success = config.episode.success_edge
     if success is not None:  # the success point may lie beyond the goal
         end = max(end, _place(road, ego, success, "episode.success_edge"))
@@ -51,7 +51,7 @@ def goal_of(config: ScenarioConfig, road: RoadMap, ego: EgoState, until: str | N
 
 
 def _place(road: RoadMap, ego: EgoState, edge: str, key: str) -> int:
-    """Where an edge comes on the ego's route."""
+    """Index of an edge on the ego's route. Raises ConfigError, which names `key`."""
     route = [road.edge_ids[index] for index in ego.route]
     if edge not in route:
         raise ConfigError(

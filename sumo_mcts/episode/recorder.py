@@ -1,4 +1,4 @@
-"""What one ego's driver thought, cycle by cycle: into a row and a trace."""
+"""Keeps what one ego's driver planned, cycle by cycle, for its row and its trace."""
 
 import math
 from itertools import pairwise
@@ -14,8 +14,8 @@ from sumo_mcts.episode.surroundings import lanes_around
 from sumo_mcts.records import CycleRecord, Setting, Trace
 from sumo_mcts.scene import Plan, RoadMap, Scene
 
-DRAWN = 90.0  # m around the ego's way within which lanes go into the trace
-SPEED_DEVIATION = 0.05  # m/s between commanded and executed speed that is worth a word
+DRAWN = 90.0  # m around the ego's trajectory within which lanes go into the trace
+SPEED_DEVIATION = 0.05  # m/s between commanded and executed speed that is noted
 FIRM = 0.5  # m/s2 beyond which a plan counts as accelerating or braking
 
 
@@ -24,22 +24,22 @@ class Recorder:
 
     def __init__(self) -> None:
         self._scenes: list[Scene] = []
-        self._thoughts: list[PlanningResult] = []
+        self._planned: list[PlanningResult] = []
 
-    def note(self, scene: Scene, thought: PlanningResult) -> None:
+    def note(self, scene: Scene, planned: PlanningResult) -> None:
         """Add a cycle."""
         self._scenes.append(scene)
-        self._thoughts.append(thought)
+        self._planned.append(planned)
 
     def planning(self, config: ScenarioConfig, period: float) -> dict[str, Any]:
-        """The keys of a row that tell of decisions; `period` in s."""
-        decisions = [thought.decision for thought in self._thoughts]
-        times = np.array([thought.plan_ms for thought in self._thoughts])
+        """The keys of a row about decisions; `period` in s."""
+        decisions = [planned.decision for planned in self._planned]
+        times = np.array([planned.plan_ms for planned in self._planned])
         deadline = deadline_s(config, period)
         searched = any(decision.iterations or decision.known for decision in decisions)
         return {
             "decision_flips": _flips([decision.plan for decision in decisions]),
-            "failsafe_interventions": sum(thought.intervened for thought in self._thoughts),
+            "failsafe_interventions": sum(planned.intervened for planned in self._planned),
             "iterations_per_decision": config.planner.iterations
             if searched and config.planner.time_budget_ms is None
             else None,
@@ -66,7 +66,7 @@ class Recorder:
         where = np.array([[scene.ego.x, scene.ego.y] for scene in self._scenes])
         following = [*self._scenes[1:], None]
         cycles = tuple(
-            _cycle(*cycle) for cycle in zip(self._scenes, self._thoughts, following, strict=True)
+            _cycle(*cycle) for cycle in zip(self._scenes, self._planned, following, strict=True)
         )
         return Trace(
             key,
@@ -78,18 +78,30 @@ class Recorder:
         )
 
 
-def _cycle(scene: Scene, thought: PlanningResult, after: Scene | None) -> CycleRecord:
+def _cycle(scene: Scene, planned: PlanningResult, after: Scene | None) -> CycleRecord:
     """One cycle, and what came of it by the next one."""
-    decision = thought.decision
+    decision = planned.decision
     speed, lane = _commanded(decision.plan, scene, after)
-    forecast = thought.forecast if thought.forecast is not None else no_forecast(scene.step)
-    executed = (math.nan, -1) if after is None else (after.ego.v, after.ego.lane)
-    deviation = "" if after is None or math.isnan(speed) else _deviation(speed, lane, *executed)
+    forecast = planned.forecast if planned.forecast is not None else no_forecast(scene.step)
+    true_speed, true_lane = (math.nan, -1) if after is None else (after.ego.v, after.ego.lane)
     return CycleRecord(
-        scene.time, scene.step, scene.ego, scene.agents, scene.signals, forecast, decision,
-        thought.plan_ms, speed, executed[0], lane, executed[1], deviation,
-        thought.intervened, thought.memory, thought.answers,
-    )  # fmt: skip
+        time=scene.time,
+        step=scene.step,
+        ego=scene.ego,
+        agents=scene.agents,
+        signals=scene.signals,
+        forecast=forecast,
+        decision=decision,
+        plan_ms=planned.plan_ms,
+        commanded_speed=speed,
+        executed_speed=true_speed,
+        commanded_lane=lane,
+        executed_lane=true_lane,
+        deviation=_deviation(speed, lane, true_speed, true_lane),
+        intervened=planned.intervened,
+        memory=planned.memory,
+        answers=planned.answers,
+    )
 
 
 def _commanded(plan: Plan | None, scene: Scene, after: Scene | None) -> tuple[float, int]:
@@ -102,6 +114,10 @@ def _commanded(plan: Plan | None, scene: Scene, after: Scene | None) -> tuple[fl
 
 
 def _deviation(speed: float, lane: int, executed_speed: float, executed_lane: int) -> str:
+    """How SUMO differs from the plan, in words; "" where it does not, or either is
+    unknown (nan)."""
+    if math.isnan(speed) or math.isnan(executed_speed):
+        return ""
     if abs(speed - executed_speed) > SPEED_DEVIATION:
         return f"speed {executed_speed:.2f} instead of {speed:.2f} m/s"
     return "SUMO has the ego on another lane" if lane != executed_lane else ""

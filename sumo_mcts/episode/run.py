@@ -1,8 +1,5 @@
-"""The closed loop:
-
-SUMO moves the traffic, drivers decide, the referee judges. Loop is one running scenario;
-run_episode drives it to the end.
-"""
+"""Drives a scenario to its end: the loop steps SUMO, drivers decide, recorders keep what they
+decided."""
 
 import contextlib
 import time
@@ -15,7 +12,8 @@ from sumo_mcts.driver.driver import Driver
 from sumo_mcts.driver.params import streams
 from sumo_mcts.driver.registry import SEARCHING, forecast_label, reads_forecast
 from sumo_mcts.driver.warmup import warm_up
-from sumo_mcts.episode.loop import Loop, Progress
+from sumo_mcts.episode.launch import LaunchOptions, Progress
+from sumo_mcts.episode.loop import Loop
 from sumo_mcts.episode.recorder import Recorder
 from sumo_mcts.errors import of_machine
 from sumo_mcts.numerics.announce import announced
@@ -24,7 +22,7 @@ from sumo_mcts.scene import Decision, RoadMap, Scene
 from sumo_mcts.world.arguments import REFEREE_OPTIONS
 
 Watch = Callable[
-    ["Loop", Mapping[str, Driver], Mapping[str, Scene]], None
+    [Loop, Mapping[str, Driver], Mapping[str, Scene]], None
 ]  # called with every set of decisions, before they are executed
 
 
@@ -51,27 +49,20 @@ def run_episode(
     watch: Watch | None = None,
     measured: Sequence[str] = (),
 ) -> EpisodeResult:
-    """Run a scenario to its end; without a seed SUMO keeps its own.
+    """Run a scenario to its end. Raises ConfigError where the input is wrong; what fails later is
+    an outcome.
 
-    Raises ConfigError where the input is wrong; what fails later is an outcome.
-
-    `sumo_options` as on SUMO's command line. `progress` is told what goes on, `watch` is called
-    with every set of decisions before they are executed. `variant` is what rows and keys call it;
-    default planner-prediction-effort. `measured`: egos of later episodes in this process, since
-    SUMO measures TTC, DRAC and PET of nobody who was not named when it was first started; of others
-    they are None.
+    seed: without one SUMO keeps its own.
+    gui: with SUMO's window.
+    sumo_options: as on SUMO's command line.
+    progress: is told what goes on.
+    variant: the name in rows and keys; default planner-prediction-iterations.
+    watch: is called with every set of decisions, before they are executed.
+    measured: egos of later episodes in this process. SUMO measures TTC, DRAC and PET only of
+        vehicles that are named when it first starts in a process; of others they are None.
     """
-    episode = open_episode(
-        config,
-        seed,
-        gui=gui,
-        sumo_options=sumo_options,
-        progress=progress,
-        variant=variant,
-        watch=watch,
-        measured=measured,
-    )
-    with episode as result:
+    options = LaunchOptions(gui, sumo_options, progress, measured)
+    with open_episode(config, seed, options, variant=variant, watch=watch) as result:
         return result
 
 
@@ -79,102 +70,44 @@ def run_episode(
 def open_episode(
     config: ScenarioConfig,
     seed: int | None = None,
+    options: LaunchOptions | None = None,
     *,
-    gui: bool = False,
-    sumo_options: Sequence[str] = (),
-    progress: Progress | None = None,
     variant: str | None = None,
     watch: Watch | None = None,
-    measured: Sequence[str] = (),
 ) -> Iterator[EpisodeResult]:
-    """The same, while SUMO is still there: it is closed at the end of the context, for which a
-    window may take its time."""
+    """The same, while SUMO is still there: it closes at the end of the context, which takes a
+    window some time."""
     require_scenario("run_episode", config)
     seed = None if seed is None else whole("seed", seed, 0)
+    options = options or LaunchOptions()
     began = time.perf_counter()
     recorders = {ego.id: Recorder() for ego in config.egos}
-    loop = Loop(
-        config, seed, gui=gui, sumo_options=sumo_options, progress=progress, measured=measured
-    )
-    with announced(progress), contextlib.closing(loop):
-        loop.start()
-        drivers = {
-            ego.id: Driver(
-                config, loop.world.road, loop.world.physics, streams(seed).search, loop.oracles
-            )
-            for ego in config.egos
-        }
+    with announced(options.progress), Loop(config, seed, options) as loop:
+        drivers = _drivers(loop)
         warm_up(config, loop.world.road, loop.world.physics)
         while scenes := loop.scenes():
             decisions = _decide(loop, scenes, drivers, recorders)
             if watch is not None:
                 watch(loop, drivers, scenes)
             loop.apply(decisions)
-            if progress is not None:
-                progress(_news(scenes))
-        name, wall = variant or default_variant(config), time.perf_counter() - began
-        full = [
-            completed(row, config, seed, name, recorders[row["ego"]], loop.world.period, wall)
-            for row in loop.rows()
-        ]
-        road, setting = loop.world.road, _setting(config, seed, loop)
-        traces = [
-            recorders[row["ego"]].trace(row["key"], config.name, row["outcome"], road, setting)
-            for row in full
-        ]
-        yield EpisodeResult(
-            tuple(full),
-            tuple(trace for trace in traces if trace is not None),
-            _manifest(config, seed, loop),
-            road,
-        )
+            if options.progress is not None:
+                options.progress(_news(scenes))
+        yield _result(loop, recorders, variant, time.perf_counter() - began)
 
 
 def default_variant(config: ScenarioConfig) -> str:
-    """planner-prediction-effort, e.g. mcts-idm-1000, as far as there are such."""
+    """planner-prediction-iterations, e.g. mcts-idm-1000, as far as there are such."""
     planner = config.planner
     if not reads_forecast(config):
         return planner.name
     if planner.name not in SEARCHING:
         return f"{planner.name}-{config.prediction.name}"
-    effort = (
+    budget = (
         str(planner.iterations)
         if planner.time_budget_ms is None
         else f"{planner.time_budget_ms:g}ms"
     )
-    return f"{planner.name}-{config.prediction.name}-{effort}"
-
-
-# --- decisions and results ---
-
-
-def _decide(
-    loop: Loop,
-    scenes: Mapping[str, Scene],
-    drivers: Mapping[str, Driver],
-    recorders: Mapping[str, Recorder],
-) -> dict[str, Decision]:
-    """Let every driver think; one that raises is an outcome, not the end of a batch."""
-    decisions = {}
-    for ego, scene in scenes.items():
-        try:
-            thought = drivers[ego].decide(scene)
-        except Exception as error:  # whatever a planner may do
-            if of_machine(error):
-                raise
-            loop.fail(ego, f"{type(error).__name__}: {error}")
-            continue
-        recorders[ego].note(scene, thought)
-        decisions[ego] = thought.decision
-    return decisions
-
-
-def _news(scenes: Mapping[str, Scene]) -> str:
-    scene = next(iter(scenes.values()))
-    return (
-        f"{scene.time:.1f} s  {scene.ego.id} at {scene.ego.v:.1f} m/s, {len(scene.agents.ids)} "
-        "in range"
-    )
+    return f"{planner.name}-{config.prediction.name}-{budget}"
 
 
 def completed(
@@ -187,16 +120,12 @@ def completed(
     wall: float,
 ) -> Row:
     """The row with what is known about scenario, planner and time; `period` and `wall` in s."""
+    named = len(config.egos) > 1 or config.sumo.sumocfg is not None
     return {
         **records.row_defaults(),
         **row,
         **recorder.planning(config, period),
-        "key": records.episode_key(
-            config.name,
-            variant,
-            seed,
-            row["ego"] if len(config.egos) > 1 or config.sumo.sumocfg is not None else None,
-        ),
+        "key": records.episode_key(config.name, variant, seed, row["ego"] if named else None),
         "scenario": config.name,
         "variant": variant,
         "planner": config.planner.name,
@@ -208,20 +137,88 @@ def completed(
     }
 
 
-def _setting(config: ScenarioConfig, seed: int | None, loop: Loop) -> Setting:
+# --- decisions ---
+
+
+def _drivers(loop: Loop) -> dict[str, Driver]:
+    """A driver for each ego."""
+    world, search = loop.world, streams(loop.seed).search
+    return {
+        ego.id: Driver(loop.config, world.road, world.physics, search, loop.oracles)
+        for ego in loop.config.egos
+    }
+
+
+def _decide(
+    loop: Loop,
+    scenes: Mapping[str, Scene],
+    drivers: Mapping[str, Driver],
+    recorders: Mapping[str, Recorder],
+) -> dict[str, Decision]:
+    """A decision of every driver; one that raises is an outcome, not the end of a batch."""
+    decisions = {}
+    for ego, scene in scenes.items():
+        try:
+            planned = drivers[ego].decide(scene)
+        except Exception as error:  # whatever a planner may do
+            if of_machine(error):
+                raise
+            loop.fail(ego, f"{type(error).__name__}: {error}")
+            continue
+        recorders[ego].note(scene, planned)
+        decisions[ego] = planned.decision
+    return decisions
+
+
+def _news(scenes: Mapping[str, Scene]) -> str:
+    scene = next(iter(scenes.values()))
+    return (
+        f"{scene.time:.1f} s  {scene.ego.id} at {scene.ego.v:.1f} m/s, {len(scene.agents.ids)} "
+        "in range"
+    )
+
+
+# --- results ---
+
+
+def _result(
+    loop: Loop, recorders: Mapping[str, Recorder], variant: str | None, wall: float
+) -> EpisodeResult:
+    """What the episode leaves behind; `wall`: what it took, s."""
+    config, seed, road = loop.config, loop.seed, loop.world.road
+    name = variant or default_variant(config)
+    rows = [
+        completed(row, config, seed, name, recorders[row["ego"]], loop.world.period, wall)
+        for row in loop.rows()
+    ]
+    setting = _setting(loop)
+    traces = [
+        recorders[row["ego"]].trace(row["key"], config.name, row["outcome"], road, setting)
+        for row in rows
+    ]
+    there = tuple(trace for trace in traces if trace is not None)
+    return EpisodeResult(tuple(rows), there, _manifest(loop), road)
+
+
+def _setting(loop: Loop) -> Setting:
     physics = loop.world.physics
     return Setting(
-        config.model_dump_json(), streams(seed).search, physics.step, physics.ballistic,
-        physics.change_duration, records.map_name(loop.world.road)
-    )  # fmt: skip
+        config=loop.config.model_dump_json(),
+        seed=streams(loop.seed).search,
+        step=physics.step,
+        ballistic=physics.ballistic,
+        change_duration=physics.change_duration,
+        map=records.map_name(loop.world.road),
+    )
 
 
-def _manifest(config: ScenarioConfig, seed: int | None, loop: Loop) -> dict[str, Any]:
+def _manifest(loop: Loop) -> dict[str, Any]:
+    config = loop.config
     return {
         "schema_version": records.SCHEMA_VERSION,
         "scenario": config.model_dump(mode="json"),
         "config_digest": digest(config),
-        "seed": seed,
+        "seed": loop.seed,
         "redrawn": loop.redrawn,
         "versions": records.versions(),
         "plugins": plugins.described(config),

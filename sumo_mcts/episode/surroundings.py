@@ -1,4 +1,4 @@
-"""The lanes around an ego's way, which a trace keeps to be drawn."""
+"""The lanes around an ego's trajectory, which a trace keeps for pictures."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -12,9 +12,9 @@ from sumo_mcts.scene import YIELD, Bools, Floats, RoadMap
 
 
 def lanes_around(road: RoadMap, route: Sequence[int], where: Floats, distance: float) -> Lanes:
-    """The lanes with a part within `distance` m of the points `where` [K, 2];
+    """The lanes with a part within `distance`, m, of the points `where` [K, 2].
 
-    `route`: edges of the ego.
+    route: the ego's edges.
     """
     near = _near(road, where, distance)
     keep = np.array(
@@ -38,8 +38,8 @@ def lanes_around(road: RoadMap, route: Sequence[int], where: Floats, distance: f
 
 
 def _near(road: RoadMap, where: Floats, distance: float) -> Bools:
-    """[P] whether the piece of lane that begins at a shape point comes within reach of one of
-    `where`."""
+    """[P] whether the piece of lane that begins at a shape point comes within `distance`, m, of one
+    of the points `where` [K, 2]."""
     last = road.point_offset[1:] - 1
     along = np.diff(road.points, axis=0, append=road.points[-1:])
     along[last] = 0.0  # a lane's last point is joined to nothing

@@ -1,15 +1,16 @@
-"""Whether two boxes meet while both move: tests in the plane, of poses at the beginning and at the
-end of a step."""
+"""Which agents touch the ego within a step: whether two boxes meet while both move, from their
+poses at the beginning and at the end of the step."""
 
 from math import ceil, cos, hypot, sin
 from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import Bools, Floats
+from sumo_mcts.evaluation.reachability import can_meet
+from sumo_mcts.scene import Bools, Floats, Frame, Indices, Ints, RoadMap
 
 SUBSTEP = 0.4  # m of relative motion between two box tests
-JUMP = 1.5  # m sideways within one step: a change of lanes at once, not a way driven
+JUMP = 1.5  # m sideways within one step: a change of lanes at once, which is not driven
 
 
 class Contact(NamedTuple):
@@ -17,9 +18,91 @@ class Contact(NamedTuple):
 
     ego: tuple[float, float, float]
     other: tuple[float, float, float]
-    # found on the way; else the boxes overlap where the step began or ended, and nobody knows where
-    # they first touched
+    # found within the step; else the boxes overlap where the step began or ended, and where they
+    # first touched is unknown
     exact: bool
+
+
+class _Moves(NamedTuple):
+    """How K agents near the ego moved in a step. Poses are x, y, heading."""
+
+    agent: Indices  # [K] index in the frame
+    before: Floats  # [K, 3] poses
+    after: Floats  # [K, 3]
+    half: Floats  # [K, 2] half length, half width, m
+    leap: Bools  # [K] the agent or the ego was put somewhere else, not driven there
+
+
+def contacts(
+    road: RoadMap, step: float, before: Frame, frame: Frame, known: Ints
+) -> dict[str, Contact]:
+    """The first contact with each agent whose box the ego's met in the step (s) from `before` to
+    `frame`, by the agent's id.
+
+    known [N]: index of each agent in the frame before, -1 new. A first frame stands for both.
+    """
+    near = _near(step, before, frame, known)
+    if len(near) == 0:
+        return {}
+    ego, was = frame.ego, before.ego
+    half = np.array([ego.length / 2, ego.width / 2])
+    now, then = np.array([ego.x, ego.y, ego.heading]), np.array([was.x, was.y, was.heading])
+    moves = _moves(step, before, frame, near, known[near])
+    if before is frame or jumped(then, now, np.array(1.5 * max(ego.v, was.v) * step + 3.0)):
+        moves.leap[:] = True
+    apart = kept_apart(then, now, half, moves.before, moves.after, moves.half)
+    hits = {}
+    for k in np.flatnonzero(moves.leap | ~apart):
+        size, after = moves.half[k], moves.after[k]
+        if moves.leap[k]:
+            touching = bool(boxes_overlap(boxes_of(now, half), boxes_of(after, size)))
+            contact = Contact(as_pose(now), as_pose(after), False) if touching else None
+        else:
+            contact = first_contact(then, now, moves.before[k], after, half, size)
+        i = int(moves.agent[k])
+        if contact is not None and _on_one_level(road, step, before, frame, i):
+            hits[frame.agents.ids[i]] = contact
+    return hits
+
+
+def _near(step: float, before: Frame, frame: Frame, known: Ints) -> Indices:
+    """[K] agents that may have touched the ego within the step."""
+    agents, ego = frame.agents, frame.ego
+    if not len(agents.ids):
+        return np.zeros(0, np.int64)
+    radius = hypot(ego.length / 2, ego.width / 2) + 0.5 * np.hypot(agents.length, agents.width)
+    # an agent that was driven here within the step came from no further away
+    its_speed = np.maximum(agents.v, np.append(before.agents.v, 0.0)[known])
+    far = radius + 1.1 * (max(ego.v, before.ego.v) + its_speed) * step + 0.5
+    return np.flatnonzero((agents.x - ego.x) ** 2 + (agents.y - ego.y) ** 2 < far * far)
+
+
+def _moves(step: float, before: Frame, frame: Frame, near: Indices, past: Ints) -> _Moves:
+    """How these agents moved; past [K]: their indices in the frame before, -1 new."""
+    agents, old = frame.agents, before.agents
+    after = np.stack([agents.x[near], agents.y[near], agents.heading[near]], axis=1)
+    earlier, seen = after.copy(), past >= 0
+    known = past[seen]
+    earlier[seen] = np.stack([old.x[known], old.y[known], old.heading[known]], axis=1)
+    speed = agents.v[near].copy()
+    speed[seen] = np.maximum(speed[seen], old.v[known])
+    leap = ~seen | jumped(earlier, after, 1.5 * speed * step + 3.0)
+    half = 0.5 * np.stack([agents.length[near], agents.width[near]], axis=1)
+    return _Moves(near, earlier, after, half, leap)
+
+
+def _on_one_level(road: RoadMap, step: float, before: Frame, frame: Frame, i: int) -> bool:
+    """Whether the ego and agent i are where two vehicles can meet; what they drove in this step
+    counts as body."""
+    ego, agents = frame.ego, frame.agents
+    if agents.person[i]:
+        return True
+    length = float(agents.length[i] + agents.v[i] * step)
+    return can_meet(
+        road,
+        (ego.lane, ego.s, ego.length + max(ego.v, before.ego.v) * step),
+        (int(agents.lane[i]), float(agents.s[i]), length),
+    )
 
 
 def boxes_overlap(first: Floats, second: Floats) -> Bools:
@@ -53,10 +136,10 @@ def between(before: Floats, after: Floats, t: Floats) -> Floats:
     turn = _wrap(after[..., 2] - before[..., 2])
     rest = t * (1.0 - t)
     out = np.empty((*np.broadcast_shapes(before.shape[:-1], t.shape), 3))
-    for axis, way in ((0, np.cos), (1, np.sin)):
+    for axis, part in ((0, np.cos), (1, np.sin)):
         start, end = (
-            way(before[..., 2]) * length - chord[..., axis],
-            way(after[..., 2]) * length - chord[..., axis],
+            part(before[..., 2]) * length - chord[..., axis],
+            part(after[..., 2]) * length - chord[..., axis],
         )
         out[..., axis] = (
             before[..., axis] + t * chord[..., axis] + rest * ((1.0 - t) * start - t * end)
@@ -66,7 +149,7 @@ def between(before: Floats, after: Floats, t: Floats) -> Floats:
 
 
 def _stray(before: Floats, after: Floats) -> Floats:
-    """[...] bound, m, on how far the way of between() leaves the chord; poses [..., 3]."""
+    """[...] bound, m, on how far the path of between() leaves the chord; poses [..., 3]."""
     dx, dy = after[..., 0] - before[..., 0], after[..., 1] - before[..., 1]
     length = np.sqrt(dx * dx + dy * dy)
     skew = [
@@ -109,7 +192,7 @@ def kept_apart(
         abs(float(_wrap(after[2] - before[2]))),
         np.abs(_wrap(other_after[:, 2] - other_before[:, 2])),
     )
-    # what a turn adds to a box's half width at most, and by how much the ways bend
+    # what a turn adds to a box's half width at most, and by how much the paths bend
     slack = (
         0.5 * (hypot(*half) * own_turn + np.hypot(other_half[:, 0], other_half[:, 1]) * turn)
         + _stray(before, after)

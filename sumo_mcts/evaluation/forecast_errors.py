@@ -20,22 +20,19 @@ class Errors(NamedTuple):
 
 
 def errors(forecast: Forecast, after: float, centre: Floats, lane: Ints, there: Bools) -> Errors:
-    """A forecast (its likeliest hypothesis) against where the agents really are `after` s: centre
-    [N, 2], lane [N] of the front, and who is still there [N].
+    """A forecast (its likeliest hypothesis) against where the agents really are `after` s.
 
-    Between two forecast times positions lie on a straight line, and the lane is that of the nearer
-    one.
+    centre [N, 2] m; lane [N] of the front; there [N]: whether an agent is still on the road.
+    Between two forecast times positions lie on a straight line; the lane is that of the nearer one.
     """
-    place = min(after / forecast.dt, forecast.v.shape[1] - 1.0)
-    low = (
-        min(int(np.floor(place + 1e-9)), forecast.v.shape[1] - 2) if forecast.v.shape[1] > 1 else 0
-    )
-    high, near = min(low + 1, forecast.v.shape[1] - 1), round(place)
+    last = forecast.v.shape[1] - 1
+    place = min(after / forecast.dt, float(last))
+    low = min(int(np.floor(place + 1e-9)), last - 1) if last > 0 else 0
+    high, near = min(low + 1, last), round(place)
     share = max(place - low, 0.0)
     valid = forecast.valid[0, [low, high]]
-    share_of_high = np.where(valid.all(axis=0), share, valid[1])[
-        :, None
-    ]  # where one of the two times has the agent gone, the other tells
+    # where the agent is gone at one of the two times, the other tells
+    share_of_high = np.where(valid.all(axis=0), share, valid[1])[:, None]
     expected = (
         forecast.pose[0, low, :, :2] * (1.0 - share_of_high)
         + forecast.pose[0, high, :, :2] * share_of_high
@@ -53,16 +50,16 @@ def together(parts: Sequence[Errors]) -> Errors:
 
 
 def statistics(found: Errors) -> dict[str, float | int | None]:
-    """Pairs; of their position errors, m, mean, 95th percentile and the largest; the share on the
-    right lane; and how many the forecast had gone."""
+    """Number of pairs; mean, 95th percentile and maximum of their position errors, m; the share on
+    the right lane; the number of agents that the forecast wrongly had gone."""
     known = found.distance[~np.isnan(found.distance)]
     return {
         "pairs": len(found.distance),
         "mean_m": float(known.mean()) if len(known) else None,
         "p95_m": float(np.percentile(known, 95)) if len(known) else None,
         "max_m": float(known.max()) if len(known) else None,
-        "right_lane": float(found.right_lane[found.on_lane].mean())
-        if found.on_lane.any()
-        else None,
+        "right_lane": (
+            float(found.right_lane[found.on_lane].mean()) if found.on_lane.any() else None
+        ),
         "gone": len(found.distance) - len(known),
     }

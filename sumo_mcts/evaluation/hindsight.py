@@ -1,8 +1,8 @@
-"""Whether a collision could still be avoided: a search with the true futures of the others through
-everything that the ego can do.
+"""Whether a collision could still be avoided: a search through all that the ego can do, with the
+true futures of the others.
 
-Only who holds a script has a true future. The ego moves as in the planners' model; whoever touches
-its box, from whatever side, is a contact.
+Only scripted vehicles have a true future. The ego moves as in the planners' model. A box that
+touches the ego's, from any side, is a contact.
 """
 
 import math
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.evaluation.referee import Goal
+from sumo_mcts.evaluation.goal import Goal
 from sumo_mcts.model.local_build import build_local
 from sumo_mcts.model.local_map import (
     COS,
@@ -52,47 +52,59 @@ from sumo_mcts.scene import (
     Scripted,
 )
 
-BEFORE_S = 3.0  # s before the contact from which a way out is looked for
-HORIZON_S = 8.0  # s that a way out has to last: as far as planners look
+BEFORE_S = 3.0  # s before the contact from which an escape is looked for
+HORIZON_S = 8.0  # s that an escape has to last: as far as planners look
 PLY_S = 0.5  # s of one action
 CHECK_S = 0.05  # s between two looks at the boxes
-# m all around the ego: a way out by a hair's breadth is none in SUMO, which rounds otherwise
+# m all around the ego: SUMO rounds otherwise, so that a narrower escape is none there
 MARGIN = 0.1
-CELL = (
-    0.5,
-    0.5,
-    2.0,
-    0.05,
-    0.1,
-)  # m, m/s, m/s2, progress, rad: states in a cell count as one, or there would be no end of them
+ACCEL, SIDE = 0, 1  # columns of an action
 ASIDE = 0.2  # m off the middle of a lane from which a lane change must be under way
 ALIVE, TOUCHED, HOME = range(3)
 
 
 class Future(NamedTuple):
-    """All that a vehicle is going to do, and its size in m."""
+    """All that a vehicle is going to do, and its size."""
 
     states: Scripted
-    length: float
-    width: float
+    length: float  # m
+    width: float  # m
 
 
-Futures = Callable[
-    [float, int], Sequence[Future]
-]  # of everybody, from a time (s) on: so many states, a step of the simulation apart
+# of all vehicles but the ego, from a time (s) on: so many states, a step of the simulation apart
+Futures = Callable[[float, int], Sequence[Future]]
+
+
+class Cell(NamedTuple):
+    """How far apart two states may be and count as one: without that the search would not end."""
+
+    s: float  # m
+    v: float  # m/s
+    a: float  # m/s2
+    progress: float  # of a lane change
+    turn: float  # rad
+
+
+CELL = Cell(0.5, 0.5, 2.0, 0.05, 0.1)
+
+
+class Grain(NamedTuple):
+    """How far and how finely the search looks."""
+
+    ply: int  # steps of one action
+    plies: int  # actions one after the other
+    looks: int  # box tests within a step
+    cell: Cell
 
 
 class Hindsight:
-    """Keeps the last seconds of one ego, and finds out whether it had a way out at their
+    """Keeps the last seconds of one ego, and finds out whether it had an escape at their
     beginning."""
 
     def __init__(
         self, road: RoadMap, goal: Goal, take_over: EgoState, params: EgoParams, futures: Futures
     ) -> None:
-        """`take_over`: the ego with all of its route ahead;
-
-        `futures` has to know everybody else.
-        """
+        """`take_over`: the ego with all of its route ahead. `futures` has to know all others."""
         ego = take_over
         self._road, self._params, self._futures = road, params, futures
         self._route = route_map(
@@ -109,16 +121,15 @@ class Hindsight:
 
     def note(self, scene: Scene) -> None:
         """To be called with the take-over and after every step."""
-        self._scenes.append(
-            scene._replace(agents=Agents._make(column[:0] for column in scene.agents))
-        )  # the futures have everybody
+        empty = Agents._make(column[:0] for column in scene.agents)  # all are in the futures
+        self._scenes.append(scene._replace(agents=empty))
 
-    def inevitable(self) -> bool | None:
+    def unavoidable(self) -> bool | None:
         """Whether no motion from BEFORE_S ago (the take-over, if that is later) was free of
         contacts.
 
         None where the ego was off its route, or in the middle of a lane change of SUMO's driver,
-        who does not say where to.
+        whose target is unknown.
         """
         scene, p = self._scenes[0], self._params
         state = ego_state(self._route, scene.ego)
@@ -127,18 +138,26 @@ class Hindsight:
         ply = max(1, round(PLY_S / p.step))
         plies = math.ceil(HORIZON_S / (ply * p.step) - 1e-9)
         forecast = _forecast(self._futures(scene.time, ply * plies + 1), p.step, ply * plies + 1)
-        # a stop sign holds nobody who has to get out of the way
+        # a stop sign does not hold an ego that has to escape
         served = frozenset(np.flatnonzero(self._route.sign).tolist())
         local = build_local(
-            self._road, self._route, state, scene, forecast, 0, served, p.comfort_decel, 0.0
+            self._road,
+            self._route,
+            state,
+            scene,
+            forecast,
+            hypothesis=0,
+            cleared=served,
+            stop_decel=p.comfort_decel,
+            claim_s=0.0,
         )
-        looks = max(1, round(p.step / CHECK_S))
-        return len(way_out(local, p, state, actions(p), self._home, ply, plies, looks, CELL)) == 0
+        grain = Grain(ply, plies, max(1, round(p.step / CHECK_S)), CELL)
+        return len(escape(local, p, state, actions(p), self._home, grain)) == 0
 
 
 def actions(p: EgoParams) -> Floats:
-    """[A, 2] acceleration (m/s2) and lane change; what is likely to help comes last, since it is
-    tried first."""
+    """[A, 2] acceleration (m/s2) and lane change. What is likely to help comes last: it is tried
+    first."""
     accelerations = (p.max_accel, 0.0, -p.approach_decel, -p.max_decel)
     return np.array([(a, float(side)) for side in (1, -1, 0) for a in accelerations])
 
@@ -165,7 +184,17 @@ def _forecast(futures: Sequence[Future], dt: float, times: int) -> Forecast:
     half = 0.5 * np.array([future[1:] for future in futures]).reshape(n, 2)
     never = np.zeros(n, np.bool_)
     return Forecast(
-        dt, np.ones(1), pose, v, lane, s, valid, half[:, 0], half[:, 1], never, never[None]
+        dt=dt,
+        weight=np.ones(1),
+        pose=pose,
+        v=v,
+        lane=lane,
+        s=s,
+        valid=valid,
+        half_length=half[:, 0],
+        half_width=half[:, 1],
+        reacts=never,
+        yields=never[None],
     )
 
 
@@ -173,61 +202,56 @@ def _forecast(futures: Sequence[Future], dt: float, times: int) -> Forecast:
 
 
 @lengthy
-def way_out(
+def escape(
     local: LocalMap,
     p: EgoParams,
     root: State,
     choice: Floats,
     home: Bools,
-    ply: int,
-    plies: int,
-    looks: int,
-    cell: tuple[float, float, float, float, float],
+    grain: Grain,
 ) -> Indices:
-    """[K] rows of `choice` [A, 2], `ply` steps each, that touch nobody for `plies` actions or until
-    a node of `home` [W]; empty where there are none.
+    """[K] rows of `choice` [A, 2], one after the other without a contact, for all plies or until a
+    node of `home` [W]; empty where there are none.
 
-    Depth first, since most states have many ways out: only where there is none everything has to be
-    tried. `looks`: box tests within a step.
+    Depth first, since most states have many escapes: only where there is none all actions have to
+    be tried.
     """
-    taken = [
-        (-1, -1)
-    ]  # actions: index of the one before, row of `choice`; the first stands for none
-    todo = [(root, 0, 0)]  # how many actions led there, and the last of them
-    seen = {_cell_of(root, 0, cell)}
+    # actions: index of the one before, row of `choice`; the first stands for none
+    taken = [(-1, -1)]
+    todo = [(root, 0, 0)]  # a state, how many actions led there, and the last of them
+    seen = {_cell_of(root, 0, grain.cell)}
     while len(todo) > 0:
         state, level, last = todo.pop()
         for k in range(len(choice)):
-            side = int(choice[k, 1])
+            side = int(choice[k, SIDE])
             if side != 0 and not can_change(local, p, state, side):
                 continue
             begun = begin_change(local, p, state, side) if side != 0 else state
-            after, end = drive(local, p, home, begun, choice[k, 0], level * ply, ply, looks)
+            at, accel = level * grain.ply, choice[k, ACCEL]
+            after, end = drive(local, p, home, begun, accel, at, grain.ply, grain.looks)
             if end == TOUCHED:
                 continue
-            place = _cell_of(after, level + 1, cell)
+            place = _cell_of(after, level + 1, grain.cell)
             if place in seen and end == ALIVE:
                 continue
             seen.add(place)
             taken.append((last, k))
             todo.append((after, level + 1, len(taken) - 1))
-            if end == HOME or level + 1 == plies:
-                way = np.zeros(level + 1, np.int64)
-                at = len(taken) - 1
+            if end == HOME or level + 1 == grain.plies:
+                found = np.zeros(level + 1, np.int64)
+                last = len(taken) - 1
                 for i in range(level, -1, -1):
-                    at, way[i] = taken[at]
-                return way
+                    last, found[i] = taken[last]
+                return found
     return np.zeros(0, np.int64)
 
 
 @kernel
-def _cell_of(
-    state: State, level: int, cell: tuple[float, float, float, float, float]
-) -> tuple[int, int, int, int, int, int, int, int]:
+def _cell_of(state: State, level: int, cell: Cell) -> tuple[int, int, int, int, int, int, int, int]:
     return (
-        level, int(state.node), int(state.other), round(state.s / cell[0]),
-        round(state.v / cell[1]), round(state.a / cell[2]),
-        round(state.progress / cell[3]), round(state.turn / cell[4]),
+        level, int(state.node), int(state.other), round(state.s / cell.s),
+        round(state.v / cell.v), round(state.a / cell.a),
+        round(state.progress / cell.progress), round(state.turn / cell.turn),
     )  # fmt: skip
 
 
@@ -242,8 +266,8 @@ def drive(
     steps: int,
     looks: int,
 ) -> tuple[State, int]:
-    """`steps` steps towards an acceleration (m/s2) from step `at` on: where it leads, and ALIVE,
-    TOUCHED or HOME. A red light run is no contact."""
+    """Where `steps` steps towards an acceleration (m/s2) from step `at` on lead, and ALIVE, TOUCHED
+    or HOME. A red light run is no contact."""
     for k in range(at, at + steps):
         before = state
         state, event = advance(local, p, state, accel, k * p.step)
@@ -259,7 +283,8 @@ def drive(
 
 @kernel
 def _touched(local: LocalMap, p: EgoParams, state: State, row: int, share: float) -> bool:
-    """Whether the ego touches anybody in a state a share of a step after forecast time `row`."""
+    """Whether the ego touches another vehicle in a state, a share of a step after forecast time
+    `row`."""
     x, y, c, n = pose_of(local, p, state)
     own_length, own_width = p.half_length + MARGIN, p.half_width + MARGIN
     for i in range(local.agent.shape[1]):

@@ -1,5 +1,5 @@
-"""Numbers that follow from the ego's executed states alone: comfort, jerk, separate events,
-free-flow time. Plain arrays in, plain numbers out."""
+"""Numbers from the ego's executed states alone: comfort, jerk, separate events, free-flow time.
+Plain arrays in, plain numbers out."""
 
 from collections.abc import Sequence
 from math import inf
@@ -17,7 +17,7 @@ _EPS = 1e-6  # a value that sits on a bound has not passed it
 
 
 def window(step: float) -> int:
-    """Steps [-] that an average covers: as few as fill WINDOW_S, at least one. ``step`` in s."""
+    """Number of steps that an average covers: as few as fill WINDOW_S, at least one. step: s."""
     return max(1, int(np.ceil(WINDOW_S / step - _EPS)))
 
 
@@ -54,7 +54,7 @@ def lateral_accelerations(v: Floats, heading: Floats, step: float) -> Floats:
 
 
 def comfortable_share(v: Floats, heading: Floats, step: float) -> float | None:
-    """Share [0..1] of the steps with acceleration, lateral acceleration and jerk within bounds;
+    """Share [0..1] of the steps with acceleration, lateral acceleration and jerk within bounds.
 
     None without a step. v [T] m/s, heading [T] rad.
 
@@ -81,11 +81,11 @@ def rms(values: Floats) -> float | None:
 def events(
     times: Sequence[float], strengths: Sequence[float], step: float, apart: float = EVENTS_APART_S
 ) -> list[float]:
-    """Greatest strength of each separate event. times [K], s, ascending: ends of the steps in which
-    something of that strength [K] was seen.
+    """Greatest strength of each separate event.
 
-    One event lasts until nothing was seen for ``apart`` seconds, so that the count does not depend
-    on the step length.
+    times [K], s, ascending: ends of the steps in which something of that strength [K] was seen. An
+    event lasts until nothing was seen for `apart` seconds: so the count does not depend on the step
+    length.
     """
     found: list[float] = []
     last = -inf
@@ -101,7 +101,7 @@ def events(
 def free_flow_time(
     road: RoadMap, edges: Sequence[int], start_s: float, speed_factor: float, max_speed: float
 ) -> float:
-    """Seconds from lane position start_s, m, on the first of ``edges`` to the end of the last, at
+    """Seconds from lane position start_s, m, on the first of `edges` to the end of the last, at
     the limits times speed_factor and below max_speed, m/s.
 
     Each edge counts with its fastest lane, each junction with the quickest of the connections that
@@ -128,7 +128,7 @@ def free_flow_time(
 def _connection_time(
     road: RoadMap, lane: int, onto: int, speed_factor: float, max_speed: float
 ) -> float:
-    """Seconds on the internal lanes between ``lane`` and the edge ``onto``; inf where they are not
+    """Seconds on the internal lanes between `lane` and the edge `onto`; inf where they are not
     connected."""
     quickest = inf
     for first in road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]:

@@ -1,5 +1,5 @@
-"""How one gets from one place on the lanes to another: what the referee has to know of the
-roads."""
+"""How a vehicle gets from one place on the lanes to another, and where two vehicles can meet: what
+the referee has to know of the roads."""
 
 from math import inf
 from typing import NamedTuple
@@ -20,7 +20,7 @@ class Drive(NamedTuple):
 
     lanes: tuple[int, ...]  # lanes entered at their start, in order
     lines: tuple[float, ...]  # m driven up to the start of each
-    changes: int  # lane changes on the way
+    changes: int  # lane changes
     distance: float  # m
 
 
@@ -28,7 +28,7 @@ def driven(
     road: RoadMap, lane: int, s: float, onto: int, onto_s: float, reach: float
 ) -> Drive | None:
     """How the front got from (lane, s) to (onto, onto_s) within reach, m, with the fewest lane
-    changes; None: not along the lanes."""
+    changes. None: not along the lanes."""
     if lane == onto:
         return Drive((), (), 0, onto_s - s) if abs(onto_s - s) <= reach else None
     # breadth first in the number of lane changes; state: lane, m driven to its start, lanes entered

@@ -1,203 +1,27 @@
-"""What an experiment file may say, and the episodes that it stands for: scenarios x variants x
-seeds."""
+"""From an experiment file to the episodes that it stands for: scenarios x variants x seeds."""
 
 import copy
 import hashlib
 import itertools
 import json
-import math
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
-
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    model_validator,
-)
+from typing import Any, NamedTuple
 
 from sumo_mcts import config, files, records
-from sumo_mcts.config import MOST_SEED, EgoConfig, Flag, Id, ScenarioConfig, builtin
+from sumo_mcts.config import EgoConfig, ScenarioConfig, builtin
 from sumo_mcts.errors import ConfigError
+from sumo_mcts.experiments.schema import Changes, Egos, Entry, Experiment, located, read
 from sumo_mcts.records.statistics import TWIN
-from sumo_mcts.world.arguments import is_sumocfg, sumo_home
 
-TRAFFIC = (
-    "sumo",
-    "egos",
-    "traffic",
-    "episode",
-)  # sections in which an episode and its twin have to agree
-DECIDING = (
-    "sumo_mcts",
-    "sources",
-    "sumo",
-    "numpy",
-    "numba",
-)  # versions that decide what comes of an episode, so that rows of others do not mix
-SUMO_FOLDER = "${SUMO_HOME}"
+# sections in which an episode and its twin have to agree
+TRAFFIC = ("sumo", "egos", "traffic", "episode")
+# versions that decide what comes of an episode: rows of others do not mix
+DECIDING = ("sumo_mcts", "sources", "sumo", "numpy", "numba")
 UNKNOWN_EGO = "any"  # stands for an ego of a user's network until it is chosen
 
-MOST_EPISODES = 1_000_000
-MOST_CONFIGS = 10_000  # scenarios times variants: each is checked
-
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
-Changes = dict[str, Any]
-
-
-def _seeds(value: object) -> object:
-    """The seeds in `0..9`, `[3, 7]` or `[0..9, 20..29]`, ascending, each once."""
-    if value is None:
-        return None
-    parts = (
-        value if isinstance(value, list | tuple) else [value] if isinstance(value, str) else None
-    )
-    if not parts:
-        raise ValueError("a range such as 0..9, or a list of numbers and ranges")
-    ranges = [_range(part) for part in parts]
-    if (
-        sum(each.stop - each.start for each in ranges) > MOST_EPISODES
-    ):  # a range of more than an index can tell has no length
-        raise ValueError(f"at most {MOST_EPISODES} seeds")
-    return tuple(sorted(set(itertools.chain.from_iterable(ranges))))
-
-
-def _range(part: object) -> range:
-    found = (
-        re.fullmatch(r"\s*(\d{1,12})\s*(?:\.\.\s*(\d{1,12})\s*)?", str(part), re.ASCII)
-        if isinstance(part, int | str)
-        else None
-    )
-    if found is None or isinstance(part, bool):
-        raise ValueError(f"{part}: a number from 0 on, or a range such as 0..9")
-    first, last = int(found[1]), int(found[2] or found[1])
-    if last < first:
-        raise ValueError(f"{part}: the range runs backwards; write {last}..{first}")
-    if last > MOST_SEED:
-        raise ValueError(f"{part}: a seed is at most {MOST_SEED}")
-    return range(first, last + 1)
-
-
-Seeds = Annotated[tuple[int, ...] | None, BeforeValidator(_seeds)]
-
-
-class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
-
-
-class Egos(_Section):
-    """The egos of a user's network, an episode each: given by id, or drawn from its suitable
-    vehicles, the same for all variants."""
-
-    ids: tuple[Id, ...] = Field(
-        (), max_length=100_000, description="vehicle ids; a list alone is short for it"
-    )
-    random: Annotated[int, Field(strict=True, ge=1, le=100_000)] | None = Field(
-        None, description="or how many are drawn"
-    )
-    seed: int = Field(0, strict=True, ge=0, le=MOST_SEED, description="of the draw")
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> "Egos":
-        if (self.random is None) == (not self.ids):
-            raise ValueError("give vehicle ids or {random: N}")
-        if len(set(self.ids)) < len(self.ids):
-            raise ValueError("ids: one is named twice")
-        return self
-
-
-def _listed(value: object) -> object:
-    return {"ids": value} if isinstance(value, list) else value
-
-
-class Entry(_Section):
-    """A scenario of an experiment: a name or a scenario file, or a .sumocfg with egos."""
-
-    scenario: str | None = Field(
-        None, description="a built-in name, or a scenario file, relative to the experiment's"
-    )
-    sumocfg: str | None = Field(
-        None,
-        description="a .sumocfg, relative to the experiment's file; `${SUMO_HOME}` is the folder "
-        "of the installed SUMO",
-    )
-    name: Name | None = Field(
-        None,
-        description="what it is called in keys and tables; default the scenario's own name, or the "
-        ".sumocfg's",
-    )
-    egos: Annotated[Egos | None, BeforeValidator(_listed)] = Field(
-        None, description="with a sumocfg: vehicle ids, or `{random: N, seed: K}`"
-    )
-    until: Id | None = Field(
-        None,
-        description="with a sumocfg: the goal, the end of this edge; default the last of the ego's "
-        "route",
-    )
-    seeds: Seeds = Field(None, description="its own seeds; default those of the experiment")
-    assign: Changes = Field(
-        {}, alias="set", description="keys of the scenario, `a.b: value`, for all variants"
-    )
-
-    @model_validator(mode="after")
-    def _one_source(self) -> "Entry":
-        if (self.scenario is None) == (self.sumocfg is None):
-            raise ValueError("give either scenario or sumocfg")
-        if (self.sumocfg is None) != (self.egos is None):
-            raise ValueError("egos: vehicle ids or {random: N} belong to a sumocfg, and only there")
-        if self.until is not None and self.sumocfg is None:
-            raise ValueError("until: only with a sumocfg")
-        return self
-
-
-def _entry(value: object, info: ValidationInfo) -> object:
-    """A name or a path alone."""
-    if isinstance(value, str):
-        path = _located(value, Path((info.context or {}).get("folder", ".")))
-        return {
-            "sumocfg" if is_sumocfg(value if path is None else str(path)) else "scenario": value
-        }
-    return value
-
-
-def _located(named: str, folder: Path) -> Path | None:
-    """A file beside the experiment's, else from here; None where there is none."""
-    named = named.replace(SUMO_FOLDER, sumo_home()) if SUMO_FOLDER in named else named
-    return next((path for path in (folder / named, Path(named)) if not files.problem(path)), None)
-
-
-class Experiment(_Section):
-    """One experiment file."""
-
-    name: Name = Field(description="what it is called")
-    description: str = ""
-    scenarios: tuple[Annotated[Entry, BeforeValidator(_entry)], ...] = Field(
-        min_length=1, description="where is driven"
-    )
-    variants: dict[str, Changes] = Field(
-        {"default": {}}, min_length=1, description="by name: keys of the scenario, `a.b: value`"
-    )
-    sweep: dict[str, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(
-        {},
-        description="by key of the scenario: values. Every variant is run with every combination "
-        "of them",
-    )
-    seeds: Seeds = Field(
-        None,
-        description="of every scenario, the same for all variants; default 0, for a .sumocfg its "
-        "own",
-    )
-    twins: Flag = Field(False, description="drive every episode with planner `sumo` too")
-    traces: Literal["worth", "all", "none"] = Field("worth", description="which traces are kept")
-    assign: Changes = Field(
-        {}, alias="set", description="keys of every scenario, `a.b: value`, for all variants"
-    )
+ChosenEgos = Mapping[str, Sequence[str]]  # of each user's network, by scenario
 
 
 class Case(NamedTuple):
@@ -206,12 +30,10 @@ class Case(NamedTuple):
     name: str
     base: ScenarioConfig  # without any variant
     seeds: tuple[int | None, ...]  # None: the .sumocfg's own
-    configs: Mapping[
-        str, ScenarioConfig
-    ]  # by variant; the egos of a user's network are not chosen yet
-    egos: (
-        Egos | None
-    )  # of a user's network, an episode for each; None: the scenario's own, together
+    # by variant; the egos of a user's network are not chosen yet
+    configs: Mapping[str, ScenarioConfig]
+    # of a user's network, an episode for each; None: the scenario's own, together
+    egos: Egos | None
 
 
 class Plan(NamedTuple):
@@ -231,16 +53,14 @@ class Episode(NamedTuple):
     variant: str
     seed: int | None
     config: ScenarioConfig
-    measured: tuple[
-        str, ...
-    ] = ()  # the egos of all episodes: SUMO keeps to those that it is told first in a process
+    # the egos of all episodes: SUMO measures only those that are named first in a process
+    measured: tuple[str, ...] = ()
 
 
 def load(path: Path, *, allow_plugins: bool = False) -> Plan:
     """Read an experiment file and the scenarios that it names; code that they name only where that
     is allowed. Raises ConfigError."""
-    experiment = _parsed(path)
-    _require_bounded(experiment, str(path))
+    experiment = read(path)
     variants = _variants(experiment, str(path))
     cases = tuple(_case(experiment, k, variants, path) for k in range(len(experiment.scenarios)))
     for name, count in Counter(case.name for case in cases).items():
@@ -266,7 +86,7 @@ def load(path: Path, *, allow_plugins: bool = False) -> Plan:
     return Plan(str(path), experiment, variants, cases, digest)
 
 
-def episodes(plan: Plan, egos: Mapping[str, Sequence[str]]) -> list[Episode]:
+def episodes(plan: Plan, egos: ChosenEgos) -> list[Episode]:
     """Every episode of an experiment, all scenarios and variants of a seed before those of the
     next. `egos`: the chosen ones of each user's network."""
     longest = max(len(case.seeds) for case in plan.cases)
@@ -281,7 +101,7 @@ def episodes(plan: Plan, egos: Mapping[str, Sequence[str]]) -> list[Episode]:
     return [episode._replace(measured=measured) for episode in found]
 
 
-def all_egos(plan: Plan, egos: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+def all_egos(plan: Plan, egos: ChosenEgos) -> tuple[str, ...]:
     """The ids of all egos of an experiment."""
     own = {
         ego.id
@@ -307,57 +127,6 @@ def shard(found: Sequence[Episode], number: int, count: int) -> list[Episode]:
         for episode in found
         if int(hashlib.sha256(episode.keys[0].encode()).hexdigest(), 16) % count == number - 1
     ]
-
-
-# --- the file ---
-
-
-def is_experiment(data: object) -> bool:
-    """Whether what a file in YAML says is an experiment rather than a scenario."""
-    return isinstance(data, dict) and "scenarios" in data
-
-
-def _parsed(path: Path) -> Experiment:
-    data = config.parsed(path)
-    if not isinstance(data, dict):
-        raise ConfigError(
-            f"{path}: an experiment is a mapping of keys: {', '.join(_keys(Experiment))}"
-        )
-    try:
-        return Experiment.model_validate(data, context={"folder": path.parent})
-    except ValidationError as error:
-        raise config.refused(error, Experiment, str(path)) from None
-
-
-def _require_bounded(experiment: Experiment, origin: str) -> None:
-    """Raise ConfigError where there are too many episodes, before any is made."""
-    variants = (
-        len(experiment.variants) * math.prod(len(values) for values in experiment.sweep.values())
-        + experiment.twins
-    )
-    configs = variants * len(experiment.scenarios)
-    if configs > MOST_CONFIGS:
-        raise ConfigError(
-            f"{origin}: scenarios x variants x sweep: {configs}; at most {MOST_CONFIGS}"
-        )
-    episodes_of = [
-        len(entry.seeds or experiment.seeds or (0,)) * _egos(entry)
-        for entry in experiment.scenarios
-    ]
-    if variants * sum(episodes_of) > MOST_EPISODES:
-        raise ConfigError(
-            f"{origin}: scenarios x egos x variants x sweep x seeds: {variants * sum(episodes_of)} "
-            f"episodes; at most {MOST_EPISODES}"
-        )
-
-
-def _egos(entry: Entry) -> int:
-    """The episodes for each variant and seed."""
-    return 1 if entry.egos is None else entry.egos.random or len(entry.egos.ids)
-
-
-def _keys(model: type[BaseModel]) -> list[str]:
-    return [field.alias or name for name, field in model.model_fields.items()]
 
 
 # --- variants ---
@@ -476,7 +245,7 @@ def _from_scenario(name: str, folder: Path) -> dict[str, Any]:
 
 def _from_sumocfg(entry: Entry, folder: Path) -> dict[str, Any]:
     named = str(entry.sumocfg)
-    path = _located(named, folder)
+    path = located(named, folder)
     if path is None:
         raise ConfigError(f"sumocfg: {named}: {files.problem(folder / named)}")
     ego = EgoConfig(id=UNKNOWN_EGO, until=entry.until)

@@ -1,4 +1,4 @@
-"""The folder of a batch: whose it is, which rows it holds, and one more at a time."""
+"""The folder of a batch: which batch it belongs to, which rows it holds; one writer at a time."""
 
 import os
 import time
@@ -18,18 +18,10 @@ try:
 except ImportError:  # on Windows
     fcntl = None  # type: ignore[assignment]
 
-_LEFT_BEHIND = (
-    ROWS,
-    TABLE,
-    TRACES,
-    MAPS,
-    "tables",
-    "report.html",
-    "report.md",
-    MANIFEST,
-)  # what --fresh removes; last what says that it may
+# what --fresh removes; last the manifest, which says that it may
+_LEFT_BEHIND = (ROWS, TABLE, TRACES, MAPS, "tables", "report.html", "report.md", MANIFEST)
 
-_KINDS = {
+_KINDS = {  # of the manifest's values
     "experiment": dict,
     "experiment_digest": str,
     "shard": str,
@@ -37,14 +29,14 @@ _KINDS = {
     "plugins": list,
     "files": dict,
     "egos": dict,
-}  # in a manifest
+}
 
 
 @contextmanager
 def only_here(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
     """No other run or batch works in the folder meanwhile, on this machine.
 
-    Raises ConfigError where one does, and goes on for so long.
+    Raises ConfigError where one does so for longer than `patience_s`.
     """
     if fcntl is None:
         yield
@@ -63,7 +55,8 @@ def only_here(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
 
 
 def _lock(number: int, folder: Path, until: float) -> None:
-    """Until the descriptor is closed, or the process ends in whatever way."""
+    """Lock the folder, until the descriptor is closed or the process ends. Raises ConfigError at
+    `until` (time.monotonic())."""
     while True:
         try:
             fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -106,14 +99,14 @@ def holds_batch(folder: Path) -> bool:
 
 
 def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The manifest of a folder in which a batch like the wanted one was begun;
+    """The manifest of a folder in which the wanted batch was begun; None: no batch was.
 
-    None: in it nothing was. Raises ConfigError where it holds anything else.
+    Raises ConfigError where it holds anything else.
     """
     check_ours(folder)
     if not (folder / MANIFEST).exists():
         return None
-    ways = "take another --out, or --fresh to remove what is there"
+    remedy = "take another --out, or --fresh to remove what is there"
     manifest = _manifest(folder)
     for key, kind in _KINDS.items():
         if (key in manifest and not isinstance(manifest[key], kind)) or key not in (
@@ -121,7 +114,7 @@ def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
             "files",
         ):
             raise ConfigError(
-                f"--out {folder}: {MANIFEST}: {key}: is not what a batch writes; {ways}"
+                f"--out {folder}: {MANIFEST}: {key}: is not what a batch writes; {remedy}"
             )
     if manifest["experiment_digest"] != wanted["experiment_digest"]:
         name = manifest["experiment"].get("name")
@@ -130,33 +123,33 @@ def begun(folder: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
             if name != wanted["experiment"]["name"]
             else f"another state of {name}"
         )
-        raise ConfigError(f"--out {folder}: holds {what}; {ways}")
+        raise ConfigError(f"--out {folder}: holds {what}; {remedy}")
     if manifest["shard"] != wanted["shard"]:
         raise ConfigError(
             f"--out {folder}: holds shard {manifest['shard']}, not {wanted['shard']}; each shard "
             "has a folder of its own"
         )
-    _check_same(manifest, wanted, f"--out {folder}", ways)
+    _check_same(manifest, wanted, f"--out {folder}", remedy)
     return manifest
 
 
 def _check_same(
-    manifest: Mapping[str, Any], wanted: Mapping[str, Any], where: str, ways: str
+    manifest: Mapping[str, Any], wanted: Mapping[str, Any], where: str, remedy: str
 ) -> None:
-    """Raise ConfigError where further rows would come of other programs or files than those that
-    are there."""
+    """Raise ConfigError where further rows would come of other programs or files than the rows that
+    are there. `remedy`: what the message offers."""
     for name in DECIDING:
         before, now = manifest["versions"].get(name), wanted["versions"][name]
         if before != now:
-            raise ConfigError(f"{where}: was begun with {name} {before}, this is {now}; {ways}")
+            raise ConfigError(f"{where}: was begun with {name} {before}, this is {now}; {remedy}")
     there, here = manifest.get("files", wanted["files"]), wanted["files"]
     for name in sorted(there.keys() | here.keys()):
         if there.get(name) != here.get(name):
-            raise ConfigError(f"{where}: {name} has changed since the batch was begun; {ways}")
+            raise ConfigError(f"{where}: {name} has changed since the batch was begun; {remedy}")
     for plugin in wanted["plugins"]:
         if plugin not in manifest["plugins"]:
             raise ConfigError(
-                f"{where}: plugin {plugin['name']} has changed since the batch was begun; {ways}"
+                f"{where}: plugin {plugin['name']} has changed since the batch was begun; {remedy}"
             )
 
 
@@ -175,7 +168,7 @@ def done(folder: Path, episodes: Sequence[Episode]) -> list[Row]:
 
 
 def settle(folder: Path, episodes: Sequence[Episode]) -> None:
-    """Leave the rows of whole episodes alone in the folder, in the order of the experiment, as JSON
+    """Leave only the rows of whole episodes in the folder, in the order of the experiment, as JSON
     lines and as CSV. Raises OSError."""
     rows = done(folder, episodes)
     records.write_whole(

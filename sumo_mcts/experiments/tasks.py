@@ -1,5 +1,5 @@
-"""What a worker of a batch does: look whether a scenario can start, choose egos in a network, drive
-an episode."""
+"""What a worker of a batch does: drives an episode, tries whether a scenario starts, chooses egos
+in a network."""
 
 import math
 import signal
@@ -18,9 +18,11 @@ from sumo_mcts.driver.registry import forecast_label
 from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.goals import check_edges
+from sumo_mcts.episode.launch import LaunchOptions
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.errors import ConfigError, of_machine
-from sumo_mcts.experiments.experiment import TRAFFIC, Egos, Episode
+from sumo_mcts.experiments.experiment import TRAFFIC, Episode
+from sumo_mcts.experiments.schema import Egos
 from sumo_mcts.numerics.announce import announced, unannounced
 from sumo_mcts.records import Row
 from sumo_mcts.records.highlights import Bar, is_highlight
@@ -29,27 +31,24 @@ from sumo_mcts.world.candidates import Candidate, candidates, not_passing
 from sumo_mcts.world.crowd import Cast
 from sumo_mcts.world.roadmap import known_roadmap
 
-AMONG = 4  # egos are drawn from the first suitable vehicles: so many times as many, and
-AMONG_LEAST = 100  # no fewer than these
+AMONG = 4  # egos are drawn from the first suitable vehicles: so many times the number asked for,
+AMONG_LEAST = 100  # but no fewer than these
 SOON_S = 30.0  # simulated, for which a check waits for egos
-SHORTAGE = "shortage of the machine"  # how the errors begin that say nothing about their episode
+SHORTAGE = "shortage of the machine"  # begins errors that say nothing about their episode
 
 
 class Driven(NamedTuple):
     """What is left of an episode."""
 
     rows: tuple[Row, ...]
-    traces: dict[
-        str, bytes
-    ]  # by key, as they stand in their files: those that may be worth keeping
-    maps: dict[str, bytes]  # the roads that these refer to, by name, likewise
+    traces: dict[str, bytes]  # by key: content of the files of those that may be kept
+    maps: dict[str, bytes]  # by name: content of the files of the roads that these refer to
 
 
 def drive(episode: Episode, bar: Bar) -> Driven:
-    """Drive an episode.
+    """Drive an episode. A failure is its outcome.
 
-    Whatever fails is its outcome; but OSError and MemoryError are raised where it is the machine
-    that fails.
+    Raises OSError and MemoryError where the machine fails.
     """
     try:
         with unannounced():  # the batch says it
@@ -60,9 +59,8 @@ def drive(episode: Episode, bar: Bar) -> Driven:
                 variant=episode.variant,
                 measured=episode.measured,
             )
-    except (
-        Exception
-    ) as error:  # libsumo's exceptions share no base, and do not travel between processes
+    # libsumo's exceptions share no base, and do not travel between processes
+    except Exception as error:
         if of_machine(error):
             raise
         return Driven(failed(episode, f"{type(error).__name__}: {error}"), {}, {})
@@ -84,8 +82,7 @@ def drive(episode: Episode, bar: Bar) -> Driven:
 
 
 def drive_within(seconds: float, episode: Episode, bar: Bar) -> Driven:
-    """The same in a process that the system ends after `seconds`, whatever it is doing then, where
-    the system can do that."""
+    """The same. The operating system ends the process after `seconds`, where it can do that."""
     if not hasattr(signal, "setitimer"):
         return drive(episode, bar)
     signal.setitimer(signal.ITIMER_REAL, seconds)
@@ -96,12 +93,12 @@ def drive_within(seconds: float, episode: Episode, bar: Bar) -> Driven:
 
 
 def of_shortage(row: Row) -> bool:
-    """Whether a row tells of a shortage of the machine, so that its episode is driven again."""
+    """Whether a row tells of a shortage of the machine: then its episode is driven again."""
     return str(row.get("error") or "").startswith(SHORTAGE)
 
 
 def failed(episode: Episode, message: str, *, shortage: bool = False) -> tuple[Row, ...]:
-    """The rows of an episode of which nothing but an error is known."""
+    """The rows of an episode of which only an error is known."""
     config = episode.config
     message = f"{SHORTAGE}: {message}; the same command drives it again" if shortage else message
     known = {
@@ -131,38 +128,34 @@ def rehearse(
     measured: Sequence[str] = (),
     look: bool = False,
 ) -> str:
-    """Start a scenario, up to the first decision where that is soon or `look` asks for it, and
-    `decide` once, so that the search is compiled. Returns what is wrong with the input, "" if
-    nothing. Raises as `drive` does."""
-    loop = Loop(config, seed, sumo_options=without_outputs(config.sumo), measured=measured)
+    """Start a scenario, and return what is wrong with the input, "" if nothing.
+
+    decide: compile the search. look: go on to the first decision, even if that is not soon.
+    measured: as in run_episode. Raises as `drive` does.
+    """
+    options = LaunchOptions(sumo_options=without_outputs(config.sumo), measured=measured)
+    soon = {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}
     try:
-        loop.start()
-        Driver(
-            config, loop.world.road, loop.world.physics, 0, loop.oracles
-        )  # plugins check their options
-        if decide:
-            with announced(_nothing):  # the batch says it
-                warm_up(config, loop.world.road, loop.world.physics)
-        if look or {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}:
-            loop.scenes()  # until the egos are taken over, which is soon
-    except (
-        Exception
-    ) as error:  # libsumo's exceptions share no base, and do not travel between processes
+        with Loop(config, seed, options) as loop:
+            road, physics = loop.world.road, loop.world.physics
+            Driver(config, road, physics, 0, loop.oracles)  # plugins check their options
+            if decide:
+                with announced(_nothing):  # the batch says it
+                    warm_up(config, road, physics)
+            if look or soon:
+                loop.scenes()  # until the egos are taken over
+    # libsumo's exceptions share no base, and do not travel between processes
+    except Exception as error:
         if of_machine(error):
             raise
-        return " ".join(
-            (
-                str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}"
-            ).split()
-        )
-    finally:
-        loop.close()
+        kind = "" if isinstance(error, ConfigError) else f"{type(error).__name__}: "
+        return " ".join(f"{kind}{error}".split())
     return ""
 
 
 def require_starting(config: ScenarioConfig, seed: int | None) -> None:
-    """Raise ConfigError where a scenario does not start, or egos that depart soon cannot do what is
-    asked of them."""
+    """Raise ConfigError where a scenario does not start, or egos that depart soon cannot get to
+    their goals."""
     episode = config.episode.model_copy(
         update={"depart_limit_s": min(SOON_S, config.episode.depart_limit_s)}
     )
@@ -188,8 +181,10 @@ def choose(config: ScenarioConfig, egos: Egos) -> tuple[str, ...]:
 
 
 def some_egos(config: ScenarioConfig, egos: Egos, patience_s: float) -> tuple[str, ...]:
-    """Egos to try a user's network with: those that are named, or the first that is suitable, if
-    one departs within so many seconds of this clock. Raises ConfigError where the .sumocfg is none.
+    """Egos to try a user's network with: those that are named, or the first suitable one.
+
+    None where no suitable one departs within `patience_s`, s of wall time. Raises ConfigError where
+    the .sumocfg is none.
     """
     if egos.ids:
         return egos.ids
@@ -245,8 +240,8 @@ def _known(config: ScenarioConfig, ids: Sequence[str]) -> tuple[str, ...]:
 def _look(
     config: ScenarioConfig, found: Callable[[Candidate], bool], patience_s: float = math.inf
 ) -> list[Candidate]:
-    """The vehicles that depart, until `found` says that it is enough, or so late that an episode
-    would not have waited for them, or patience ends."""
+    """The vehicles that depart, until `found` returns True, or an episode would wait no longer, or
+    `patience_s`, s of wall time, are over."""
     limit = config.episode.depart_limit_s
     with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as folder:
         arguments = sumo_arguments(config, None, Cast(), Path(folder), without_outputs(config.sumo))

@@ -1,5 +1,5 @@
-"""Who drives the episodes of a batch, behind `concurrent.futures.Executor`: processes of this
-machine, or a dask cluster."""
+"""The processes that drive the episodes of a batch, behind `concurrent.futures.Executor`: of this
+machine, or of a dask cluster."""
 
 import logging
 import multiprocessing
@@ -25,9 +25,8 @@ from sumo_mcts.experiments.experiment import DECIDING
 from sumo_mcts.process.supervisor import die_with_parent, silence_libraries
 
 PATIENCE_S = 3.0  # for a worker that was told to end, before it is killed
-LONGEST = (
-    200  # tasks of one process, then a new one takes over: it grows by 4 MB in a hundred episodes
-)
+# tasks of one process, then a new one takes over: it grows by 4 MB in a hundred episodes
+LONGEST = 200
 ANSWER_S = 20.0  # for a scheduler, whatever it is asked
 AHEAD = 2  # episodes handed out for each worker: one that it drives, and the next
 
@@ -66,7 +65,7 @@ def cores() -> int:
 
 @contextmanager
 def here() -> Iterator[Crew]:
-    """This process alone: a task is done when it is handed out."""
+    """This process alone: a task is done as soon as it is handed out."""
     yield Crew(_Alone(), lambda: 1, DeadWorkerError)
 
 
@@ -138,8 +137,8 @@ def _answer(ask: Callable[[], _T]) -> _T:
 
 @contextmanager
 def _unheard(package: str) -> Iterator[None]:
-    """A package logs nothing meanwhile: what it has to say of a lost scheduler, tracebacks too, is
-    told in a line of ours."""
+    """A package logs nothing meanwhile: what it would say of a lost scheduler, with tracebacks, is
+    told in one line instead."""
     known = [
         logging.getLogger(name)
         for name in list(logging.root.manager.loggerDict)
@@ -156,7 +155,7 @@ def _unheard(package: str) -> Iterator[None]:
 
 
 def _check_workers(client: Any, address: str) -> None:
-    """Raise ConfigError where a worker could not give our results.
+    """Raise ConfigError where the results of a worker would differ from those of this process.
 
     One SUMO runs in a process, so a worker has to have one thread.
     """
@@ -187,10 +186,9 @@ class _Alone(Executor):
 
 
 class LocalPool(Executor):
-    """Processes that are started anew (spawned, not forked) where one died, which costs the task
-    that it was at and no other.
+    """Processes (spawned, not forked). Where one dies, its task fails and a new one is started.
 
-    `ProcessPoolExecutor` fails all tasks with one, and does not tell which it was.
+    `ProcessPoolExecutor` instead fails all tasks, and does not tell which one died.
     """
 
     def __init__(self, count: int, longest: int = LONGEST, patience_s: float | None = None) -> None:
@@ -238,8 +236,7 @@ class LocalPool(Executor):
             self._scratch.cleanup()
 
     def _end_now(self) -> None:
-        """Take back what is not begun, and end the processes; those that do not heed it are
-        killed."""
+        """Take back what is not begun, and end the processes; those that do not end are killed."""
         with self._lock:
             self._cancelled = True
             processes = [worker.process for worker in self._workers.values()]
@@ -248,10 +245,8 @@ class LocalPool(Executor):
                 task[0].cancel()
         for process in processes:
             process.terminate()
-        until, left = (
-            time.monotonic() + PATIENCE_S,
-            {process.sentinel: process for process in processes},
-        )
+        until = time.monotonic() + PATIENCE_S
+        left = {process.sentinel: process for process in processes}
         while left and time.monotonic() < until:
             for sentinel in ended(list(left), until - time.monotonic()):
                 del left[sentinel]  # type: ignore[arg-type]  # sentinels are what we wait for
@@ -261,35 +256,33 @@ class LocalPool(Executor):
     def _tend(self, number: int) -> None:
         """Give one worker its tasks, one at a time."""
         if sys.platform != "win32":
-            signal.pthread_sigmask(
-                signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP}
-            )  # inherited: they are for the main process alone
+            # the process inherits that: these signals are for the main process alone
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
         while (task := self._tasks.get()) is not None:
             future, call = task
             if future.set_running_or_notify_cancel():
                 try:
                     done, value = self._worker(number).ask(call, self._patience_s)
                 except (DeadWorkerError, SilentWorkerError) as error:
-                    self._close_branch(number)
+                    self._drop_worker(number)
                     done, value = False, error
                 except Exception as error:  # what cannot be pickled
                     done, value = False, error
                 (future.set_result if done else future.set_exception)(value)
                 if number in self._workers and self._workers[number].answered >= self._longest:
-                    self._close_branch(number)
-        self._close_branch(number)
+                    self._drop_worker(number)
+        self._drop_worker(number)
 
     def _worker(self, number: int) -> "_Worker":
-        with (
-            self._lock
-        ):  # starting processes from several threads at a time is not promised to work
+        # starting processes from several threads at a time is not promised to work
+        with self._lock:
             if self._cancelled:
                 raise DeadWorkerError("the pool was shut down")
             if number not in self._workers:
                 self._workers[number] = _Worker(self._scratch.name)
             return self._workers[number]
 
-    def _close_branch(self, number: int) -> None:
+    def _drop_worker(self, number: int) -> None:
         with self._lock:
             worker = self._workers.pop(number, None)
         if worker is not None:
@@ -318,7 +311,7 @@ class _Worker:
         try:
             self._pipe.send(call)
             if not self._pipe.poll(patience_s):
-                self.process.kill()  # it may be stopped, or in code that heeds nothing else
+                self.process.kill()  # it may be stopped, or in code that no other signal ends
                 raise SilentWorkerError(f"no end within {patience_s:g} s (--episode-timeout)")
             answer: tuple[bool, Any] = self._pipe.recv()
         except (EOFError, OSError):
@@ -331,7 +324,7 @@ class _Worker:
         return answer
 
     def end(self) -> None:
-        """Let the process go; it has nothing to do any more, or is dead."""
+        """End the process, which has nothing to do any more, or is dead."""
         self._pipe.close()
         self.process.join(PATIENCE_S)
         if self.process.exitcode is None:
@@ -348,9 +341,9 @@ def _cause(code: int | None) -> str:
 
 
 def _work(pipe: Connection, scratch: str) -> None:
-    """What a worker process does: answer calls until nobody is there any more.
+    """What a worker process does: answer calls until the other end of the pipe is closed.
 
-    Its temporary files lie in `scratch`, so that others can remove them.
+    Its temporary files lie in `scratch`, so that the main process can remove them.
     """
     tempfile.tempdir = scratch
     silence_libraries()
@@ -363,5 +356,5 @@ def _work(pipe: Connection, scratch: str) -> None:
             except Exception as error:
                 answer = (False, error)
             pipe.send(answer)
-    except (EOFError, OSError):  # nobody is
+    except (EOFError, OSError):  # it is closed
         pass

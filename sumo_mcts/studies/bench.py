@@ -1,6 +1,6 @@
-"""How fast this machine plans, against the budgets of docs/measures.md.
+"""How fast this machine plans, against the limits of docs/measures.md.
 
-Nothing here is random but the traffic, which has a fixed seed.
+Only the traffic is random, with a fixed seed.
 """
 
 import os
@@ -41,12 +41,13 @@ SCENE = "unprotected-left-turn"  # whose network is filled with agents
 EGO_EDGES = ("from_west", "to_north")
 EGO_S, EGO_SPEED = 100.0, 8.0
 CLEAR = 15.0  # m kept free around the ego
-VEHICLES, SETTLE_S, CYCLES = (
-    300,
-    60.0,
-    120,
-)  # in the grid: vehicles, seconds before the ego starts, decisions
-BUDGET_RANGE = 120.0  # m within which about as many of them are as the budget says, 60
+# in the grid: vehicles, seconds before the ego starts, decisions
+VEHICLES, SETTLE_S, CYCLES = 300, 60.0, 120
+# agents, of them reactive, iterations/s at least; None: no limit
+SEARCHES = ((5, 0, 100_000.0), (10, 0, None), (50, 0, None), (10, 10, 20_000.0))
+# kind of the 10 agents, how many react; ms at most in the median and the 99th percentile
+DECISIONS = (("tabulated", 0, (20.0, 40.0)), ("reactive", 10, (150.0, 300.0)))
+LIMIT_RANGE = 120.0  # m within which about 60 of them are, as the limit says
 PHYSICS = Physics(0.1, False, 3.0)
 FIRST_DECISION = """
 from sumo_mcts import config
@@ -57,7 +58,6 @@ from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.episode.loop import Loop
 scene = config.load(builtin.scenario_path("highway-exit"))
 loop = Loop(scene, 0)
-loop.start()
 warm_up(scene, loop.world.road, loop.world.physics)
 driver = Driver(scene, loop.world.road, loop.world.physics, streams(0).search)
 loop.apply({ego: driver.decide(known).decision for ego, known in loop.scenes().items()})
@@ -65,20 +65,20 @@ loop.close()
 """
 
 
-class Budget(NamedTuple):
-    """One line of the table: what is measured, and the first column."""
+class Quantity(NamedTuple):
+    """What one line of the table measures."""
 
-    quantity: str
+    name: str
     unit: str
     limit: float | None
     at_least: bool = False
 
 
 def run(share: float, note: Note) -> list[Row]:
-    """Measure.
+    """Measure all of it. Raises ConfigError.
 
-    `share` of the usual repetitions; below 1 without the first compilation. `note` is told what is
-    being measured. Raises ConfigError.
+    share: of the usual repetitions; below 1 without the first compilation. note: is told what is
+    being measured.
     """
     note("starting new processes")
     rows = _starts(share, note)
@@ -89,73 +89,53 @@ def run(share: float, note: Note) -> list[Row]:
 def _plans(share: float, note: Note) -> list[Row]:
     """Planning in this process."""
     rows: list[Row] = []
-    for agents, limit in ((5, 100_000.0), (10, None), (50, None)):
-        note(f"searching among {agents} agents")
-        budget = Budget(
-            f"iterations/s, {agents} tabulated agents, 12 actions, 4 + 4 steps of 1 s (setting a)",
-            "1/s",
-            limit,
-            at_least=True,
+    for agents, reactive, limit in SEARCHES:
+        note(f"searching among {'agents that react' if reactive else f'{agents} agents'}")
+        name = f"iterations/s, {agents} " + (
+            "reactive agents (setting a otherwise)"
+            if reactive
+            else "tabulated agents, 12 actions, 4 + 4 steps of 1 s (setting a)"
         )
-        rows.append(_row(budget, _iterations_per_second(agents, 0, share)))
-    note("searching among agents that react")
-    rows.append(
-        _row(
-            Budget(
-                "iterations/s, 10 reactive agents (setting a otherwise)",
-                "1/s",
-                20_000.0,
-                at_least=True,
-            ),
-            _iterations_per_second(10, 10, share),
-        )
-    )
+        quantity = Quantity(name, "1/s", limit, at_least=True)
+        rows.append(_row(quantity, _iterations_per_second(agents, reactive, share)))
     note("deciding with 3000 iterations")
-    rows += _quantiles(
-        "one decision of 3000 iterations, 10 tabulated agents",
-        _decisions(10, 0, 3000, share),
-        (20.0, 40.0),
-    )
-    rows += _quantiles(
-        "one decision of 3000 iterations, 10 reactive agents",
-        _decisions(10, 10, 3000, share),
-        (150.0, 300.0),
-    )
+    for kind, reactive, limits in DECISIONS:
+        name = f"one decision of 3000 iterations, 10 {kind} agents"
+        rows += _quantiles(name, _decisions(10, reactive, 3000, share), limits)
     note("driving through a grid of streets")
-    for range_m, limits in ((BUDGET_RANGE, (25.0, 50.0)), (SensorConfig().range_m, (None, None))):
+    for range_m, most in ((LIMIT_RANGE, (25.0, 50.0)), (SensorConfig().range_m, (None, None))):
         times, in_range = _cycles(share, range_m)
-        quantity = (
+        name = (
             f"a cycle among {VEHICLES} vehicles, up to {in_range} in range ({range_m:.0f} "
             "m), 1000 iterations, all in"
         )
-        rows += _quantiles(quantity, times, limits)
+        rows += _quantiles(name, times, most)
     return rows
 
 
-def _row(budget: Budget, value: float) -> Row:
+def _row(measured: Quantity, value: float) -> Row:
     ok = (
         None
-        if budget.limit is None
-        else bool(value >= budget.limit if budget.at_least else value <= budget.limit)
+        if measured.limit is None
+        else bool(value >= measured.limit if measured.at_least else value <= measured.limit)
     )
     digits = 0 if value >= 1000 else 2
     return {
-        "quantity": budget.quantity,
+        "quantity": measured.name,
         "value": round(value, digits),
-        "unit": budget.unit,
-        "budget": budget.limit,
+        "unit": measured.unit,
+        "budget": measured.limit,
         "ok": ok,
     }
 
 
 def _quantiles(
-    quantity: str, times: Sequence[float], limits: tuple[float | None, float | None]
+    name: str, times: Sequence[float], limits: tuple[float | None, float | None]
 ) -> list[Row]:
     """Rows for the median and the 99th percentile of times in s."""
-    both = zip(("p50", "p99"), (50, 99), limits, strict=True)
     return [
-        _row(Budget(f"{quantity}, {name}", "ms", limit), float(np.percentile(times, q)) * 1000.0)
-        for name, q, limit in both
+        _row(Quantity(f"{name}, p{q}", "ms", limit), float(np.percentile(times, q)) * 1000.0)
+        for q, limit in zip((50, 99), limits, strict=True)
     ]
 
 
@@ -163,25 +143,23 @@ def _quantiles(
 
 
 def _starts(share: float, note: Note) -> list[Row]:
-    """--help, warm start, and with an empty cache the first compilation.
+    """--help, the first compilation with an empty cache, and a warm start.
 
     The warm start comes last: it finds what was compiled.
     """
-    rows = [_row(Budget("--help", "s", 0.3), _fastest(["-m", "sumo_mcts", "--help"], 3))]
+    rows = [_row(Quantity("--help", "s", 0.3), _fastest(["-m", "sumo_mcts", "--help"], 3))]
     if share >= 1.0:
         note(f"{COMPILING}, with an empty cache")
         with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as empty:
             rows.append(
                 _row(
-                    Budget("first compilation", "s", 15.0),
+                    Quantity("first compilation", "s", 15.0),
                     _seconds(["-c", FIRST_DECISION], {"XDG_CACHE_HOME": empty}),
                 )
             )
     _seconds(["-c", FIRST_DECISION], {})  # compiles, where that is still to be done
-    return [
-        *rows,
-        _row(Budget("warm start to first decision", "s", 4.0), _fastest(["-c", FIRST_DECISION], 3)),
-    ]
+    warm = Quantity("warm start to first decision", "s", 4.0)
+    return [*rows, _row(warm, _fastest(["-c", FIRST_DECISION], 3))]
 
 
 def _fastest(words: list[str], count: int) -> float:
@@ -210,15 +188,15 @@ def _seconds(words: list[str], environment: dict[str, str]) -> float:
 
 
 def _iterations_per_second(agents: int, reactive: int, share: float) -> float:
-    """Median over scenes of what decisions of many iterations get done."""
+    """Median over scenes, for decisions of many iterations."""
     scenario, road = _scenario("planner.iterations=20000", f"planner.reactive={reactive}")
     rates = []
     for seed in range(max(2, round(10 * share))):
         scene = _scene(road, agents, seed, near=reactive > 0)
         Driver(scenario, road, PHYSICS, seed).decide(scene)  # touches the memory of the tree
         began = time.perf_counter()
-        thought = Driver(scenario, road, PHYSICS, seed).decide(scene)
-        rates.append(thought.decision.iterations / (time.perf_counter() - began))
+        planned = Driver(scenario, road, PHYSICS, seed).decide(scene)
+        rates.append(planned.decision.iterations / (time.perf_counter() - began))
     return float(np.median(rates))
 
 
@@ -240,34 +218,34 @@ def _scenario(*overrides: str) -> tuple[ScenarioConfig, RoadMap]:
 
 
 def _scene(road: RoadMap, count: int, seed: int, near: bool = False) -> Scene:
-    """`count` agents anywhere on the arms of the crossing, or `near`: on those that the ego drives
-    on, and the ego on its way there."""
+    """The ego on its way to the crossing, and `count` agents anywhere on the arms; `near`: on those
+    of the ego's route."""
     rng = np.random.default_rng(seed)
     route = tuple(road.edge_ids.index(edge) for edge in EGO_EDGES)
     own = int(np.flatnonzero(road.edge == route[0])[-1])
     x, y, heading = _pose(road, own, EGO_S)
     ego = EgoState(
-        "ego",
-        x,
-        y,
-        heading,
-        EGO_SPEED,
-        0.0,
-        own,
-        EGO_S,
-        0.0,
-        5.0,
-        1.8,
-        2.6,
-        4.5,
-        9.0,
-        50.0,
-        1.0,
-        0,
-        route,
-        0.0,
-        -1,
-        -1,
+        id="ego",
+        x=x,
+        y=y,
+        heading=heading,
+        v=EGO_SPEED,
+        a=0.0,
+        lane=own,
+        s=EGO_S,
+        d=0.0,
+        length=5.0,
+        width=1.8,
+        max_accel=2.6,
+        comfort_decel=4.5,
+        emergency_decel=9.0,
+        max_speed=50.0,
+        speed_factor=1.0,
+        vclass=0,
+        route=route,
+        changing=0.0,
+        change_to=-1,
+        change_from=-1,
     )
     places: list[tuple[int, float]] = []
     lanes = np.flatnonzero(np.isin(road.edge, route) if near else ~road.internal)
@@ -276,13 +254,8 @@ def _scene(road: RoadMap, count: int, seed: int, near: bool = False) -> Scene:
         s = float(rng.uniform(6.0, road.length[lane]))
         if all(lane != other or abs(s - there) > CLEAR for other, there in [*places, (own, EGO_S)]):
             places.append((lane, s))
-    return Scene(
-        0.0,
-        PHYSICS.step,
-        ego,
-        _agents(road, places, rng),
-        Signals(np.zeros(1, np.int32), np.full((0, 1), GREEN, np.int32), np.zeros((0, 1))),
-    )
+    signals = Signals(np.zeros(1, np.int32), np.full((0, 1), GREEN, np.int32), np.zeros((0, 1)))
+    return Scene(0.0, PHYSICS.step, ego, _agents(road, places, rng), signals)
 
 
 def _agents(road: RoadMap, places: Sequence[tuple[int, float]], rng: np.random.Generator) -> Agents:
@@ -290,24 +263,24 @@ def _agents(road: RoadMap, places: Sequence[tuple[int, float]], rng: np.random.G
     n = len(places)
     x, y, heading = np.array([_pose(road, lane, s) for lane, s in places]).T
     lane, s = np.array([lane for lane, _ in places], np.int32), np.array([s for _, s in places])
-    v, zero, none = rng.uniform(0.0, 12.0, n), np.zeros(n), np.zeros(n, np.int32)
+    zero, none = np.zeros(n), np.zeros(n, np.int32)
     return Agents(
-        tuple(f"agent{i}" for i in range(n)),
-        x,
-        y,
-        heading,
-        v,
-        zero,
-        zero,
-        zero + 5.0,
-        zero + 1.8,
-        lane,
-        s,
-        zero,
-        none,
-        zero,
-        np.zeros(n, np.bool_),
-        none,
+        ids=tuple(f"agent{i}" for i in range(n)),
+        x=x,
+        y=y,
+        heading=heading,
+        v=rng.uniform(0.0, 12.0, n),
+        a=zero,
+        trend=zero,
+        length=zero + 5.0,
+        width=zero + 1.8,
+        lane=lane,
+        s=s,
+        d=zero,
+        blinker=none,
+        standing_s=zero,
+        person=np.zeros(n, np.bool_),
+        vclass=none,
     )
 
 

@@ -1,5 +1,5 @@
-"""Every predictor beside the one that drives: what each forecasts in the same cycles of the same
-episodes, and how far it was off."""
+"""How far off each predictor is: all are asked in the same cycles of the same episodes, and the
+planner drives by one of them."""
 
 import time
 from collections import Counter, defaultdict
@@ -33,8 +33,10 @@ def compare(
     sumo_options: Sequence[str],
     note: Note,
 ) -> dict[str, Any]:
-    """An episode for each of these (one scenario with different egos) and seed; every predictor
-    judged in all of their cycles. Raises ConfigError."""
+    """Judge every predictor in all cycles of an episode for each of `configs` and seed.
+
+    configs: one scenario, with different egos. Raises ConfigError.
+    """
     require_possible(gui=False)
     judge, config = _Judge(configs[0]), configs[0]
     rows: list[records.Row] = []
@@ -63,26 +65,26 @@ def compare(
 
 
 def _tell(note: Note, where: str, news: str) -> None:
-    """What an episode says, with which one it is where the news are of a moment in it."""
+    """Pass on what an episode says. News of a moment in it, which begin with the time, get its
+    number."""
     note(f"{where}  {news}" if news[:1].isdigit() else news)
 
 
-class _Said(NamedTuple):
-    """What was forecast in one cycle of one ego, and is still to be judged."""
+class _Pending(NamedTuple):
+    """The forecasts of one cycle of one ego, still to be judged."""
 
     scene: Scene
     forecasts: Mapping[str, Forecast]
 
 
 class _Judge:
-    """Asks all predictors in every cycle, and compares when their time has come."""
+    """Asks all predictors in every cycle, and compares each forecast when its time has come."""
 
     def __init__(self, config: ScenarioConfig) -> None:
         scripted = any(actor.driver == "script" for actor in config.traffic.actors)
         own = config.prediction.name
-        self._predictors = {
-            name: name for name in OURS if name != "script" or scripted
-        }  # label -> name
+        # label -> name
+        self._predictors = {name: name for name in OURS if name != "script" or scripted}
         if own not in PREDICTORS:
             self._predictors[prediction_label(config)] = own
         self._found: defaultdict[tuple[str, float], list[Errors]] = defaultdict(list)
@@ -91,11 +93,11 @@ class _Judge:
         self.begin()
 
     def begin(self) -> None:
-        """Another episode: what was said in the last one is never judged."""
-        self._said: defaultdict[str, list[_Said]] = defaultdict(list)
+        """Another episode begins: what is still pending is never judged."""
+        self._pending: defaultdict[str, list[_Pending]] = defaultdict(list)
 
     def watch(self, loop: Loop, drivers: Mapping[str, Driver], scenes: Mapping[str, Scene]) -> None:
-        """A cycle of the egos in `scenes`: judge what was said before, and ask anew."""
+        """A cycle of the egos in `scenes`: judge what is pending, and ask anew."""
         require_copyable()
         for ego, scene in scenes.items():
             self._judge(loop, ego, scene.time)
@@ -112,7 +114,7 @@ class _Judge:
             given = {name: forecast for name, forecast in forecasts.items() if forecast is not None}
             if given:
                 self.cycles += 1
-                self._said[ego].append(_Said(scene, given))
+                self._pending[ego].append(_Pending(scene, given))
 
     def _ask(self, driver: Driver, label: str, scene: Scene, seconds: float) -> Forecast | None:
         began = time.perf_counter()
@@ -121,20 +123,20 @@ class _Judge:
         return forecast
 
     def _judge(self, loop: Loop, ego: str, now: float) -> None:
-        """Each forecast in the cycle that is nearest to each horizon."""
+        """Judge each pending forecast in the cycle that is nearest to each horizon."""
         half = 0.5 * loop.world.period
-        for said in self._said[ego]:
-            after = now - said.scene.time
+        for pending in self._pending[ego]:
+            after = now - pending.scene.time
             for horizon in HORIZONS:
                 if horizon - half <= after - 1e-9 < horizon + half - 2e-9:
-                    self._compare(loop, said, horizon, after)
-        self._said[ego] = [
-            said for said in self._said[ego] if now - said.scene.time < max(HORIZONS)
+                    self._compare(loop, pending, horizon, after)
+        self._pending[ego] = [
+            pending for pending in self._pending[ego] if now - pending.scene.time < max(HORIZONS)
         ]
 
-    def _compare(self, loop: Loop, said: _Said, horizon: float, after: float) -> None:
-        states = loop.world.observer.states(said.scene.agents.ids)
-        for name, forecast in said.forecasts.items():
+    def _compare(self, loop: Loop, pending: _Pending, horizon: float, after: float) -> None:
+        states = loop.world.observer.states(pending.scene.agents.ids)
+        for name, forecast in pending.forecasts.items():
             self._found[name, horizon].append(
                 errors(
                     forecast,

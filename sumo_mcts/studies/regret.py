@@ -1,5 +1,5 @@
-"""How near planners come to the optimum of the reference problem: states are taken from episodes,
-and every planner is asked in each of them."""
+"""How near planners come to the optimum of the reference problem: every planner is asked in states
+that are taken from episodes."""
 
 import math
 from collections import Counter
@@ -32,17 +32,18 @@ from sumo_mcts.records.statistics import wilson
 from sumo_mcts.scene import Follow, Scene
 from sumo_mcts.world.arguments import without_outputs
 
-ASKED = (*FORECASTING, "constant")  # who decides from what is known in a cycle, without a past
+ASKED = (*FORECASTING, "constant")  # planners that decide from one cycle alone, without a past
 SHARE = 0.05  # near-optimal: regret up to this share of the spread, or
-SMALL = 0.1  # ... of the scale, where the spread is smaller than the scale
-FACTOR = 100  # times the labels, with which the reference has to come to the same, and
-FINER = 10  # ... times the labels in cells half as wide
+SMALL = 0.1  # up to this share of the scale, where the spread is smaller than the scale
+# the reference has converged if it comes to the same with so many times the labels,
+FACTOR = 100
+FINER = 10  # and with so many times the labels in cells half as wide
 Row = dict[str, Any]
 Ask = Callable[[Task, Situation, int], list[Row]]  # with a seed
 
 
-class Standing(NamedTuple):
-    """A state, as the reference sees it. Costs in those of the reference."""
+class Yardstick(NamedTuple):
+    """What decisions in one state are measured against. Costs in units of the reference."""
 
     optimum: float  # of the actions that can begin there; free of losses if any is
     # between the best and the worst action without a loss; 0 where every action ends in one
@@ -57,33 +58,29 @@ class Asked(NamedTuple):
 
     planners: tuple[str, ...]
     iterations: tuple[int, ...]  # each of them, where a planner searches
-    converged: bool = False  # no planner, but whether the reference has converged
+    converged: bool = False  # ask no planner, but whether the reference has converged
 
 
 # --- states of an episode ---
 
 
 class Harvest(NamedTuple):
-    """What came of asking in the cycles of an episode."""
+    """The answers in the cycles of an episode."""
 
-    states: tuple[list[Row], ...]  # the answers in each
-    outcomes: Counter[str]
-    problems: tuple[str, ...]
+    states: tuple[list[Row], ...]  # the answers in each state
+    outcomes: Counter[str]  # of the egos
+    problems: tuple[str, ...]  # a line for each ego with outcome `error`
 
 
 def harvest(
     config: ScenarioConfig, seed: int | None, asked: Asked, every: int, first: int, most: int
 ) -> Harvest:
-    """Drive an episode and ask in every `every`-th cycle of each ego, in at most `most` states;
+    """Drive an episode and ask in every `every`-th cycle of each ego, in at most `most` states.
 
-    `first` moves the cycles that are asked in. Raises ConfigError.
+    `first` moves these cycles. Raises ConfigError.
     """
-    gathering = _Gathering(
-        both_efforts if asked.converged else Panel(config, asked.planners, asked.iterations).ask,
-        every,
-        first,
-        most,
-    )
+    ask = both_budgets if asked.converged else Panel(config, asked.planners, asked.iterations).ask
+    gathering = _Gathering(ask, every, first, most)
     rows = run_episode(
         config, seed, sumo_options=without_outputs(config.sumo), watch=gathering.watch
     ).rows
@@ -141,15 +138,15 @@ def check(config: ScenarioConfig, asked: Asked) -> None:
 
 
 class Panel:
-    """The planners that are asked: each anew in every state, as if it had just taken the ego
-    over."""
+    """The planners that are asked: each in every state anew, as if it had just taken over the
+    ego."""
 
     def __init__(
         self, config: ScenarioConfig, planners: Sequence[str], iterations: Sequence[int]
     ) -> None:
-        """Those that search are asked with each number of `iterations`.
+        """Planners that search are asked with each number of `iterations`.
 
-        Raises ConfigError for one that cannot be asked.
+        Raises ConfigError for a planner that cannot be asked.
         """
         unknown = [
             name for name in planners if name not in ASKED and not is_plugin(name, PLANNER_GROUP)
@@ -159,18 +156,18 @@ class Panel:
                 f"--planners: {unknown[0]}: not one that can be asked for a single decision; "
                 f"allowed: {', '.join(ASKED)}, plugins"
             )
-        self._efforts = list(
+        self._asked = list(
             dict.fromkeys(
                 (name, n)
                 for name in planners
                 for n in (iterations if name in SEARCHING else (None,))
             )
         )
-        self._planners = [make_planner(_asked(config, name, n)) for name, n in self._efforts]
+        self._planners = [make_planner(_with_planner(config, name, n)) for name, n in self._asked]
 
     def ask(self, task: Task, situation: Situation, seed: int) -> list[Row]:
-        """A row for each planner and number of iterations, all of them in the likeliest hypothesis:
-        the reference problem has one."""
+        """A row for each planner and number of iterations, in the likeliest hypothesis alone: the
+        reference problem has one."""
         situation = situation._replace(forecast=likeliest(situation.forecast), until=math.inf)
         problem = problem_of(task, situation)
         roots = root_lines(problem)
@@ -178,18 +175,18 @@ class Panel:
         for planner in self._planners:
             planner.start(task, seed)
             command = planner.plan(situation).command
-            assert isinstance(command, Follow), "whoever is asked drives"
+            assert isinstance(command, Follow), "a planner that is asked drives"
             lines.append(profile_line(problem, command))
         solution = solve(problem, np.concatenate([roots, lines]))
-        here = standing(solution, len(roots), scale(problem.task.ego))
-        efforts = zip(self._efforts, range(len(roots), len(roots) + len(lines)), strict=True)
+        here = yardstick(solution, len(roots), scale(problem.task.ego))
+        answers = zip(self._asked, range(len(roots), len(roots) + len(lines)), strict=True)
         return [
             {"planner": name, "iterations": n, **judged(here, solution, i)}
-            for (name, n), i in efforts
+            for (name, n), i in answers
         ]
 
 
-def _asked(config: ScenarioConfig, name: str, iterations: int | None) -> ScenarioConfig:
+def _with_planner(config: ScenarioConfig, name: str, iterations: int | None) -> ScenarioConfig:
     planner = {
         "name": name,
         "time_budget_ms": None,
@@ -199,21 +196,21 @@ def _asked(config: ScenarioConfig, name: str, iterations: int | None) -> Scenari
     return config.model_copy(update={"planner": config.planner.model_copy(update=planner)})
 
 
-def standing(solution: Solution, roots: int, unit: float) -> Standing:
-    """What the first `roots` beginnings, the actions, tell of a state."""
+def yardstick(solution: Solution, roots: int, unit: float) -> Yardstick:
+    """The yardstick of a state, whose actions are the first `roots` beginnings of the solution."""
     value, collides = solution.value[:roots], solution.collides[:roots]
     free = value[~collides]
     spread = float(np.ptp(free)) if len(free) else 0.0
     contested = bool(np.ptp(value) > unit or collides.any())
-    return Standing(
+    return Yardstick(
         float(value[best_root(solution, roots)]), spread, unit, len(free) > 0, contested
     )
 
 
-def judged(here: Standing, solution: Solution, i: int) -> Row:
-    """The i-th beginning against the optimum.
+def judged(here: Yardstick, solution: Solution, i: int) -> Row:
+    """The i-th beginning of the solution against the optimum, in units of the scale.
 
-    Costs in units of the scale; regret is below 0 where a profile is better than all actions.
+    Regret is below 0 where a speed profile is better than all actions.
     """
     regret = float(solution.value[i]) - here.optimum
     allowed = SHARE * here.spread if here.spread >= here.scale else SMALL * here.scale
@@ -247,7 +244,8 @@ def ranking(rows: Sequence[Row]) -> list[Row]:
 
 
 def _statistics(rows: Sequence[Row]) -> Row:
-    """Counts and regrets, in units of the scale; what is better than all actions has none."""
+    """Counts and regrets, in units of the scale; a profile that is better than all actions has no
+    regret."""
     regret = np.maximum([row["regret"] for row in rows], 0.0)
     near = sum(row["near_optimal"] for row in rows)
     return {
@@ -264,10 +262,9 @@ def _statistics(rows: Sequence[Row]) -> Row:
 # --- whether the reference has converged ---
 
 
-def both_efforts(task: Task, situation: Situation, _: int) -> list[Row]:
-    """A row for each action that can begin here: its cost with the usual effort, and the lower one
-    of two that take far more: FACTOR times the labels, and FINER times the labels in cells half as
-    wide."""
+def both_budgets(task: Task, situation: Situation, _: int) -> list[Row]:
+    """A row for each action that can begin here: its cost with the usual budget of labels, and the
+    lower cost of two far larger budgets (FACTOR; FINER)."""
     problem = problem_of(task, situation)
     lines = root_lines(problem)
     usual, finer = (
@@ -291,8 +288,8 @@ def both_efforts(task: Task, situation: Situation, _: int) -> list[Row]:
 
 
 def cheaper(one: Solution, other: Solution) -> Solution:
-    """The better of two solutions for each beginning: each value is the cost of a way that was
-    found."""
+    """The better of two solutions for each beginning: each value is the cost of a trajectory that
+    was found."""
     first = (one.collides < other.collides) | (
         (one.collides == other.collides) & (one.value <= other.value)
     )
@@ -305,8 +302,8 @@ def cheaper(one: Solution, other: Solution) -> Solution:
 
 
 def convergence(rows: Sequence[Row]) -> dict[str, Any]:
-    """How far the usual effort is off, in units of the scale: the costs of all actions, those of
-    the optimum, and what the action costs that it prefers."""
+    """How far the usual budget is off, in units of the scale: the costs of all actions, the costs
+    of the optimum, and what the preferred action costs more than the optimum."""
     same = [row for row in rows if row["collides"] == row["collides_converged"]]
     return {
         "actions": _sizes([row["value"] - row["converged"] for row in same]),

@@ -27,7 +27,8 @@ from measure import span
 from sumo_mcts import config
 from sumo_mcts.config import builtin
 from sumo_mcts.episode import run_episode
-from sumo_mcts.evaluation.referee import IMPOSED, Referee
+from sumo_mcts.evaluation import referee
+from sumo_mcts.evaluation.imposed import IMPOSED, braking_for_ego
 from sumo_mcts.scene import Floats
 from sumo_mcts.world.clone import in_copy
 from sumo_mcts.world.simulation import Simulation
@@ -38,7 +39,7 @@ MARGIN = (
 EPS = 1e-6
 SCENES = ("unprotected-left-turn-varied", "highway-exit-varied", "straight-line-varied")
 Job = tuple[str, tuple[str, ...], int]  # scene, overrides, seed
-_JUDGE, _STEP = Referee.braking_for_ego, Simulation.step
+_JUDGE, _STEP = braking_for_ego, Simulation.step
 
 
 def main() -> None:
@@ -88,7 +89,7 @@ def looked_at(job: Job) -> list[tuple[float, str, float, float]]:
     scene, sets, seed = job
     scenario = config.load(builtin.scenario_path(scene), sets)
     heard = Braking(scenario.egos[0].id)
-    Referee.braking_for_ego, Simulation.step = heard.judge, heard.step  # type: ignore[method-assign]
+    referee.braking_for_ego, Simulation.step = heard.judge, heard.step  # type: ignore[attr-defined, method-assign]
     try:
         run_episode(scenario, seed)
         first, heard.wanted = (
@@ -101,7 +102,7 @@ def looked_at(job: Job) -> list[tuple[float, str, float, float]]:
         if heard.found != first:
             raise RuntimeError(f"{scene}, seed {seed}: the second run is not the first")
     finally:
-        Referee.braking_for_ego, Simulation.step = _JUDGE, _STEP  # type: ignore[method-assign]
+        referee.braking_for_ego, Simulation.step = _JUDGE, _STEP  # type: ignore[attr-defined, method-assign]
     return [
         (time, name, decel, heard.without[time, name])
         for time, braking in first.items()
@@ -120,10 +121,10 @@ class Braking:
 
     @property
     def judge(self) -> Any:
-        """In place of Referee.braking_for_ego."""
+        """In place of referee.braking_for_ego."""
 
-        def judge(referee: Referee, before: Any, frame: Any, known: Any) -> list[tuple[str, float]]:
-            braking = _JUDGE(referee, before, frame, known)
+        def judge(*asked: Any) -> list[tuple[str, float]]:
+            braking, frame = _JUDGE(*asked), asked[-2]
             if braking:
                 self.found[round(frame.time, 3)] = braking
             return braking

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from sumo_mcts.config import ScenarioConfig, build, json_schema, load
 from sumo_mcts.config.builtin import root
 from sumo_mcts.errors import ConfigError, printable
-from sumo_mcts.experiments.experiment import Experiment
+from sumo_mcts.experiments.schema import Experiment
 
 LOWEST, HIGHEST = ("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum")
 

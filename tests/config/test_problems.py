@@ -7,7 +7,7 @@ from pydantic import BaseModel, ValidationError
 
 from sumo_mcts.config import build, json_schema, problems
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.experiments.experiment import Experiment
+from sumo_mcts.experiments.schema import Experiment
 
 FINE: dict[str, Any] = {"name": "x", "sumo": {"net": "x.net.xml"}, "egos": [{"id": "ego"}]}
 NOT_OURS = (

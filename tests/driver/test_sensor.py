@@ -453,7 +453,6 @@ def test_the_lanes_of_sumo_are_found_again() -> None:
     """The true poses of whole episodes, matched: SUMO's own lane, position and offset."""
     for name in ("unprotected-left-turn", "highway-exit"):
         loop = Loop(config.load(builtin.scenario_path(name), ("planner.name=sumo",)), 3)
-        loop.start()
         from sumo_mcts.driver.driver import Driver
 
         driver = Driver(loop.config, loop.world.road, loop.world.physics, 0)
@@ -475,9 +474,8 @@ def test_the_lanes_of_sumo_are_found_again() -> None:
 
 def test_the_referee_is_told_the_truth() -> None:
     loop = Loop(config.load(builtin.scenario_path("highway-exit"), NOISY), 2)
-    loop.start()
     try:
-        scene, pilot = loop.scenes()["ego"], loop._egos[0].pilot
+        scene, pilot = loop.scenes()["ego"], loop._egos[0].vehicle
         assert pilot is not None
         frame = pilot.look()
         true = dict(zip(frame.agents.ids, frame.agents.x.tolist(), strict=True))

@@ -10,6 +10,7 @@ from sumo_mcts.commands import forecasts
 from sumo_mcts.config import ScenarioConfig, builtin
 from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.loop import Loop
+from sumo_mcts.episode.oracles import SimulationOracles
 from sumo_mcts.evaluation.forecast_errors import errors, statistics, together
 from sumo_mcts.scene import Floats, Forecast
 from sumo_mcts.studies.forecasts import compare
@@ -23,17 +24,17 @@ def forecast(x: Floats, lane: list[list[int]], valid: list[list[bool]] | None = 
     there = np.ones((times, n), np.bool_) if valid is None else np.array(valid)
     none = np.zeros(n)
     return Forecast(
-        0.5,
-        np.ones(1),
-        pose,
-        np.zeros((1, times, n)),
-        np.array([lane], np.int32),
-        pose[..., 0],
-        there[None],
-        none,
-        none,
-        none > 0,
-        none > 0,
+        dt=0.5,
+        weight=np.ones(1),
+        pose=pose,
+        v=np.zeros((1, times, n)),
+        lane=np.array([lane], np.int32),
+        s=pose[..., 0],
+        valid=there[None],
+        half_length=none,
+        half_width=none,
+        reacts=none > 0,
+        yields=none > 0,
     )
 
 
@@ -234,7 +235,7 @@ def test_a_forecast_that_fails_is_an_outcome(monkeypatch: pytest.MonkeyPatch) ->
     def broken(*_: object) -> None:
         raise RuntimeError("no crystal ball")
 
-    monkeypatch.setattr(Loop, "copied", broken)
+    monkeypatch.setattr(SimulationOracles, "copied", broken)
     document = compare([scene_of("straight-line", "planner.name=sumo")], [0], (), nothing)
     assert document["outcomes"] == {"error": 1}
     assert document["problems"] == ["straight-line: ego ego: RuntimeError: no crystal ball"]

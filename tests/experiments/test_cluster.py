@@ -16,7 +16,8 @@ from helpers_batch import SMALL, timeless, write
 from sumo_mcts import run_batch
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments import workers
-from sumo_mcts.experiments.batch import BatchError, Progress
+from sumo_mcts.experiments.problems import BatchError
+from sumo_mcts.experiments.progress import Progress
 from sumo_mcts.experiments.workers import cluster
 from sumo_mcts.records import read_rows
 
@@ -181,8 +182,8 @@ def test_a_scheduler_that_is_stopped_on_the_way_is_given_up(
 
 def test_an_episode_without_an_end_ends_its_process() -> None:
     code = (
-        "from sumo_mcts.experiments import drive; drive.drive = lambda *_: "
-        "__import__('ctypes').PyDLL(None).sleep(60); drive.drive_within(1.0, None, None)"
+        "from sumo_mcts.experiments import tasks; tasks.drive = lambda *_: "
+        "__import__('ctypes').PyDLL(None).sleep(60); tasks.drive_within(1.0, None, None)"
     )
     assert (
         subprocess.run([sys.executable, "-c", code], check=False, timeout=30).returncode

@@ -2,7 +2,10 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 from helpers_batch import die, echo, raise_value_error
@@ -82,3 +85,33 @@ def test_a_process_killed_from_outside_is_a_shortage_and_one_that_crashes_is_non
         with LocalPool(1) as pool, pytest.raises(DeadWorkerError, match=number.name) as death:
             pool.submit(signal.raise_signal, number).result(30)
         assert death.value.shortage == shortage
+
+
+ORPHAN = """
+import sys, time
+from sumo_mcts.experiments.workers import LocalPool
+if __name__ == "__main__":
+    pool = LocalPool(1)
+    pool.submit(abs, 1).result()
+    print(*pool.pids(), flush=True)
+    pool.submit(time.sleep, 60).result()
+"""
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="elsewhere a worker notices when its task is done"
+)
+def test_a_worker_at_work_does_not_outlive_a_parent_that_is_killed(tmp_path: Path) -> None:
+    (tmp_path / "parent.py").write_text(ORPHAN)
+    with subprocess.Popen(
+        [sys.executable, tmp_path / "parent.py"], stdout=subprocess.PIPE, text=True
+    ) as parent:
+        assert parent.stdout is not None
+        worker = Path("/proc") / parent.stdout.readline().strip()
+        assert worker.exists()
+        time.sleep(0.2)  # until it sleeps
+        parent.kill()
+    end = time.monotonic() + 5.0
+    while worker.exists() and "\nState:\tZ" not in (worker / "status").read_text():
+        assert time.monotonic() < end, "still there"
+        time.sleep(0.05)

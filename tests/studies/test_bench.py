@@ -42,8 +42,8 @@ def test_whoever_is_near_reacts() -> None:
 
 def test_budgets_are_judged_from_their_side() -> None:
     floor, ceiling = (
-        bench.Budget("rate", "1/s", 100.0, at_least=True),
-        bench.Budget("time", "ms", 20.0),
+        bench.Quantity("rate", "1/s", 100.0, at_least=True),
+        bench.Quantity("time", "ms", 20.0),
     )
     assert [bench._row(floor, value)["ok"] for value in (99.0, 100.0)] == [False, True]
     assert [bench._row(ceiling, value)["ok"] for value in (20.0, 20.1)] == [True, False]

@@ -19,11 +19,11 @@ from sumo_mcts.studies import regret
 from sumo_mcts.studies.regret import (
     Panel,
     Row,
-    both_efforts,
+    both_budgets,
     convergence,
     judged,
     ranking,
-    standing,
+    yardstick,
 )
 
 SCALE = 0.8
@@ -37,7 +37,7 @@ def solution(*values: float, collides: tuple[int, ...] = ()) -> Solution:
 
 
 def verdict(found: Solution, roots: int, i: int) -> Row:
-    return judged(standing(found, roots, SCALE), found, i)
+    return judged(yardstick(found, roots, SCALE), found, i)
 
 
 # --- by hand ---
@@ -86,7 +86,7 @@ def test_a_collision_that_cannot_be_avoided_may_be() -> None:
 
 
 def test_the_spread_and_the_optimum_are_of_what_does_not_collide() -> None:
-    here = standing(solution(2.0, 5.0, 8.0, 60.0, collides=(0, 3)), 4, SCALE)
+    here = yardstick(solution(2.0, 5.0, 8.0, 60.0, collides=(0, 3)), 4, SCALE)
     assert (here.optimum, here.spread, here.avoidable, here.contested) == (5.0, 3.0, True, True)
 
 
@@ -95,7 +95,7 @@ def test_the_spread_and_the_optimum_are_of_what_does_not_collide() -> None:
     [((1.0, 1.7), (), False), ((1.0, 1.9), (), True), ((1.0, 1.1), (1,), True)],
 )
 def test_contested(values: tuple[float, ...], collides: tuple[int, ...], contested: bool) -> None:
-    assert standing(solution(*values, 99.0, collides=collides), 2, SCALE).contested == contested
+    assert yardstick(solution(*values, 99.0, collides=collides), 2, SCALE).contested == contested
 
 
 def test_the_table_counts() -> None:
@@ -177,7 +177,7 @@ def test_the_efforts_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     toy = TOYS["traffic"]
     task = task_of(toy.road, toy.scene.ego, scenario())
     situation = situation_of(task, toy.scene)
-    rows = both_efforts(task, situation, 3)
+    rows = both_budgets(task, situation, 3)
     problem = problem_of(task, situation)
     found = solve(problem, root_lines(problem))
     unit = rows[0]["value"] / found.value[0]

@@ -16,6 +16,7 @@ from sumo_mcts.config import ScenarioConfig, builtin
 from sumo_mcts.driver.driver import Driver
 from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.loop import Loop
+from sumo_mcts.episode.oracles import SimulationOracles
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.scene import Decision, Follow, Release, Scene
 from sumo_mcts.world import clone
@@ -82,14 +83,13 @@ def test_a_copy_tells_what_sumo_then_does(
     )
     loop = Loop(scene, 5)
     try:
-        loop.start()
         for _ in range(begin):
             loop.scenes()
             loop.apply({"ego": decided(Release())})
         known = loop.scenes()["ego"]
         period, told = round(0.5 / step), round(2.0 / step)
         speeds = known.ego.v + np.minimum(np.arange(1, told + 1), told / 2) * 0.9 * step
-        copies = loop.copied(known, Follow(speeds, side), step, round(5.0 / step) + 1)
+        copies = loop.oracles.clone(known, Follow(speeds, side), step, round(5.0 / step) + 1)
         assert len(copies) == len(known.agents.ids) > 2
         moved = 0.0
         for k in range(1, 11):
@@ -120,13 +120,12 @@ def test_it_depends_on_what_the_ego_does() -> None:
     pass with an ego that nobody minds."""
     loop = Loop(scene_of("straight-line"), 5)
     try:
-        loop.start()
         for _ in range(6):
             loop.scenes()
             loop.apply({"ego": decided(Release())})
         scene = loop.scenes()["ego"]
-        going = loop.copied(scene, Release(), 0.2, 26)
-        stopping = loop.copied(scene, Follow(np.zeros(50), 0), 0.2, 26)
+        going = loop.oracles.clone(scene, Release(), 0.2, 26)
+        stopping = loop.oracles.clone(scene, Follow(np.zeros(50), 0), 0.2, 26)
         assert max(float(np.abs(going[i].v - stopping[i].v).max()) for i in going) > 2.0
     finally:
         loop.close()
@@ -186,7 +185,7 @@ def crowded(folder: Path) -> ScenarioConfig:
 def copying(loop: Loop, _: Mapping[str, Driver], scenes: Mapping[str, Scene]) -> None:
     """A look ahead of 10 s in every cycle, for nothing."""
     for scene in scenes.values():
-        loop.copied(scene, Release(), 0.2, 51)
+        loop.oracles.clone(scene, Release(), 0.2, 51)
 
 
 def run_with_outputs(
@@ -317,7 +316,7 @@ def test_an_interrupted_wait_leaves_nobody_behind(monkeypatch: pytest.MonkeyPatc
 
 
 def test_an_episode_whose_copy_dies_is_an_outcome(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Loop, "_rehearse", lambda *_: killed())
+    monkeypatch.setattr(SimulationOracles, "_rehearse", lambda *_: killed())
     row = run_episode(
         scene_of("straight-line", "prediction.name=clone", "planner.iterations=50"), 0
     ).rows[0]
@@ -344,16 +343,18 @@ def test_the_planner_drives_with_it() -> None:
 
 def test_the_nominal_ego_is_the_rest_of_the_last_command(monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[Follow | Release] = []
-    copied = Loop.copied
+    copied = SimulationOracles.copied
 
-    def noted(loop: Loop, scene: Scene, nominal: Follow | Release, dt: float, count: int) -> object:
+    def noted(
+        oracles: SimulationOracles, scene: Scene, nominal: Follow | Release, dt: float, count: int
+    ) -> object:
         told.append(nominal)
-        return copied(loop, scene, nominal, dt, count)
+        return copied(oracles, scene, nominal, dt, count)
 
     def again(_: Loop, drivers: Mapping[str, Driver], scenes: Mapping[str, Scene]) -> None:
         drivers["ego"].forecast(scenes["ego"], "clone", 1.0)
 
-    monkeypatch.setattr(Loop, "copied", noted)
+    monkeypatch.setattr(SimulationOracles, "copied", noted)
     scene = scene_of(
         "straight-line", "prediction.name=clone", "planner.iterations=100", "episode.time_limit_s=8"
     )
