@@ -19,6 +19,7 @@ from sumo_mcts.errors import ConfigError, printable
 from sumo_mcts.process import ending
 from sumo_mcts.process.ending import FAILED, INVALID, OK
 from sumo_mcts.process.supervisor import results_are_out, supervised
+from sumo_mcts.registry import ORACLES, PLANNERS, SENSED, searches
 
 if TYPE_CHECKING:
     from sumo_mcts.commands import drive
@@ -39,9 +40,7 @@ Until = Annotated[
 ]
 PlannerName = Annotated[
     Optional[str],
-    typer.Option(
-        help="Who drives: mcts, paper, idm, random, sumo, constant, exhaustive, or a plugin."
-    ),
+    typer.Option(help=f"Who drives: {', '.join(PLANNERS)}, or a plugin."),
 ]
 Assignments = Annotated[
     Optional[list[str]],
@@ -68,9 +67,7 @@ def run(
     planner: PlannerName = None,
     prediction: Annotated[
         Optional[str],
-        typer.Option(
-            help="idm, constant_velocity, an oracle (routes, script, clone), or a plugin."
-        ),
+        typer.Option(help=f"{', '.join(SENSED)}, an oracle ({', '.join(ORACLES)}), or a plugin."),
     ] = None,
     iterations: Annotated[
         Optional[int], typer.Option(min=1, help="Iteration budget of one decision.")
@@ -237,7 +234,9 @@ def regret(
         ),
     ] = None,
     ego_until: Until = None,
-    planners: Annotated[str, typer.Option(metavar="NAME,...", help="Who is asked.")] = "mcts,paper",
+    planners: Annotated[str, typer.Option(metavar="NAME,...", help="Who is asked.")] = ",".join(
+        filter(searches, PLANNERS)
+    ),
     iterations: Annotated[
         str, typer.Option(metavar="N,...", help="With so many iterations each, where they search.")
     ] = "50,100,300,1000,2000,3000",

@@ -1,4 +1,4 @@
-"""For a libsumo loop of your own: the controller drives one vehicle of it.
+"""For a libsumo loop of your own, of which the controller drives one vehicle:
 
 libsumo.start(["sumo", "-c", "my.sumocfg"])
 with Controller("ego") as controller:
@@ -22,10 +22,13 @@ from sumo_mcts.driver.vehicle import EgoVehicle, never_departed, running_world
 from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.prediction.interface import Oracles
+from sumo_mcts.registry import asks, without
 from sumo_mcts.world import simulation
 from sumo_mcts.world.candidates import near_ids
 from sumo_mcts.world.observe import departure
 
+# questions to oracles that a loop of the user's own cannot answer, and what a predictor does with
+# the answers
 _NOT_HERE = {
     "script": "reads the scripts of a scenario that `sumo-mcts run` plays",
     "clone": "copies a simulation that `sumo-mcts run` plays: what your loop is going to command "
@@ -34,33 +37,28 @@ _NOT_HERE = {
 
 
 class Controller:
-    """Takes the vehicle over as soon as it is on the road and drives it until it leaves; takes the
-    decisions that `sumo-mcts run` takes.
+    """Drives one vehicle from its departure until it leaves, by the decisions that `sumo-mcts run`
+    takes.
 
     Where the loop does something unusual:
 
     - Another simulation in the same process (libsumo.load, another libsumo.start, an earlier
-      state):
-      the next step() begins anew in it, as a new controller with the same arguments would. While
-      none
-      runs, step() raises ConfigError.
-    - Another controller of the same vehicle is refused with ConfigError. One that was released, has
-      done its drive or is garbage leaves the vehicle to others.
+      state): the next step() begins anew in it, as a new controller with the same arguments would.
+      While none runs, step() raises ConfigError.
+    - Another controller of the same vehicle raises ConfigError. One that was released, has ended
+      its drive or is garbage leaves the vehicle to others.
     - A second step() before the same step of SUMO does nothing: that step is commanded already.
-    - A step of SUMO without step(): the vehicle keeps its speed in it, whatever comes. The plan
-      goes
-      on where it would be by then.
-    - The vehicle never comes: simulationStep() raises ConfigError that names similar ids,
+    - A step of SUMO without step(): the vehicle keeps its speed in it, whatever happens. The plan
+      goes on where it would be by then.
+    - The vehicle never departs: simulationStep() raises ConfigError that names similar ids,
       `episode.depart_limit_s` after the controller was made, or as soon as SUMO expects no more
       vehicles after there were some.
     - The vehicle is gone: the drive is over. One that gets the same id later is another vehicle,
-      for
-      another controller.
+      for another controller.
 
     The vehicle gets its speed mode, lane change mode and action step length back by release(), at
-    the
-    end of a `with` block, when step() raises, while SUMO teleports it, and when the controller is
-    garbage.
+    the end of a `with` block, when step() raises, while SUMO teleports it, and when the controller
+    is garbage.
     """
 
     def __init__(
@@ -75,12 +73,11 @@ class Controller:
 
         Raises ConfigError where there is none, or where `config` is wrong.
 
-        config: a scenario, whose sections sumo, egos, traffic and (but for depart_limit_s) episode
-            do
-        not count; or its sections, as in {"planner": {"iterations": 2000}}; by default as in a
-        scenario
-        that says nothing. `seed` is that of the search and of the sensor's errors.
-        allow_plugins: whether a mapping may name code of your own as module:name.
+        config: a scenario, without its sections sumo, egos, traffic and (but for depart_limit_s)
+            episode; or its sections, as in {"planner": {"iterations": 2000}}; by default an empty
+            scenario
+        seed: of the search and of the sensor's errors
+        allow_plugins: whether a mapping may name code of your own as module:name
         """
         self._ego, self._asked, self._seed, self._allow_plugins = ego, config, seed, allow_plugins
         self._released = False
@@ -103,11 +100,10 @@ class Controller:
     @property
     def driving(self) -> bool:
         """Whether the controller holds the vehicle."""
-        return self._hold.pilot is not None and self._hold.simulation == simulation.number()
+        return self._hold.vehicle is not None and self._hold.simulation == simulation.number()
 
     def step(self) -> None:
-        """Command the step that begins now: to be called right before each
-        libsumo.simulationStep().
+        """Command the step that begins now. Call it right before each libsumo.simulationStep().
 
         Raises ConfigError where no simulation runs, or another one in which the controller cannot
         drive; PlannerError where the planner failed too often in a row.
@@ -121,7 +117,7 @@ class Controller:
             raise
 
     def release(self) -> None:
-        """Hand the vehicle back to SUMO, for good. Never raises."""
+        """Give the vehicle back to SUMO, for good. Never raises."""
         self._released = True
         self._finish()
 
@@ -149,11 +145,11 @@ class Controller:
         self._await()
 
     def _await(self) -> None:
-        """Have a look after each step of SUMO whether the vehicle can still come."""
+        """After each step of SUMO check whether the vehicle can still depart."""
         me, number, begun = weakref.ref(self), self._hold.simulation, simulation.now()
         seen: set[str] = set()
 
-        def look() -> bool:
+        def check() -> bool:
             controller = me()
             if controller is None or not controller._awaits(number):
                 return False
@@ -162,11 +158,11 @@ class Controller:
             return True
 
         self._traffic = simulation.expected() > 0
-        simulation.after_each_step(look)
+        simulation.after_each_step(check)
 
     def _awaits(self, number: int) -> bool:
-        """Whether the vehicle has not come so far in the simulation of this number, which still
-        runs."""
+        """Whether the simulation of this number still runs, and the vehicle has not departed in
+        it."""
         waiting = (
             not self._over
             and self._departure is None
@@ -175,15 +171,14 @@ class Controller:
         return waiting and not self._world.observer.present(self._ego)
 
     def _expect(self, waited_s: float, seen: set[str]) -> None:
-        """Raise ConfigError where the vehicle cannot be expected any more;
+        """Raise ConfigError where the vehicle cannot depart any more.
 
-        `seen`: those that departed.
+        `seen`: the vehicles that departed.
         """
         comes = simulation.expected() > 0
         self._traffic = self._traffic or comes
-        finished = (
-            self._traffic and not comes
-        )  # where there was no traffic at all so far, the loop is going to make it
+        # where there was no traffic at all so far, the loop is going to add it
+        finished = self._traffic and not comes
         why = never_departed(waited_s, self._config.episode.depart_limit_s, finished)
         if why:
             self._finish()
@@ -202,19 +197,17 @@ class Controller:
         if time == self._time:
             return
         self._time = time
-        pilot = self._look()
-        if pilot is None:
+        vehicle = self._look()
+        if vehicle is None:
             return
-        if pilot.due():
-            self.thought = self._driver.decide(pilot.scene())
-            pilot.accept(self.thought.decision)
-        pilot.before_step()
+        if vehicle.due():
+            self.thought = self._driver.decide(vehicle.scene())
+            vehicle.accept(self.thought.decision)
+        vehicle.before_step()
 
     def _look(self) -> EgoVehicle | None:
-        """The pilot that can drive now;
-
-        None before the departure, during a teleport, and afterwards.
-        """
+        """The vehicle, if it can be driven now; None before the departure, during a teleport, and
+        afterwards."""
         if self._over:
             return None
         departed, present = departure(self._ego), self._world.observer.present(self._ego)
@@ -222,16 +215,16 @@ class Controller:
             self._finish()
         elif not present:
             self._hold.let_go()
-        elif self._hold.pilot is None:
+        elif self._hold.vehicle is None:
             self._departure = departed
-            self._hold.pilot = EgoVehicle(self._ego, self._config, self._world, self._noise)
-        if self._hold.pilot is not None:
-            self._hold.pilot.glance()
-        return self._hold.pilot
+            self._hold.vehicle = EgoVehicle(self._ego, self._config, self._world, self._noise)
+        if self._hold.vehicle is not None:
+            self._hold.vehicle.catch_up()
+        return self._hold.vehicle
 
     def _finish(self) -> None:
-        """The drive is over in this simulation: the vehicle goes back to SUMO, and others may drive
-        it."""
+        """End the drive in this simulation: SUMO gets the vehicle back, and another controller may
+        drive it."""
         self._over = True
         self._hold.let_go()
         key = (self._hold.simulation, self._ego)
@@ -240,22 +233,21 @@ class Controller:
 
 
 class _Hold:
-    """The vehicle in a controller's hand, in one simulation; it outlives the controller by the
-    moment in which it lets go."""
+    """The vehicle that a controller drives in one simulation. It outlives the controller for as
+    long as it takes to give the vehicle back."""
 
     def __init__(self) -> None:
-        self.pilot: EgoVehicle | None = None  # None: SUMO drives
+        self.vehicle: EgoVehicle | None = None  # None: SUMO drives
         self.simulation = 0  # its number
 
     def let_go(self) -> None:
-        """Hand the vehicle back to SUMO, where it is still the same simulation. Never raises."""
-        pilot, self.pilot = self.pilot, None
-        if pilot is not None:
-            with suppress(
-                Exception
-            ):  # libsumo's exceptions share no base, and it may be SUMO that failed
+        """Give the vehicle back to SUMO, if the same simulation still runs. Never raises."""
+        vehicle, self.vehicle = self.vehicle, None
+        if vehicle is not None:
+            # libsumo's exceptions share no base class, and SUMO itself may have failed
+            with suppress(Exception):
                 if self.simulation == simulation.number():
-                    pilot.release()
+                    vehicle.release()
 
 
 # (number of the simulation, id of the vehicle) -> its controller
@@ -263,11 +255,11 @@ _DRIVEN: weakref.WeakValueDictionary[tuple[int, str], Controller] = weakref.Weak
 
 
 def _no_script(*_: object) -> None:
-    """Nobody in a loop of the user's own holds one."""
+    """No vehicle in a loop of the user's own has a script."""
 
 
 def _no_copy(*_: object) -> NoReturn:
-    """A copy would not do what the user's loop is going to do."""
+    """A copy does not do what the user's loop is going to do."""
     raise ConfigError("Controller: no copy of a loop of the user's own")
 
 
@@ -290,9 +282,10 @@ def _scenario(
         config = scenario_files.build(
             {**data, **(config or {})}, "Controller", allow_plugins=allow_plugins
         )
-    if config.prediction.name in _NOT_HERE:
-        raise ConfigError(
-            f"Controller: prediction.name: {config.prediction.name} "
-            f"{_NOT_HERE[config.prediction.name]}; allowed: idm, constant_velocity, routes"
-        )
+    for question, use in _NOT_HERE.items():
+        if asks(config.prediction.name, question):
+            raise ConfigError(
+                f"Controller: prediction.name: {config.prediction.name} {use}; "
+                f"allowed: {', '.join(without(*_NOT_HERE))}"
+            )
     return config

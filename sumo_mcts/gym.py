@@ -1,4 +1,4 @@
-"""A gymnasium environment over the same loop, judged by the same referee:
+"""A gymnasium environment over the same loop and the same referee.
 
 `import sumo_mcts.gym`, then gymnasium.make("sumo_mcts/Drive-v0").
 """
@@ -35,17 +35,16 @@ from sumo_mcts.world.arguments import without_outputs
 from sumo_mcts.world.simulation import is_running
 
 ENVIRONMENT = "sumo_mcts/Drive-v0"
-NAME = "policy"  # who drives, in rows
-SEEDS = 2**31  # SUMO's are below
+NAME = "policy"  # of the planner, in rows
+SEEDS = 2**31  # SUMO's seeds are below
 
-# What one decision period adds to the return: the weight of each term, all of them measured by the
-# referee.
+# The weight of each term of the reward of one decision period; the referee measures all of them.
 REWARD = {
     "progress": 0.1,  # per metre driven
     "time": -0.1,  # per second
     "discomfort": -0.5,  # per second beyond the bounds of the row's `comfortable_share`
-    # per braking beyond 2, 3 and 4 m/s2 that is imposed on somebody: one beyond 4 counts three
-    # times
+    # per braking beyond 2, 3 and 4 m/s2 that is imposed on another vehicle: one beyond 4 counts
+    # three times
     "imposed": -2.0,
     "red": -20.0,  # per red light run
     "collision": -100.0,
@@ -58,16 +57,19 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
     """One ego of a scenario, from its departure to the referee's outcome; one step is one decision
     period.
 
-    Observation: see policy.py::bounds. Action: an index into `actions`, the acceleration and lane
-        change of each. Terminated: the referee has an outcome;
-    truncated: that is `timeout`. The last observation of an episode is that of its last decision:
-        the ego may be gone. libsumo holds one simulation in a process, so the environment that was
-        reset last drives; for several use gymnasium.vector.AsyncVectorEnv.
+    Observation: see driver/observation.py::bounds. Action: an index into `actions`, the
+    acceleration and lane change of each. Terminated: the referee has an outcome; truncated: that
+    outcome is `timeout`. The last observation of an episode is that of its last decision, since the
+    ego may be gone.
+
+    libsumo holds one simulation in a process, so the environment that was reset last drives; for
+    several use gymnasium.vector.AsyncVectorEnv.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 2}  # noqa: RUF012  # as gymnasium declares it; fps: decisions
-    _at_the_wheel: ClassVar["DriveEnv | None"] = None
+    _current: ClassVar["DriveEnv | None"] = None  # the one that drives in this process
 
+    # Twelve parameters: gymnasium.make() passes all of an environment's settings as keywords.
     def __init__(
         self, scenario: str | PathLike[str] = "unprotected-left-turn", *,
         sumocfg: str | PathLike[str] | None = None, ego: str | None = None,
@@ -78,10 +80,12 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
     ) -> None:  # fmt: skip
         """Check everything, start nothing. Raises ConfigError.
 
-        scenario, ego, until, assignments, sumo_options, allow_plugins: as in load_scenario;
-        sumocfg: in place of a scenario, with `ego` agents, points: how many agents and points of
-        the route are shown
+        scenario, ego, until, assignments, allow_plugins: as in load_scenario
+        sumocfg: in place of a scenario, together with `ego`
+        sumo_options: as on SUMO's command line
+        agents, points: how many agents and points of the route an observation holds
         reward: weights in place of those in REWARD
+        render_mode: None or "rgb_array"
         """
         if ego == "any":
             raise ConfigError(
@@ -99,14 +103,11 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
                 f"{scenario}: egos: an environment has one, not {len(self._config.egos)}; name it "
                 "with ego="
             )
-        self._ego, self._options, self._weights, self._shown = (
-            self._config.egos[0].id,
-            (*sumo_options, *without_outputs(self._config.sumo, sumo_options)),
-            _weights(reward),
-            Shown(whole("agents", agents, 1), whole("points", points, 1)),
-        )
-        self._hand = _Hand(Actions(self._config))
-        self.actions = self._hand.actions.table  # [A, 2]
+        self._ego, self._weights = self._config.egos[0].id, _weights(reward)
+        self._options = (*sumo_options, *without_outputs(self._config.sumo, sumo_options))
+        self._shown = Shown(whole("agents", agents, 1), whole("points", points, 1))
+        self._planner = _ActionPlanner(Actions(self._config))
+        self.actions = self._planner.actions.table  # [A, 2]
         self.action_space = spaces.Discrete(len(self.actions))
         boxes: dict[str, spaces.Space[Any]] = {
             name: spaces.Box(low, high) for name, (low, high) in bounds(self._shown).items()
@@ -125,13 +126,13 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode: that of `sumo-mcts run --seed` with the seed; without one the next of
-        those that the last seed draws.
+        """Start an episode: with a seed that of `sumo-mcts run --seed`, without one the next
+        episode that the last seed draws.
 
         Raises ConfigError where the input is wrong, RuntimeError where there is nothing to decide.
         """
         super().reset(seed=seed)
-        self._take_the_wheel()
+        self._take_over()
         self._seed = int(self.np_random.integers(SEEDS)) if seed is None else seed % SEEDS
         self._began, self._recorder = time.perf_counter(), Recorder()
         try:
@@ -144,20 +145,20 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
                 physics,
                 streams(self._seed).search,
                 loop.oracles,
-                planner=self._hand,
+                planner=self._planner,
             )
-            there = self._drive_on(loop)
+            drives = self._drive_on(loop)
         except BaseException:
             self.close()
             raise
-        if not there:
+        if not drives:
             row = self._end(loop)
             raise RuntimeError(
                 f"{row['scenario']}: seed {self._seed}: {row['outcome']} before the first "
                 f"decision: {row['error']}"
             )
         self._start, self._totals = loop.time, self._measured(loop, loop.time)
-        return self._seen(), {}
+        return self._observation(), {}
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive one decision period.
@@ -170,26 +171,24 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         if not self.action_space.contains(action):
             raise ValueError(f"action: {action!r}: allowed: 0 to {len(self.actions) - 1}")
         loop = self._loop
-        self._hand.action = int(action)
-        thought = self._driver.decide(self._scene)
-        self._recorder.note(
-            self._scene, thought._replace(plan_ms=(time.perf_counter() - self._shown_at) * 1000.0)
-        )
-        loop.apply({self._ego: thought.decision})
-        there = self._drive_on(loop)
-        failed = (
-            loop.judged(self._ego)["outcome"] == ERROR
-        )  # SUMO itself may be gone: nothing more is measured
+        self._planner.action = int(action)
+        result = self._driver.decide(self._scene)
+        elapsed_ms = (time.perf_counter() - self._shown_at) * 1000.0
+        self._recorder.note(self._scene, result._replace(plan_ms=elapsed_ms))
+        loop.apply({self._ego: result.decision})
+        drives = self._drive_on(loop)
+        # after an error SUMO itself may be gone: nothing more is measured
+        failed = loop.judged(self._ego)["outcome"] == ERROR
         totals = self._totals if failed else self._measured(loop, self._start)
         parts = {name: self._weights[name] * (totals[name] - self._totals[name]) for name in REWARD}
         self._totals = totals
         info: dict[str, Any] = {"reward": parts}
         outcome = None
-        if not there:
+        if not drives:
             info["row"] = row = self._end(loop)
             outcome = row["outcome"]
         return (
-            self._seen(),
+            self._observation(),
             float(sum(parts.values())),
             outcome not in (None, TIMEOUT),
             outcome == TIMEOUT,
@@ -197,16 +196,14 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """[height, width, 3] the last scene from above, with render_mode="rgb_array"."""
+        """[height, width, 3] the last scene from above with render_mode="rgb_array", else None."""
         if self.render_mode is None:
             return None
         if not hasattr(self, "_scene"):  # which reset() sets
             raise gymnasium.error.ResetNeeded(_FIRST)
-        shot = Recorder()
-        shot.note(
-            self._scene, PlanningResult(Decision(Release(), None, (), -1, NAME, 0, 0), None, 0.0)
-        )
-        trace = shot.trace("", self._config.name, "", self._road, Setting())
+        recorder, decision = Recorder(), Decision(Release(), None, (), -1, NAME, 0, 0)
+        recorder.note(self._scene, PlanningResult(decision, forecast=None, plan_ms=0.0))
+        trace = recorder.trace("", self._config.name, "", self._road, Setting())
         assert trace is not None, "a scene was noted"
         return np.asarray(picture(trace, self._scene.time)[0].convert("RGB"))
 
@@ -215,15 +212,15 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         if self._loop is not None:
             self._loop.close()
             self._loop = None
-        if DriveEnv._at_the_wheel is self:
-            DriveEnv._at_the_wheel = None
+        if DriveEnv._current is self:
+            DriveEnv._current = None
 
-    def _take_the_wheel(self) -> None:
-        """End the episode under way in this process, if it is one of ours.
+    def _take_over(self) -> None:
+        """End the episode of another environment in this process.
 
-        Raises RuntimeError where somebody else's simulation runs.
+        Raises RuntimeError where a simulation runs that is not an environment's.
         """
-        other = DriveEnv._at_the_wheel
+        other = DriveEnv._current
         if other is not None:
             other.close()
             other._lost_to_another = other is not self
@@ -231,12 +228,12 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
             raise RuntimeError(
                 "a simulation runs in this process already, and libsumo holds one: close it first"
             )
-        DriveEnv._at_the_wheel, self._lost_to_another = self, False
+        DriveEnv._current, self._lost_to_another = self, False
 
     def _drive_on(self, loop: Loop) -> bool:
-        """To the next scene that has to be decided in;
+        """Drive to the next scene in which the agent decides; False where the episode is over.
 
-        False: the episode is over. Where the ego is not on its route SUMO drives.
+        SUMO drives an ego that is not on its route.
         """
         while scenes := loop.scenes():
             self._scene, self._road = scenes[self._ego], loop.world.road
@@ -248,11 +245,12 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
             loop.apply({self._ego: self._driver.decide(self._scene).decision})
         return False
 
-    def _seen(self) -> Observation:
+    def _observation(self) -> Observation:
+        """What the agent is shown of the present scene."""
         return observe(*self._placed, self._scene, self._shown)
 
     def _measured(self, loop: Loop, start: float) -> dict[str, float]:
-        """The total of each term of the reward so far, without its weight;
+        """The total of each term of the reward so far, without its weight.
 
         `start`: simulation time of the first decision, s.
         """
@@ -270,24 +268,17 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
         }
 
     def _end(self, loop: Loop) -> Row:
-        """Close SUMO; the whole row."""
+        """Close SUMO, and give the whole row."""
         period = loop.world.period
         (row,) = loop.rows()
         self.close()
-        whole = completed(
-            row,
-            self._config,
-            self._seed,
-            NAME,
-            self._recorder,
-            period,
-            time.perf_counter() - self._began,
-        )
-        return {**whole, "planner": NAME}
+        wall = time.perf_counter() - self._began
+        row = completed(row, self._config, self._seed, NAME, self._recorder, period, wall)
+        return {**row, "planner": NAME}
 
 
-class _Hand:
-    """The planner that does what it is told."""
+class _ActionPlanner:
+    """The planner that executes the agent's action."""
 
     needs_forecast = True
 
@@ -312,6 +303,7 @@ _TAKEN = (
 
 
 def _weights(given: Mapping[str, float] | None) -> dict[str, float]:
+    """The weights of the reward's terms. Raises ConfigError."""
     if given is not None and not isinstance(given, Mapping):
         raise ConfigError(f"reward: a mapping of terms to weights, got {given!r:.60}")
     for name, weight in (given or {}).items():

@@ -22,12 +22,11 @@ from helpers_model import (
     task_of,
 )
 
-from sumo_mcts.driver.params import mcts_params
-from sumo_mcts.driver.registry import make_planner
+from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.reactions import at_rest
 from sumo_mcts.planners.base import Task
-from sumo_mcts.planners.mcts import actions_of, in_steps
+from sumo_mcts.planners.mcts import actions_of, in_steps, mcts_params
 from sumo_mcts.planners.rollout import SearchParams
 from sumo_mcts.planners.tree import Tree, new_tree, search
 from sumo_mcts.scene import RED, Decision, EgoState, Floats, RoadMap, Scene

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import pytest
 
 from sumo_mcts import cli, records
+from sumo_mcts.registry import PLANNERS
 
 FILES = Path(__file__).parent / "bad_inputs"
 PATIENCE_S = 60.0
@@ -85,9 +86,8 @@ SCENARIOS = {
     "weight-text": "cost.headway: has to be a number, got 'heavy'",
     "weight-nan": "cost.headway: has to be a finite number, got nan",
     "weight-negative": "cost.jerk: has to be at least 0, got -1",
-    "planner-unknown": "planner.name: has to be 'mcts', 'paper', 'idm', 'random', 'sumo', "
-    "'constant', 'exhaustive', an installed plugin (there is "
-    "none) or module:name, got 'alphazero'",
+    "planner-unknown": f"planner.name: has to be {', '.join(map(repr, PLANNERS))}, an installed "
+    "plugin (there is none) or module:name, got 'alphazero'",
     "sensor-negative": "sensor.position_error_m: has to be at least 0, got -0.3",
     "sensor-nan": "sensor.speed_error_mps: has to be a finite number, got nan",
     "sensor-share": "sensor.drop_probability: has to be at most 1, got 3",

@@ -15,7 +15,7 @@ import libsumo
 import pytest
 
 from sumo_mcts.controller import Controller
-from sumo_mcts.driver.registry import PlannerError
+from sumo_mcts.driver.driver import PlannerError
 from sumo_mcts.errors import ConfigError
 
 NET, ROUTES = "networks/straight-line/straight-line.net.xml", "routes/straight-line.rou.xml"

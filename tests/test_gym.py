@@ -153,7 +153,7 @@ def test_weights_of_the_reward() -> None:
 def test_what_is_seen_moves_as_the_ego_does(env: DriveEnv) -> None:
     seen, _, _ = drive(env, [0], 3)
     names = [name for name, _, _ in EGO]
-    speed, left = names.index("speed, m/s"), names.index("way to the end of its route, m")
+    speed, left = names.index("speed, m/s"), names.index("distance to the end of its route, m")
     for before, after in pairwise(seen[:-1]):
         driven = before["ego"][left] - after["ego"][left]
         assert driven == pytest.approx(

@@ -7,8 +7,8 @@ from pathlib import Path
 from sumo_mcts import config
 from sumo_mcts.commands.batches import TRIED_S
 from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.driver.factories import make_planner, make_predictor
 from sumo_mcts.driver.params import cost_params
-from sumo_mcts.driver.registry import make_planner, make_predictor
 from sumo_mcts.episode.goals import check_edges
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments import tasks

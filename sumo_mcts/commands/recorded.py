@@ -190,7 +190,7 @@ def explain(
     `again`: with the decision taken once more, by code that the trace names only where that is
     allowed. Raises ConfigError.
     """
-    from sumo_mcts.driver.registry import PlannerError
+    from sumo_mcts.driver.driver import PlannerError
     from sumo_mcts.numerics.announce import announced
     from sumo_mcts.reporting import explanation
 

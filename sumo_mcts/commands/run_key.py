@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from sumo_mcts.config import ScenarioConfig, digest
-from sumo_mcts.driver.registry import SEARCHING
 from sumo_mcts.episode.run import EpisodeResult, default_variant
 from sumo_mcts.experiments.experiment import TRAFFIC
 from sumo_mcts.experiments.preparation import contents
 from sumo_mcts.records import Row, episode_key
+from sumo_mcts.registry import searches
 from sumo_mcts.world.arguments import files_of
 
 _SIMPLE = re.compile(r"[A-Za-z0-9_.]{1,24}")  # a value that can be read in a name
@@ -120,7 +120,7 @@ def _told_by_name(config: ScenarioConfig) -> tuple[str, ...]:
     effort = (
         "planner.iterations" if config.planner.time_budget_ms is None else "planner.time_budget_ms"
     )
-    return ("planner.name", *forecast, *((effort,) if config.planner.name in SEARCHING else ()))
+    return ("planner.name", *forecast, *((effort,) if searches(config.planner.name) else ()))
 
 
 def _word(key: str, value: Any) -> str:

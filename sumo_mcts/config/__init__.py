@@ -9,14 +9,7 @@ from sumo_mcts.config.loading import (
     require_permission,
     require_scenario,
 )
-from sumo_mcts.config.names import (
-    ORACLE_MARK,
-    PLANNER_GROUP,
-    PLANNERS,
-    PREDICTORS,
-    is_oracle,
-    is_plugin,
-)
+from sumo_mcts.config.names import PLANNER_GROUP, is_plugin
 from sumo_mcts.config.problems import positive, refused, whole
 from sumo_mcts.config.schema import (
     CROWD_ID,
@@ -39,10 +32,7 @@ from sumo_mcts.errors import ConfigError
 __all__ = [
     "CROWD_ID",
     "MOST_SEED",
-    "ORACLE_MARK",
-    "PLANNERS",
     "PLANNER_GROUP",
-    "PREDICTORS",
     "Actor",
     "ConfigError",
     "CrowdConfig",
@@ -60,7 +50,6 @@ __all__ = [
     "VehicleEvent",
     "build",
     "digest",
-    "is_oracle",
     "is_plugin",
     "json_schema",
     "load",

@@ -64,7 +64,7 @@ def schema_text(schema: Schema) -> str:
 
 def main() -> None:
     """Write docs/scenario-file.md and configs/schema.json of the checkout."""
-    top, schema = Path(__file__).resolve().parent.parent, json_schema()
+    top, schema = Path(__file__).resolve().parents[2], json_schema()
     page = top / "docs" / "scenario-file.md"
     page.write_text(refreshed(page.read_text(encoding="utf-8"), schema), encoding="utf-8")
     (top / "configs" / "schema.json").write_text(schema_text(schema), encoding="utf-8")

@@ -11,11 +11,11 @@ from pydantic import BaseModel, ValidationError
 
 from sumo_mcts import files
 from sumo_mcts.config import yaml_file
-from sumo_mcts.config.names import PLANNERS, PREDICTORS
 from sumo_mcts.config.problems import refused
 from sumo_mcts.config.schema import ScenarioConfig
 from sumo_mcts.config.yaml_file import YamlError
 from sumo_mcts.errors import ConfigError, shown
+from sumo_mcts.registry import PLANNERS, PREDICTORS
 
 MOST_BASES = 20  # scenario files laid over each other
 

@@ -1,8 +1,7 @@
-"""Planners, predictors and cost terms of the user's own: what is behind their names, made, and
-asked whether it has what it needs.
+"""Makes planners, predictors and cost terms from their names, and checks their members.
 
-A name is that of an entry point of an installed package, or module:name. Whether the latter may run
-is asked where a scenario is read (config.py).
+A plugin's name is that of an entry point of an installed package, or module:name. Whether the
+latter may run is checked where a scenario is read (loading.py).
 """
 
 import hashlib
@@ -16,26 +15,13 @@ from sumo_mcts.config.loading import plugin_names
 from sumo_mcts.config.names import PLANNER_GROUP, PREDICTOR_GROUP, TERM_GROUP
 from sumo_mcts.config.schema import ScenarioConfig
 from sumo_mcts.errors import ConfigError, in_one_line
+from sumo_mcts.registry import PLANNERS, PREDICTORS, code
 
 _GROUPS = {
     "planner.name": PLANNER_GROUP,
     "prediction.name": PREDICTOR_GROUP,
     "cost.term": TERM_GROUP,
 }  # by the key that names a plugin
-
-
-def loaded(key: str, name: str) -> Any:
-    """What is behind a name. Raises ConfigError."""
-    point = _entry_point(key, name)
-    try:
-        module = importlib.import_module(point.module)
-    except Exception as error:  # whatever an import may do
-        raise ConfigError(
-            f"{key}: {name}: {point.module} cannot be imported: {in_one_line(error)}"
-        ) from None
-    if not hasattr(module, point.attr):
-        raise ConfigError(f"{key}: {name}: {point.module} has no {point.attr}")
-    return getattr(module, point.attr)
 
 
 def made(
@@ -45,10 +31,13 @@ def made(
     options: Mapping[str, Any],
     scenario: ScenarioConfig,
 ) -> Any:
-    """A plugin's object, from its class or another factory, with the `members` that it has to have.
+    """The planner or predictor of this name, from its class or another factory.
 
-    Raises ConfigError.
+    A plugin has to have the `members`. Raises ConfigError.
     """
+    built_in = PLANNERS.get(name) if key == "planner.name" else PREDICTORS.get(name)
+    if built_in is not None:
+        return code(built_in.make)(options, scenario)
     factory = loaded(key, name)
     try:
         plugin = factory(dict(options), scenario)
@@ -65,9 +54,23 @@ def made(
     return plugin
 
 
+def loaded(key: str, name: str) -> Any:
+    """The code behind a plugin's name. Raises ConfigError."""
+    point = _entry_point(key, name)
+    try:
+        module = importlib.import_module(point.module)
+    except Exception as error:  # whatever an import may do
+        raise ConfigError(
+            f"{key}: {name}: {point.module} cannot be imported: {in_one_line(error)}"
+        ) from None
+    if not hasattr(module, point.attr):
+        raise ConfigError(f"{key}: {name}: {point.module} has no {point.attr}")
+    return getattr(module, point.attr)
+
+
 def described(scenario: ScenarioConfig) -> list[dict[str, Any]]:
-    """For a manifest: the plugins that a scenario names, the code behind each, SHA-256 of the file
-    with that code, and the package and version that an entry point belongs to."""
+    """For a manifest: the plugins of a scenario, each with its code, the SHA-256 of its file, and
+    the package and version of its entry point."""
     return [_description(key, name) for key, name in plugin_names(scenario)]
 
 
@@ -101,10 +104,7 @@ def _description(key: str, name: str) -> dict[str, Any]:
 
 
 def _file_digest(module: str) -> str | None:
-    """SHA-256 of the file that a module comes from;
-
-    None where there is none such, which is told when the plugin is loaded.
-    """
+    """SHA-256 of a module's file; None where it has none, which loaded() reports."""
     try:
         found = importlib.util.find_spec(module)
     except Exception:  # whatever the import of the package around it may do

@@ -36,6 +36,7 @@ from sumo_mcts.config.values import (
     SumoValue,
     TopSpeed,
 )
+from sumo_mcts.registry import PLANNERS, PREDICTORS
 
 SCHEMA_VERSION = 1
 CROWD_ID = "crowd_"
@@ -282,14 +283,17 @@ class SensorConfig(_Section):
     )
 
 
+_ORACLES = ", ".join(
+    f"{row.name} ({row.label})" for row in PREDICTORS.values() if row.oracle is not None
+)
+
+
 class PredictionConfig(_Section):
     """The forward-predicted copy of the traffic."""
 
     name: PredictorName = Field(
         "idm",
-        description="routes, script and clone are oracles: idm along the agents' true next lanes, "
-        "the scripts of a scripted scene, and what a copy of the "
-        "running simulation does (Linux, without a window); or a plugin, see extending.md",
+        description=f"the oracles are {_ORACLES}; or a plugin, see extending.md",
     )
     step_s: StepTime = Field(0.2, description="time between forecast states")
     headway_s: Headway = Field(1.2, description="IDM time headway of the others")
@@ -622,9 +626,9 @@ class ScenarioConfig(_Section):
 
     @model_validator(mode="after")
     def _forecast_fits(self) -> "ScenarioConfig":
-        section, plan = (
-            ("paper", self.paper) if self.planner.name == "paper" else ("planner", self.planner)
-        )
+        row = PLANNERS.get(self.planner.name)
+        section = "planner" if row is None else row.section
+        plan = getattr(self, section)
         states = (plan.look_ahead_steps + plan.rollout_steps) * plan.step_s / self.prediction.step_s
         if states > MOST_STATES:
             raise ValueError(

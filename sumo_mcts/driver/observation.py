@@ -1,5 +1,7 @@
-"""What a learned driver sees, as arrays of fixed size, and what it may do: the same in gym.py,
-where it is trained, and in a planner that drives by it."""
+"""What a learned driver observes, as arrays of fixed size, and what it may do.
+
+The same in gym.py, where it is trained, and in a planner that drives by it.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -10,18 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.driver.params import mcts_params
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.route import RouteMap, lane_pose, stop_ahead
 from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.planners.baselines import plan_of
-from sumo_mcts.planners.mcts import actions_of
+from sumo_mcts.planners.mcts import actions_of, mcts_params
 from sumo_mcts.scene import GREEN, RED, YELLOW, Agents, Decision, Floats, Follow, Scene, Signals
 
 POINT_M = 10.0  # m between the points of the route
-FAR_M = 300.0  # m beyond which distances count as this far
-LONG_M = 10_000.0  # m likewise, to the end of the route
-LATER_S = 60.0  # s likewise
+FAR_M = 300.0  # m: larger distances count as this much
+LONG_M = 10_000.0  # m: the same for the end of the route
+LATER_S = 60.0  # s: later counts as this much
 Array = NDArray[np.float32]
 Observation = dict[str, Array]
 
@@ -34,8 +35,8 @@ EGO = (
     ("progress of a lane change", 0.0, 1.0), ("a lane to the left", 0.0, 1.0),
     ("a lane to the right", 0.0, 1.0),
     ("lane changes that the route needs, left > 0", -20.0, 20.0),
-    ("way until its lane leaves the route, m", 0.0, FAR_M),
-    ("way to the end of its route, m", 0.0, LONG_M),
+    ("distance until its lane leaves the route, m", 0.0, FAR_M),
+    ("distance to the end of its route, m", 0.0, LONG_M),
 )  # fmt: skip
 AGENT = (
     _THERE, ("x ahead, m", -FAR_M, FAR_M), ("y to the left, m", -FAR_M, FAR_M),
@@ -52,14 +53,14 @@ POINT = (
     ("inside a junction", 0.0, 1.0),
 )
 STOP_LINE = (
-    _THERE, ("way to it, m", 0.0, FAR_M), ("green", 0.0, 1.0), ("yellow", 0.0, 1.0),
+    _THERE, ("distance to it, m", 0.0, FAR_M), ("green", 0.0, 1.0), ("yellow", 0.0, 1.0),
     ("red", 0.0, 1.0), ("a stop sign", 0.0, 1.0),
     ("time to its next change, s", 0.0, LATER_S),
 )  # fmt: skip
 
 
 class Shown(NamedTuple):
-    """How much is shown."""
+    """How much is observed."""
 
     agents: int = 8  # the nearest ones
     points: int = 12  # of the ego's lane ahead, and of those that follow it, POINT_M apart
@@ -67,8 +68,10 @@ class Shown(NamedTuple):
 
 @cache
 def bounds(shown: Shown) -> dict[str, tuple[Array, Array]]:
-    """Lowest and highest values of an observation: ego [10], agents [N, 11], route [P, 5],
-    stop_line [7]; columns as above."""
+    """Lowest and highest values of an observation.
+
+    ego [10], agents [N, 11], route [P, 5], stop_line [7]; columns as above.
+    """
     rows = {
         "ego": EGO,
         "agents": (AGENT,) * shown.agents,
@@ -78,14 +81,11 @@ def bounds(shown: Shown) -> dict[str, tuple[Array, Array]]:
     return {name: (_side(each, 1), _side(each, 2)) for name, each in rows.items()}
 
 
-def _side(rows: Any, k: int) -> Array:
-    """The k-th entry of each column, [columns] or [rows, columns]."""
-    return np.array(rows, dtype=object)[..., k].astype(np.float32)
-
-
 def observe(task: Task, state: State, scene: Scene, shown: Shown) -> Observation:
-    """What is known in a scene, in the frame of the ego's centre and heading; values beyond the
-    bounds count as the bounds."""
+    """What is known in a scene, in the frame of the ego's centre and heading.
+
+    Values beyond the bounds are clipped.
+    """
     seen = {
         "ego": _ego(task.route, state, scene),
         "agents": _agents(scene, shown.agents),
@@ -98,22 +98,23 @@ def observe(task: Task, state: State, scene: Scene, shown: Shown) -> Observation
     }
 
 
+def _side(rows: Any, k: int) -> Array:
+    """The k-th entry of each column, [columns] or [rows, columns]."""
+    return np.array(rows, dtype=object)[..., k].astype(np.float32)
+
+
 class Actions:
-    """What may be done for one decision period: the actions with which the search of a scenario
-    begins, and what each comes to."""
+    """What may be done for one decision period: the actions at the root of a scenario's search."""
 
     def __init__(self, config: ScenarioConfig) -> None:
         """Accelerations, lane changes and period are those of the section `planner`."""
         self._params = mcts_params(config)
-        self.table = actions_of(self._params)[
-            :, :2
-        ]  # [A, 2] acceleration, m/s2 (FOLLOW: car following), and lane change, -1 right, 0, 1 left
+        # [A, 2] acceleration, m/s2 (FOLLOW: car following), and lane change, -1 right, 0, 1 left
+        self.table = actions_of(self._params)[:, :2]
 
     def decision(self, task: Task, situation: Situation, action: int) -> Decision:
-        """Begin the action and go on with it; a lane change that cannot begin is left out.
-
-        The speeds are those that the search would expect.
-        """
+        """The command that begins the action and goes on with it, with the speeds that the search
+        expects. A lane change that cannot begin is left out."""
         accel, side = float(self.table[action, 0]), int(self.table[action, 1])
         local = local_of(task, situation)
         plan = plan_of(task, self._params, local, situation.state, accel, side)
@@ -123,6 +124,7 @@ class Actions:
 
 
 def _ego(route: RouteMap, state: State, scene: Scene) -> Floats:
+    """[10] see EGO."""
     ego, node = scene.ego, state.node
     goal = float(route.station[-1] + route.length[-1] - route.station[node]) - state.s
     return np.array([
@@ -133,23 +135,14 @@ def _ego(route: RouteMap, state: State, scene: Scene) -> Floats:
 
 
 def _agents(scene: Scene, count: int) -> Floats:
-    """[count, 11], the nearest first."""
+    """[count, 11] see AGENT, the nearest first."""
     a: Agents = scene.agents
     x, y = _seen_from(scene, a.x, a.y)
     turned = a.heading - scene.ego.heading
-    columns = [
-        np.ones(len(x)),
-        x,
-        y,
-        np.cos(turned),
-        np.sin(turned),
-        a.v,
-        a.a,
-        a.length,
-        a.width,
-        a.blinker,
-        a.person,
-    ]
+    columns = (
+        np.ones(len(x)), x, y, np.cos(turned), np.sin(turned), a.v, a.a, a.length, a.width,
+        a.blinker, a.person,
+    )  # fmt: skip
     nearest = np.argsort(x * x + y * y, kind="stable")[:count]
     rows = np.zeros((count, len(AGENT)))
     rows[: len(nearest)] = np.column_stack(columns)[nearest]
@@ -157,7 +150,7 @@ def _agents(scene: Scene, count: int) -> Floats:
 
 
 def _points(task: Task, state: State, scene: Scene, count: int) -> Floats:
-    """[count, 5] where the ego's centre is going to be."""
+    """[count, 5] see POINT: where the ego's centre is going to be."""
     route, rows = task.route, np.zeros((count, len(POINT)))
     for row, (node, s) in zip(
         rows, _ahead(route, state, [POINT_M * k for k in range(1, count + 1)]), strict=False
@@ -170,7 +163,7 @@ def _points(task: Task, state: State, scene: Scene, count: int) -> Floats:
 def _ahead(
     route: RouteMap, state: State, distances: Sequence[float]
 ) -> Iterator[tuple[int, float]]:
-    """Node and lane position so many metres ahead (ascending), as far as the ego's lane goes on."""
+    """Node and lane position at distances ahead (m, ascending), as far as the lane goes on."""
     node, begin = state.node, -state.s
     for distance in distances:
         while distance - begin > route.length[node]:
@@ -182,28 +175,18 @@ def _ahead(
 
 
 def _stop_line(route: RouteMap, state: State, signals: Signals) -> Floats:
-    """[7] the next one on the ego's lane and those that follow it."""
-    node, way = stop_ahead(route, state.node, state.s, FAR_M)
-    if way >= FAR_M:
+    """[7] see STOP_LINE: the next one on the ego's lane and those that follow it."""
+    node, distance = stop_ahead(route, state.node, state.s, FAR_M)
+    if distance >= FAR_M:
         return np.array([0.0, FAR_M, 0.0, 0.0, 0.0, 0.0, LATER_S])
     signal = int(route.signal[node])
     if signal < 0:
-        return np.array([1.0, way, 0.0, 0.0, 0.0, 1.0, LATER_S])
+        return np.array([1.0, distance, 0.0, 0.0, 0.0, 1.0, LATER_S])
     shows = signals.state[signals.offset[signal] + int(route.link[node])]
-    until = signals.until[signal][
-        : int(np.argmax(shows != shows[0])) or len(shows)
-    ]  # the last phase before it shows something else
-    return np.array(
-        [
-            1.0,
-            way,
-            shows[0] == GREEN,
-            shows[0] == YELLOW,
-            shows[0] == RED,
-            0.0,
-            min(float(until[-1]), LATER_S),
-        ]
-    )
+    # up to the last phase before the signal shows something else
+    until = signals.until[signal][: int(np.argmax(shows != shows[0])) or len(shows)]
+    colours = (shows[0] == GREEN, shows[0] == YELLOW, shows[0] == RED)
+    return np.array([1.0, distance, *colours, 0.0, min(float(until[-1]), LATER_S)])
 
 
 def _seen_from(scene: Scene, x: Floats | float, y: Floats | float) -> tuple[Floats, Floats]:

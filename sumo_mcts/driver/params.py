@@ -1,4 +1,7 @@
-"""From the scenario to the parameters of the compiled code."""
+"""From the scenario to the parameters of the compiled code, and to the streams of randomness.
+
+The parameters of a planner stand in the planner's own file.
+"""
 
 import math
 from typing import NamedTuple
@@ -10,11 +13,7 @@ from sumo_mcts.driver.sensor import aside_m
 from sumo_mcts.errors import ConfigError, in_one_line
 from sumo_mcts.model.cost_params import CostParams, Term, compiled_term
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.planners.baselines import IdmParams
-from sumo_mcts.planners.budget import Effort
 from sumo_mcts.planners.failsafe import Assumed
-from sumo_mcts.planners.mcts import MctsParams
-from sumo_mcts.planners.paper import PaperParams
 from sumo_mcts.prediction.behaviour import TrafficParams
 from sumo_mcts.scene import EgoState
 
@@ -36,54 +35,79 @@ class Streams(NamedTuple):
 
 
 def streams(seed: int | None) -> Streams:
-    """The streams of a seed; without one those of seed 0. Raises ConfigError where it is none."""
+    """The streams of a seed, by default of seed 0. Raises ConfigError where it is not a seed."""
     traffic, search, noise = np.random.SeedSequence(
         0 if seed is None else whole("seed", seed, 0)
     ).spawn(3)
     return Streams(traffic, int(search.generate_state(1)[0]), noise)
 
 
-def mcts_params(config: ScenarioConfig) -> MctsParams:
-    """The search of planner `mcts`."""
-    p = config.planner
-    return MctsParams(
-        Effort(p.iterations, max(p.iterations, p.most_iterations or 0), p.close_cost), p.period_s,
-        p.step_s, p.look_ahead_steps, p.rollout_steps, p.check_s,
-        p.accelerations_mps2, p.lane_change_accelerations_mps2, p.later_accelerations_mps2,
-        p.later_lane_change_accelerations_mps2, p.exploration, p.reactive,
-        p.cvar_alpha if p.risk == "cvar" else 1.0, p.adaptive,
-    )  # fmt: skip
-
-
 def ego_params(config: ScenarioConfig, ego: EgoState, physics: Physics) -> EgoParams:
     """The ego's bounds: the scenario's, never beyond its vehicle type's."""
     m = config.ego_model
     return EgoParams(
-        physics.step, physics.ballistic, m.jerk_mps3, m.emergency_jerk_mps3, m.comfort_decel_mps2,
-        min(m.max_decel_mps2, max(ego.emergency_decel, ego.comfort_decel)),
-        min(m.max_accel_mps2, ego.max_accel), m.approach_decel_mps2, m.stop_gap_m,
-        physics.change_duration, config.cost.headway_s, config.cost.headway_gap_m, ego.length / 2,
-        ego.width / 2,
-    )  # fmt: skip
+        step=physics.step,
+        ballistic=physics.ballistic,
+        jerk=m.jerk_mps3,
+        emergency_jerk=m.emergency_jerk_mps3,
+        comfort_decel=m.comfort_decel_mps2,
+        max_decel=min(m.max_decel_mps2, max(ego.emergency_decel, ego.comfort_decel)),
+        max_accel=min(m.max_accel_mps2, ego.max_accel),
+        approach_decel=m.approach_decel_mps2,
+        stop_gap=m.stop_gap_m,
+        change_duration=physics.change_duration,
+        headway=config.cost.headway_s,
+        gap=config.cost.headway_gap_m,
+        half_length=ego.length / 2,
+        half_width=ego.width / 2,
+    )
 
 
 def cost_params(config: ScenarioConfig) -> CostParams:
-    """The weights of planner `mcts`, and a term of the user's own.
+    """The weights of the cost, and a plugin's term.
 
-    Raises ConfigError where that cannot be compiled.
+    Raises ConfigError where the term cannot be compiled.
     """
     c = config.cost
     return CostParams(
-        c.contact, c.speed_at_contact, c.headway_s, c.headway_gap_m, c.headway, c.claim_s, c.claim,
-        c.acceleration, c.jerk, c.braking, c.progress,
-        c.tail_s, c.blocking, c.astride, c.route, c.lane_change, c.red, c.cut_in_decel_mps2,
-        c.imposed,
-        None if c.term is None else _term(c.term, c.term_weight),
-    )  # fmt: skip
+        contact=c.contact,
+        speed_at_contact=c.speed_at_contact,
+        headway_s=c.headway_s,
+        headway_gap=c.headway_gap_m,
+        headway=c.headway,
+        claim_s=c.claim_s,
+        claim=c.claim,
+        acceleration=c.acceleration,
+        jerk=c.jerk,
+        braking=c.braking,
+        progress=c.progress,
+        tail_s=c.tail_s,
+        blocking=c.blocking,
+        astride=c.astride,
+        route=c.route,
+        lane_change=c.lane_change,
+        red=c.red,
+        cut_in_decel=c.cut_in_decel_mps2,
+        imposed=c.imposed,
+        term=None if c.term is None else _term(c.term, c.term_weight),
+    )
+
+
+def _term(name: str, weight: float) -> Term:
+    """A plugin's term. Raises ConfigError."""
+    try:
+        return Term(compiled_term(plugins.loaded("cost.term", name)), weight)
+    except ConfigError:
+        raise
+    except Exception as error:  # numba's errors share no useful base class
+        raise ConfigError(f"cost.term: {name}: cannot be compiled: {in_one_line(error)}") from None
 
 
 def traffic_params(config: ScenarioConfig, physics: Physics) -> TrafficParams:
-    """Forecast times that fall on steps of the simulation, or divide them evenly."""
+    """How a forecast has the other agents drive.
+
+    Its times fall on steps of the simulation, or divide them evenly.
+    """
     q, step = config.prediction, physics.step
     dt = (
         step * max(1, round(q.step_s / step))
@@ -91,27 +115,31 @@ def traffic_params(config: ScenarioConfig, physics: Physics) -> TrafficParams:
         else step / round(step / q.step_s)
     )
     return TrafficParams(
-        dt, q.headway_s, q.min_gap_m, q.accel_mps2, q.decel_mps2, q.yield_decel_mps2,
-        q.yield_gap_s, q.stays_after_s, q.persistence_s,
-        0.0 if physics.ballistic else 0.5 * step, q.name != "constant_velocity",
-        aside_m(config.sensor),
-    )  # fmt: skip
-
-
-def _term(name: str, weight: float) -> Term:
-    try:
-        return Term(compiled_term(plugins.loaded("cost.term", name)), weight)
-    except ConfigError:
-        raise
-    except Exception as error:  # numba's errors share no base of use
-        raise ConfigError(f"cost.term: {name}: cannot be compiled: {in_one_line(error)}") from None
+        step=dt,
+        headway=q.headway_s,
+        gap=q.min_gap_m,
+        accel=q.accel_mps2,
+        decel=q.decel_mps2,
+        yield_decel=q.yield_decel_mps2,
+        yield_gap=q.yield_gap_s,
+        stays_after=q.stays_after_s,
+        persistence=q.persistence_s,
+        euler=0.0 if physics.ballistic else 0.5 * step,
+        interacting=True,
+        aside=aside_m(config.sensor),
+    )
 
 
 def assumed(config: ScenarioConfig) -> Assumed:
-    """What the fail-safe takes the others to do."""
+    """What the fail-safe assumes of the other agents."""
     f = config.failsafe
     return Assumed(
-        f.decel_mps2, f.accel_mps2, f.over_limit, f.reaction_s, f.yield_decel_mps2, f.horizon_s
+        decel=f.decel_mps2,
+        accel=f.accel_mps2,
+        over_limit=f.over_limit,
+        reaction=f.reaction_s,
+        yield_decel=f.yield_decel_mps2,
+        horizon=f.horizon_s,
     )
 
 
@@ -126,25 +154,4 @@ def time_budget_s(config: ScenarioConfig) -> float:
         math.inf
         if config.planner.time_budget_ms is None
         else config.planner.time_budget_ms / 1000.0
-    )
-
-
-def paper_params(config: ScenarioConfig) -> PaperParams:
-    p = config.paper
-    return PaperParams(
-        config.planner.iterations, p.step_s,
-        p.look_ahead_steps, p.rollout_steps, config.planner.check_s, p.accelerations_mps2,
-        p.lane_change_accelerations_mps2, p.exploration,
-        p.brake_probability, p.accelerate_probability, p.weight_safety, p.weight_comfort,
-        p.weight_passability, p.weight_other, p.safety_threshold_m,
-        p.contact_cost, p.jerk_factor, p.goal_distance_m, p.lane_distance_m, p.goal_factor,
-        p.junction_penalty, p.lane_change_cost, p.stop_cost, p.turn_cost,
-        p.emergency_cost,
-    )  # fmt: skip
-
-
-def idm_params(config: ScenarioConfig) -> IdmParams:
-    p = config.idm
-    return IdmParams(
-        p.headway_s, p.min_gap_m, p.accel_mps2, p.decel_mps2, p.critical_gap_s, p.cut_in_decel_mps2
     )

@@ -1,36 +1,32 @@
-"""One recorded decision taken again: from the trace and its map alone, without SUMO, with the
-recorded settings or with others."""
+"""Takes a recorded decision again, from the trace and its map alone, without SUMO, with the
+recorded settings or others."""
 
 import math
 from collections.abc import Sequence
 
-from sumo_mcts.config import ScenarioConfig, build, is_oracle
+from sumo_mcts.config import ScenarioConfig, build
 from sumo_mcts.driver.driver import Driver, PlanningResult
+from sumo_mcts.driver.factories import prediction_label
 from sumo_mcts.driver.params import Physics
-from sumo_mcts.driver.registry import prediction_label
 from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.prediction.interface import Oracles
 from sumo_mcts.records import CycleRecord, Setting, Trace, TraceError, require_fit, scenario_of
+from sumo_mcts.registry import SENSED, is_oracle
 from sumo_mcts.scene import Follow, Ints, PlannerMemory, Release, RoadMap, Scene, Scripted
 
-READ = (
-    "planner",
-    "prediction",
-    "ego_model",
-    "cost",
-    "paper",
-    "idm",
-    "failsafe",
-)  # sections; what the others decide has happened before a decision
+# sections that a decision reads; what the others decide has happened before
+READ = ("planner", "prediction", "ego_model", "cost", "paper", "idm", "failsafe")
 
 
 def recorded_config(
     setting: Setting, overrides: Sequence[str] = (), *, allow_plugins: bool = False
 ) -> ScenarioConfig:
-    """The scenario that a trace was recorded with, with some keys set otherwise; code that it names
-    only where that is allowed. Raises ConfigError, also where a key has no say in a decision, and
-    TraceError where the trace holds none."""
+    """The scenario of a trace, with some keys set anew.
+
+    Raises ConfigError, also where no decision depends on such a key or where the scenario names
+    code and that is not allowed; TraceError where the trace holds no scenario.
+    """
     config = build(
         scenario_of(setting), "the trace's scenario", tuple(overrides), allow_plugins=allow_plugins
     )
@@ -44,10 +40,10 @@ def recorded_config(
 
 
 def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> PlanningResult:
-    """The decision of a cycle, taken again from what is recorded.
+    """The decision of a cycle, taken again from the record.
 
-    Raises ConfigError where another oracle would have to be asked, TraceError where the record is
-    damaged, and PlannerError where the planner fails too often.
+    Raises ConfigError where an oracle would be asked that the record does not know, TraceError
+    where the record is damaged, and PlannerError where the planner fails too often.
     """
     require_fit(trace, road, range(max(cycle - 1, 0), cycle + 1))
     now, setting, before = trace.cycles[cycle], trace.setting, scenario_of(trace.setting)
@@ -60,9 +56,8 @@ def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> P
         else now.memory._replace(planner=PlannerMemory())
     )
     warm_up(config, road, physics)
-    driver = Driver(
-        config, road, physics, setting.seed, _witness(now, before["prediction"]["name"], config)
-    )
+    oracles = _recorded_oracles(now, before["prediction"]["name"], config)
+    driver = Driver(config, road, physics, setting.seed, oracles)
     last = trace.cycles[cycle - 1] if cycle else None
     try:
         driver.recall(
@@ -71,67 +66,62 @@ def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> P
             None if last is None else last.decision,
             0.0 if last is None else last.time,
         )
-    except (
-        ValueError,
-        IndexError,
-        OverflowError,
-        TypeError,
-    ):  # what a planner makes of a memory that is none of its own
+    except (ValueError, IndexError, OverflowError, TypeError):
+        # a planner may raise any of these at a memory that is not its own
         raise TraceError(
             f"trace.cycles[{cycle}].memory: is none of planner {config.planner.name}"
         ) from None
     return driver.decide(Scene(now.time, now.step, now.ego, now.agents, now.signals))
 
 
-def _witness(now: CycleRecord, recorded: str, config: ScenarioConfig) -> Oracles:
-    """Answers what the oracles answered. Raises ConfigError where they were not asked."""
+def _recorded_oracles(now: CycleRecord, recorded: str, config: ScenarioConfig) -> Oracles:
+    """Oracles that answer as they did in the episode. Raises ConfigError where they were not
+    asked; `recorded`: the name of the episode's predictor."""
     asked = config.prediction.name
     if asked != recorded and is_oracle(prediction_label(config)):
-        allowed = ", ".join(dict.fromkeys((recorded, "idm", "constant_velocity")))
+        allowed = ", ".join(dict.fromkeys((recorded, *SENSED)))
         raise ConfigError(
             f"prediction.name: {asked} is an oracle that this episode did not ask; allowed: "
             f"{allowed}"
         )
-    told = now.answers
+    answers = now.answers
     states = [
-        Scripted(told.pose[k], told.v[k], told.lane[k], told.s[k], told.valid[k])
-        for k in range(len(told.agent))
+        Scripted(answers.pose[k], answers.v[k], answers.lane[k], answers.s[k], answers.valid[k])
+        for k in range(len(answers.agent))
     ]
-    of = {now.agents.ids[i]: k for k, i in enumerate(told.agent.tolist())}
+    row = {now.agents.ids[i]: k for k, i in enumerate(answers.agent.tolist())}
 
     def way(vehicle: str, lane: int) -> Ints:
-        if not told.ways:
+        if not answers.ways:
             raise ConfigError(
                 f"prediction.name: {asked} asks where {vehicle} goes, and the oracle of this "
                 "episode was not asked that"
             )
-        return told.ways[now.agents.ids.index(vehicle)]
+        return answers.ways[now.agents.ids.index(vehicle)]
 
     def script(vehicle: str, time: float, step: float, count: int) -> Scripted | None:
-        k = of.get(vehicle)
-        return (
-            None
-            if k is None or not told.scripted[k]
-            else _as_far(states[k], now.forecast.dt, step, count)
-        )
+        k = row.get(vehicle)
+        if k is None or not answers.scripted[k]:
+            return None
+        return _first(states[k], now.forecast.dt, step, count)
 
     def clone(
         scene: Scene, command: Follow | Release, step: float, count: int
     ) -> dict[int, Scripted]:
         return {
-            int(i): _as_far(states[k], now.forecast.dt, step, count)
-            for k, i in enumerate(told.agent)
+            int(i): _first(states[k], now.forecast.dt, step, count)
+            for k, i in enumerate(answers.agent)
         }
 
     return Oracles(way, script, clone)
 
 
-def _as_far(states: Scripted, told_step: float, step: float, count: int) -> Scripted:
-    """The first `count` states, `step` s apart. Raises ConfigError where they are not told."""
-    if step != told_step:
+def _first(states: Scripted, recorded_step: float, step: float, count: int) -> Scripted:
+    """The first `count` states, `step` s apart. Raises ConfigError where they are not recorded."""
+    if step != recorded_step:
         raise ConfigError(
-            f"prediction.step_s: the oracle told where the others are every {told_step:g} s, not "
-            f"every {step:g} s; it stays as it was"
+            f"prediction.step_s: the oracle told where the others are every {recorded_step:g} s, "
+            f"not every {step:g} s; it stays as it was"
         )
     if count > len(states.v):
         raise ConfigError(
@@ -139,9 +129,9 @@ def _as_far(states: Scripted, told_step: float, step: float, count: int) -> Scri
             "the horizon cannot grow"
         )
     return Scripted(
-        states.pose[:count],
-        states.v[:count],
-        states.lane[:count],
-        states.s[:count],
-        states.valid[:count],
+        pose=states.pose[:count],
+        v=states.v[:count],
+        lane=states.lane[:count],
+        s=states.s[:count],
+        valid=states.valid[:count],
     )

@@ -1,8 +1,8 @@
-"""What a sensor makes of the truth, Scene to Scene: errors that last, agents that are missed or
-hidden, a memory of those seen before; and the room that forecasts leave for such errors.
+"""The sensor: makes of the true Scene what the ego perceives.
 
-Planners get what comes out of it; the referee's Frames stay true. The ego, the map and the signals
-are known without error.
+It adds errors that last, leaves out agents that are missed or hidden, and remembers agents seen
+before. It also says which margins forecasts need for such errors. Planners get its Scene; the
+referee's Frames stay true. The ego, the map and the signals are known without error.
 """
 
 import math
@@ -18,32 +18,32 @@ from sumo_mcts.prediction.forecast import OracleData, predict
 from sumo_mcts.prediction.paths import LEAVES_FROM
 from sumo_mcts.scene import STANDING, Agents, Bools, EgoState, Floats, RoadMap, Scene
 
-SMOOTHING_S = 1.0  # of the error of an acceleration, which is told from speeds
-PLAIN_VIEW = 0.5  # share of an agent in view from which it is expected to be seen
-CHANCE = 1e-4  # of being missed so many times in a row, below which an agent is taken to be gone
-# standard deviations: errors beyond that are left out of account (one in fifty, to one side)
+SMOOTHING_S = 1.0  # of the error of an acceleration, which is derived from speeds
+PLAIN_VIEW = 0.5  # share of an agent in view from which on it should be seen
+CHANCE = 1e-4  # an agent is taken to be gone when missing it so often in a row is less likely
+# standard deviations beyond which errors are neglected (one in fifty, to one side)
 SURE = 2.0
-EDGE = 1e-6  # m by which a box that is nearer on a ray has to be so
+EDGE = 1e-6  # m by which a box has to be nearer on a ray to hide another
 
 
 class Sensor:
     """One ego's sensor.
 
-    The same agent at the same time has the same error, whoever plans and whoever else is in range.
+    The error of an agent depends on seed, id and time alone, not on the planner or other agents.
     """
 
     def __init__(
         self, sensor: SensorConfig, road: RoadMap, period: float, seed: np.random.SeedSequence
     ) -> None:
-        """`period`: s between two looks; errors change with each."""
+        """`period`: s between two looks; errors change with each look."""
         self._sensor, self._road, self._period, self._seed = sensor, road, period, seed
         self._errors: dict[str, _Errors] = {}
         self._lost: dict[str, Lost] = {}
-        self._last: Scene | None = None  # as it was perceived
+        self._last: Scene | None = None  # as perceived
         self._begin = 0.0
 
     def perceive(self, scene: Scene) -> Scene:
-        """What the ego knows of a true scene. The scene itself where the sensor has no fault."""
+        """What the ego knows of a true scene: the same scene where the sensor has no fault."""
         if not is_faulty(self._sensor):
             return scene
         if self._last is None:
@@ -57,6 +57,7 @@ class Sensor:
         return self._last
 
     def _seen(self, scene: Scene) -> Agents:
+        """The agents that the sensor shows now, with errors."""
         q, agents = self._sensor, scene.agents
         error, missed = self._drawn(scene)
         if q.occlusion:
@@ -66,7 +67,7 @@ class Sensor:
         return chosen(with_errors(self._road, agents, error), ~missed)
 
     def _drawn(self, scene: Scene) -> tuple[Floats, Bools]:
-        """[N, 4] the errors that with_errors adds, and [N] who is dropped."""
+        """[N, 4] the errors that with_errors adds, and [N] which agents are dropped."""
         q, agents = self._sensor, scene.agents
         cycle, decay = (
             round((scene.time - self._begin) / self._period),
@@ -86,7 +87,7 @@ class Sensor:
         ), missed
 
     def _with_remembered(self, last: Scene, scene: Scene, seen: Agents) -> Agents:
-        """Those seen now, and those seen before who may still be there."""
+        """The agents seen now, and those seen before that may still be there."""
         q, now = self._sensor, set(seen.ids)
         before = chosen(
             last.agents, np.array([name not in now for name in last.agents.ids], np.bool_)
@@ -117,15 +118,17 @@ class Sensor:
 
 
 class Lost(NamedTuple):
-    """An agent that is remembered."""
+    """A remembered agent."""
 
     since: float  # simulation time when it was last seen, s
-    missed: int  # cycles since then in which it should have been seen
+    missed: int  # cycles since then in which it should have been in view
 
 
 class _Errors:
-    """The errors about one agent: a first-order autoregressive process, whose value depends on
-    seed, name and cycle alone."""
+    """The errors about one agent: a first-order autoregressive process.
+
+    Their values depend on seed, name and cycle alone.
+    """
 
     def __init__(self, seed: np.random.SeedSequence, name: str) -> None:
         own = np.random.SeedSequence(
@@ -136,11 +139,11 @@ class _Errors:
         self._slope, self._chance, self._cycle = 0.0, self._rng.random(), 0
 
     def at(self, cycle: int, decay: float, period: float) -> tuple[Floats, float]:
-        """[4] errors of x, y, v in standard deviations, and that of the acceleration which goes
-        with v's, per s; a number in 0..1.
+        """[4] errors of x, y, v in standard deviations, and of the acceleration in those of v per
+        s; and a random number in 0..1.
 
-        The share `decay` of an error is left a cycle (of `period` s) later. Cycles can only be
-        asked for in order.
+        The share `decay` of an error is left a cycle (of `period` s) later. Cycles have to be asked
+        for in order.
         """
         while self._cycle < cycle:
             before = self._error
@@ -155,18 +158,18 @@ class _Errors:
 
 
 def aside_m(sensor: SensorConfig) -> float:
-    """m off the centre line of its lane from which a blinking vehicle has surely begun to leave
-    it."""
+    """m off the centre line of its lane from which on a blinking vehicle has surely begun to
+    leave it."""
     return max(LEAVES_FROM, SURE * sensor.position_error_m)
 
 
 def room_m(sensor: SensorConfig) -> float:
-    """m before and behind an agent within which its ends surely are."""
+    """The margin before and behind an agent within which its ends surely are, m."""
     return SURE * sensor.position_error_m
 
 
 def is_faulty(sensor: SensorConfig) -> bool:
-    """Whether the sensor shows anything but the truth."""
+    """Whether the sensor may show anything but the truth."""
     return bool(
         sensor.position_error_m
         or sensor.speed_error_mps
@@ -179,10 +182,10 @@ def is_faulty(sensor: SensorConfig) -> bool:
 
 
 def with_errors(road: RoadMap, agents: Agents, error: Floats) -> Agents:
-    """The agents with errors [N, 4] of x, y (m), speed (m/s) and acceleration (m/s2); lane, s and d
-    are those of the wrong place.
+    """The agents with errors [N, 4] of x, y (m), speed (m/s) and acceleration (m/s2).
 
-    Whoever stands is seen to stand: that is told from moving by its place over time.
+    Lane, s and d follow from the wrong place. An agent that stands is seen to stand: its place does
+    not change over time.
     """
     moves = agents.v > STANDING
     agents = agents._replace(
@@ -195,11 +198,11 @@ def with_errors(road: RoadMap, agents: Agents, error: Floats) -> Agents:
 
 
 def matched(road: RoadMap, agents: Agents) -> Agents:
-    """Lane, s and d anew from the poses: the lane where the agent was, or the one beside it whose
-    middle is nearer to the agent's front.
+    """The agents with lane, s and d anew from their poses.
 
-    A tracker knows along which lanes an agent came, so nobody jumps into the lanes of another way;
-    and nobody leaves the ends of its lane.
+    The lane is the one where the agent was, or the lane beside it whose middle is nearer to the
+    agent's front. A tracker knows along which lanes an agent came, so no agent jumps to lanes of
+    another path, and none leaves the ends of its lane.
     """
     lane, s, d = agents.lane.copy(), agents.s.copy(), agents.d.copy()
     for i in np.flatnonzero(lane >= 0):
@@ -215,31 +218,30 @@ def matched(road: RoadMap, agents: Agents) -> Agents:
 
 
 def on_lane(road: RoadMap, lane: int, x: float, y: float) -> tuple[float, float]:
-    """Lane position s and offset d (m, left positive) of the place on a lane's centre line that is
-    nearest to a point."""
+    """Lane position s (m) and offset d (m, left positive) of a point, from the nearest place on a
+    lane's centre line."""
     first, last = int(road.point_offset[lane]), int(road.point_offset[lane + 1])
     points, arc = road.points[first:last], road.point_s[first:last]
-    way = np.diff(points, axis=0)
-    share, away = nearest(points[:-1], way, x, y)
+    along = np.diff(points, axis=0)
+    share, away = nearest(points[:-1], along, x, y)
     k = int(np.argmin(away))
     span = max(float(arc[k + 1] - arc[k]), 1e-9)
-    aside = float(way[k, 0] * (y - points[k, 1]) - way[k, 1] * (x - points[k, 0])) / span
+    aside = float(along[k, 0] * (y - points[k, 1]) - along[k, 1] * (x - points[k, 0])) / span
     return float(arc[k] + share[k] * span) / float(road.scale[lane]), aside
 
 
 def _front(agents: Agents, i: int) -> tuple[float, float]:
-    half = 0.5 * float(agents.length[i])
-    return float(agents.x[i]) + half * math.cos(agents.heading[i]), float(
-        agents.y[i]
-    ) + half * math.sin(agents.heading[i])
+    half, heading = 0.5 * float(agents.length[i]), float(agents.heading[i])
+    x, y = float(agents.x[i]), float(agents.y[i])
+    return x + half * math.cos(heading), y + half * math.sin(heading)
 
 
-# --- who hides whom ---
+# --- occlusion ---
 
 
 def share_in_view(x: float, y: float, agents: Agents, blocks: Bools) -> Floats:
-    """[N] the share of the angle under which each agent appears from (x, y) that no box of those
-    who block lies before.
+    """[N] of the angle under which each agent appears from (x, y), the share that is in view: no
+    box of an agent that blocks ([N]) lies before it.
 
     Between the directions of two neighbouring corners boxes that do not overlap keep their order,
     so one ray for each such sector is exact.
@@ -266,8 +268,8 @@ def _corner_angles(x: float, y: float, agents: Agents) -> Floats:
 
 
 def _ray_enters(x: float, y: float, angle: Floats, agents: Agents) -> Floats:
-    """[R, N] the distance (m) at which a ray in each direction enters each box; inf where it misses
-    it."""
+    """[R, N] the distance (m) at which a ray from (x, y) in each direction (rad, [R]) enters each
+    box; inf where it misses the box."""
     c, s = np.cos(agents.heading), np.sin(agents.heading)
     dx, dy, cosine, sine = (
         x - agents.x,
@@ -289,17 +291,30 @@ def _ray_enters(x: float, y: float, angle: Floats, agents: Agents) -> Floats:
     return np.where(enters <= leaves, enters, np.inf)
 
 
-# --- who is remembered ---
+# --- memory ---
 
 
 def moved_on(road: RoadMap, scene: Scene, seconds: float, aside: float) -> Agents:
-    """The agents of a scene so much later: along their likely lanes at the speed they had, without
-    those who left the map; `aside`: see aside_m."""
+    """The agents of a scene some seconds later, without those that left the map.
+
+    They keep their speed along their likeliest lanes. `aside`: see aside_m.
+    """
     agents = scene.agents
     if not len(agents.ids):
         return agents
     keeps_speed = TrafficParams(
-        seconds, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, False, aside
+        step=seconds,
+        headway=0.0,
+        gap=0.0,
+        accel=0.0,
+        decel=0.0,
+        yield_decel=0.0,
+        yield_gap=0.0,
+        stays_after=math.inf,
+        persistence=0.0,
+        euler=0.0,
+        interacting=False,
+        aside=aside,
     )
     forecast = predict(
         road, scene, np.zeros(0, np.int32), np.zeros(0), keeps_speed, seconds, OracleData()
@@ -314,8 +329,8 @@ def moved_on(road: RoadMap, scene: Scene, seconds: float, aside: float) -> Agent
 
 
 def _still_aside(before: Agents, moved: Agents) -> Agents:
-    """Who blinks, had begun to leave its lane and is taken to be on it still has not gone back to
-    the middle of it."""
+    """The moved agents; one that blinks, had begun to leave its lane and is still taken to be on it
+    does not go back to its middle."""
     side = np.where(moved.lane == before.lane, before.blinker, 0)
     back = side * np.maximum(side * (before.d - moved.d), 0.0)
     return moved._replace(
@@ -326,28 +341,28 @@ def _still_aside(before: Agents, moved: Agents) -> Agents:
 
 
 def share_past(ego: EgoState, seen: Agents, remembered: Agents) -> Floats:
-    """[N] the share of each of those remembered that would be in view past those who are seen."""
-    everybody = joined(seen, remembered)
-    blocks = ~everybody.person & (np.arange(len(everybody.ids)) < len(seen.ids))
-    return share_in_view(ego.x, ego.y, everybody, blocks)[len(seen.ids) :]
+    """[N] the share of each remembered agent that would be in view past the agents seen."""
+    both = joined(seen, remembered)
+    blocks = ~both.person & (np.arange(len(both.ids)) < len(seen.ids))
+    return share_in_view(ego.x, ego.y, both, blocks)[len(seen.ids) :]
 
 
-# --- agents as tables ---
+# --- tables of agents ---
 
 
 def chosen(agents: Agents, which: Bools) -> Agents:
-    """Some of the agents."""
+    """The agents that are marked, [N]."""
     return _rows(agents, np.flatnonzero(which).tolist())
 
 
 def joined(some: Agents, others: Agents) -> Agents:
-    """Both, one after the other."""
+    """The agents of both, one after the other."""
     pairs: Any = zip(some[1:], others[1:], strict=True)
     return Agents(some.ids + others.ids, *(np.concatenate(pair) for pair in pairs))
 
 
 def together(some: Agents, others: Agents) -> Agents:
-    """Both, sorted by id."""
+    """The agents of both, sorted by id."""
     both = joined(some, others)
     return _rows(both, sorted(range(len(both.ids)), key=both.ids.__getitem__))
 

@@ -1,5 +1,5 @@
-"""One driven ego's eyes and hands: when it has to decide, what it knows then, and what SUMO is told
-until the next time."""
+"""The vehicle interface of one ego: when a decision is due, what is known then, and what SUMO is
+commanded until the next one."""
 
 import math
 from typing import NamedTuple
@@ -20,30 +20,29 @@ _EPS = 1e-9
 
 
 class World(NamedTuple):
-    """The running simulation, as everybody who drives in it needs it."""
+    """The running simulation, as drivers need it."""
 
     road: RoadMap
     physics: Physics
     observer: Observer
-    period: float  # between two decisions, s: whole steps
+    period: float  # between two decisions, s: whole steps of SUMO
 
 
 def running_world(period_s: float) -> World:
-    """What to know about the running simulation to decide every `period_s`.
+    """The running simulation, for decisions every `period_s`.
 
     Raises ConfigError where its network cannot be read.
     """
     physics = Physics(step_length(), is_ballistic(), _change_duration())
     road = known_roadmap(option("net-file"))
-    return World(
-        road, physics, Observer(road), max(1, round(period_s / physics.step)) * physics.step
-    )
+    period = max(1, round(period_s / physics.step)) * physics.step
+    return World(road, physics, Observer(road), period)
 
 
 class EgoVehicle:
-    """Holds one ego that is on the road.
+    """Observes and commands one ego that is on the road.
 
-    Between two steps of SUMO: look() or glance(), then decide if due(), then before_step().
+    Between two steps of SUMO: look() or catch_up(), then a decision if due(), then before_step().
     """
 
     def __init__(
@@ -67,13 +66,13 @@ class EgoVehicle:
         self._commanded: float | None = None  # when the last command was given
 
     def look(self) -> Frame:
-        """What a referee has to know of the step that is just over."""
+        """What the referee has to know of the step that has just ended."""
         self._frame = self._world.observer.frame(self._vehicle, self._commander.change, self._frame)
         self._time = self._frame.time
         return self._frame
 
-    def glance(self) -> None:
-        """Likewise where there is no referee, and where steps may have been made without a
+    def catch_up(self) -> None:
+        """In place of look() without a referee, where SUMO may have made steps without a
         command."""
         self._time = self._world.observer.remember(self._vehicle)
         if self._commanded is not None:
@@ -86,7 +85,7 @@ class EgoVehicle:
         return self._time >= self._next - _EPS
 
     def scene(self) -> Scene:
-        """What may be known for the decision."""
+        """What the ego perceives, for the decision."""
         truth = self._world.observer.scene(
             self._vehicle,
             self._commander.change,
@@ -96,7 +95,7 @@ class EgoVehicle:
         return self._senses.perceive(truth)
 
     def accept(self, decision: Decision) -> None:
-        """Do this until the next decision."""
+        """Execute a decision until the next one."""
         self._commander.accept(decision.command)
         self._next = self._time + self._world.period
 
@@ -106,26 +105,27 @@ class EgoVehicle:
         self._commanded = self._time
 
     def rehearse_step(self) -> None:
-        """Likewise in a copy of the simulation, where nobody decides: after the profile SUMO's own
-        driver goes on, until the ego has left."""
+        """In place of before_step() in a copy of the simulation, where no decisions are taken.
+
+        After the last command SUMO's own driver goes on until the ego has left.
+        """
         if self._commander.played:
             self._commander.release()
         elif self._world.observer.present(self._vehicle):
             self._commander.before_step()
 
     def release(self) -> None:
-        """Hand the ego back to SUMO, if it is still there."""
+        """Give the ego back to SUMO, if it is still there."""
         self._commander.release()
 
 
 def never_departed(
     waited_s: float, limit_s: float, finished: bool, ended_s: float | None = None
 ) -> str:
-    """Why an ego that has not departed so far is not waited for any longer; "" where it may still
+    """Why it is useless to wait any longer for an ego that has not departed; "" where it may still
     come.
 
-    `finished`: whether SUMO expects no further vehicle; `ended_s`: SUMO's option end, where that
-    time has come.
+    `finished`: SUMO expects no further vehicle; `ended_s`: SUMO's option end, once it is reached.
     """
     if waited_s >= limit_s:
         return f"never departed within {limit_s:g} s (episode.depart_limit_s)"

@@ -11,6 +11,7 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.params import streams
 from sumo_mcts.driver.vehicle import World, running_world
 from sumo_mcts.episode.goals import check_edges
+from sumo_mcts.registry import asks
 from sumo_mcts.scene import RoadMap
 from sumo_mcts.world import clone
 from sumo_mcts.world.actors import Actors
@@ -76,7 +77,7 @@ class Launcher:
     def _checked_road(self) -> RoadMap:
         """The network; SUMO itself does not survive every one. Raises ConfigError."""
         config = self._config
-        if config.prediction.name == "clone":
+        if asks(config.prediction.name, "clone"):
             clone.require_possible(self._options.gui)
         road = known_roadmap(network_of(config.sumo.sumocfg, config.sumo.net))
         check_edges(config, road)
@@ -93,7 +94,7 @@ class Launcher:
         simulation = self._simulation = Simulation(
             arguments, gui=options.gui, delay_ms=window_delay_ms(config.sumo)
         )
-        if config.prediction.name == "clone":
+        if asks(config.prediction.name, "clone"):
             clone.require_copyable()
         require_named(self._egos, [actor.id for actor in actors])
         world = running_world(config.planner.period_s)

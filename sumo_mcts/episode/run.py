@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from sumo_mcts import records
 from sumo_mcts.config import ScenarioConfig, digest, plugins, require_scenario, whole
 from sumo_mcts.driver.driver import Driver
+from sumo_mcts.driver.factories import forecast_label, reads_forecast
 from sumo_mcts.driver.params import streams
-from sumo_mcts.driver.registry import SEARCHING, forecast_label, reads_forecast
 from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.episode.launch import LaunchOptions, Progress
 from sumo_mcts.episode.loop import Loop
@@ -18,6 +18,7 @@ from sumo_mcts.episode.recorder import Recorder
 from sumo_mcts.errors import of_machine
 from sumo_mcts.numerics.announce import announced
 from sumo_mcts.records import Row, Setting, Trace
+from sumo_mcts.registry import searches
 from sumo_mcts.scene import Decision, RoadMap, Scene
 from sumo_mcts.world.arguments import REFEREE_OPTIONS
 
@@ -100,7 +101,7 @@ def default_variant(config: ScenarioConfig) -> str:
     planner = config.planner
     if not reads_forecast(config):
         return planner.name
-    if planner.name not in SEARCHING:
+    if not searches(planner.name):
         return f"{planner.name}-{config.prediction.name}"
     budget = (
         str(planner.iterations)

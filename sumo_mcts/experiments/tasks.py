@@ -14,7 +14,7 @@ import numpy as np
 from sumo_mcts import records
 from sumo_mcts.config import ScenarioConfig, digest
 from sumo_mcts.driver.driver import Driver
-from sumo_mcts.driver.registry import forecast_label
+from sumo_mcts.driver.factories import forecast_label
 from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.goals import check_edges

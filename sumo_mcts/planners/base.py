@@ -48,7 +48,10 @@ def local_of(task: Task, situation: Situation, reactive: int = 0, hypothesis: in
 
 
 class Planner(Protocol):
-    """From a situation to a decision. One object drives one ego for one episode."""
+    """From a situation to a decision. One object drives one ego for one episode.
+
+    With a member `weighs_hypotheses` that is true its forecasts may hold several hypotheses.
+    """
 
     needs_forecast: bool
 

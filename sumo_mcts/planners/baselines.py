@@ -5,10 +5,12 @@ and a random one.
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.interaction import place_is_free
 from sumo_mcts.model.local_map import (
     COS,
@@ -41,7 +43,7 @@ from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, lane_pose
 from sumo_mcts.numerics.geometry import Box, boxes_touch
 from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.planners.base import STOP_DECEL, Drawing, Situation, Task, local_of
-from sumo_mcts.planners.mcts import MctsParams, actions_of, follow_line, in_steps
+from sumo_mcts.planners.mcts import MctsParams, actions_of, follow_line, in_steps, mcts_params
 from sumo_mcts.planners.rollout import entry_of
 from sumo_mcts.scene import Decision, Floats, Follow, Indices, Plan, PlannerMemory, Release
 
@@ -49,6 +51,35 @@ LOOK = 1.0  # m between the places on the way ahead at which others are looked f
 VIEW_S = 6.0  # s of driving ahead for which they are
 VIEW_GAP = 20.0  # m beyond that
 PULLING_AWAY = 3.0  # m/s with which a stop line is reached at least, when its gap is judged
+
+
+def make_sumo(_: Mapping[str, Any], scenario: ScenarioConfig) -> "SumoPlanner":
+    """SUMO's own driver, whatever the scenario."""
+    return SumoPlanner()
+
+
+def make_constant(_: Mapping[str, Any], scenario: ScenarioConfig) -> "ConstantPlanner":
+    """The blind driver of a scenario."""
+    return ConstantPlanner(scenario.planner.period_s)
+
+
+def make_idm(_: Mapping[str, Any], scenario: ScenarioConfig) -> "IdmPlanner":
+    """The driver that the section `idm` describes."""
+    p = scenario.idm
+    params = IdmParams(
+        headway=p.headway_s,
+        gap=p.min_gap_m,
+        accel=p.accel_mps2,
+        decel=p.decel_mps2,
+        critical_gap=p.critical_gap_s,
+        cut_in_decel=p.cut_in_decel_mps2,
+    )
+    return IdmPlanner(params, scenario.planner.period_s)
+
+
+def make_random(_: Mapping[str, Any], scenario: ScenarioConfig) -> "RandomPlanner":
+    """The random driver with the actions of the section `planner`."""
+    return RandomPlanner(mcts_params(scenario))
 
 
 class SumoPlanner:

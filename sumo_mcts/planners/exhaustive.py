@@ -1,6 +1,11 @@
 """The planner that drives by the reference problem: what near-optimality is measured against, in
 the closed loop."""
 
+from collections.abc import Mapping
+from typing import Any
+
+from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.planners import reference
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.mcts import follow_line
 from sumo_mcts.planners.reference import (
@@ -13,6 +18,16 @@ from sumo_mcts.planners.reference import (
     steps_of,
 )
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
+
+
+def horizon_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
+    """How far the reference problem looks into a forecast with states `forecast_step` apart, s."""
+    return reference.horizon_s(forecast_step)
+
+
+def make(_: Mapping[str, Any], scenario: ScenarioConfig) -> "ExhaustivePlanner":
+    """The planner, whatever the scenario."""
+    return ExhaustivePlanner()
 
 
 class ExhaustivePlanner:

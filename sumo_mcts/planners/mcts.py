@@ -5,10 +5,12 @@ UCT on a deterministic forecast, best-value backup, informed rollouts, braking w
 
 import math
 import time
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import FOLLOW
 from sumo_mcts.model.reactions import at_rest
@@ -48,6 +50,42 @@ class MctsParams(NamedTuple):
     adaptive: bool
 
 
+def mcts_params(scenario: ScenarioConfig) -> MctsParams:
+    """The search as the section `planner` describes it."""
+    p = scenario.planner
+    return MctsParams(
+        effort=Effort(p.iterations, max(p.iterations, p.most_iterations or 0), p.close_cost),
+        period_s=p.period_s,
+        step_s=p.step_s,
+        look_ahead_steps=p.look_ahead_steps,
+        rollout_steps=p.rollout_steps,
+        check_s=p.check_s,
+        accelerations=p.accelerations_mps2,
+        lane_change_accelerations=p.lane_change_accelerations_mps2,
+        later_accelerations=p.later_accelerations_mps2,
+        later_lane_change_accelerations=p.later_lane_change_accelerations_mps2,
+        exploration=p.exploration,
+        reactive=p.reactive,
+        worst_share=p.cvar_alpha if p.risk == "cvar" else 1.0,
+        adaptive=p.adaptive,
+    )
+
+
+def horizon_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
+    """How far the section `planner` looks into a forecast, s;
+
+    `step`: of the simulation, `forecast_step`: between the states of the forecast, s.
+    """
+    p = scenario.planner
+    ply = max(1, round(p.step_s / step)) * step
+    return (p.look_ahead_steps + p.rollout_steps) * ply + scenario.cost.claim_s + forecast_step
+
+
+def make(_: Mapping[str, Any], scenario: ScenarioConfig) -> "MctsPlanner":
+    """The planner of a scenario."""
+    return MctsPlanner(mcts_params(scenario))
+
+
 class Way(NamedTuple):
     """A root child and the best that is known to follow it."""
 
@@ -58,6 +96,8 @@ class Way(NamedTuple):
 
 class MctsPlanner(Drawing):
     """Monte-Carlo tree search over the forecast."""
+
+    weighs_hypotheses = True
 
     def __init__(self, params: MctsParams) -> None:
         self._params = params

@@ -5,11 +5,13 @@ Which reading was chosen where the text leaves it open: docs/planner.md.
 
 import math
 import time
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 
+from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.local_map import (
     COS,
     GONE,
@@ -90,6 +92,52 @@ class PaperParams(NamedTuple):
     stop_cost: float
     turn_cost: float
     emergency_cost: float
+
+
+def paper_params(scenario: ScenarioConfig) -> PaperParams:
+    """The search as the section `paper` describes it."""
+    p = scenario.paper
+    return PaperParams(
+        iterations=scenario.planner.iterations,
+        step_s=p.step_s,
+        look_ahead_steps=p.look_ahead_steps,
+        rollout_steps=p.rollout_steps,
+        check_s=scenario.planner.check_s,
+        accelerations=p.accelerations_mps2,
+        lane_change_accelerations=p.lane_change_accelerations_mps2,
+        exploration=p.exploration,
+        brake_probability=p.brake_probability,
+        accelerate_probability=p.accelerate_probability,
+        weight_safety=p.weight_safety,
+        weight_comfort=p.weight_comfort,
+        weight_passability=p.weight_passability,
+        weight_other=p.weight_other,
+        safety_threshold=p.safety_threshold_m,
+        contact_cost=p.contact_cost,
+        jerk_factor=p.jerk_factor,
+        goal_distance=p.goal_distance_m,
+        lane_distance=p.lane_distance_m,
+        goal_factor=p.goal_factor,
+        junction_penalty=p.junction_penalty,
+        lane_change_cost=p.lane_change_cost,
+        stop_cost=p.stop_cost,
+        turn_cost=p.turn_cost,
+        emergency_cost=p.emergency_cost,
+    )
+
+
+def horizon_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
+    """How far the search looks into a forecast, s;
+
+    `step`: of the simulation, `forecast_step`: between the states of the forecast, s.
+    """
+    p = scenario.paper
+    return (p.look_ahead_steps + p.rollout_steps) * max(p.step_s, step) + forecast_step
+
+
+def make(_: Mapping[str, Any], scenario: ScenarioConfig) -> "PaperPlanner":
+    """The planner of a scenario."""
+    return PaperPlanner(paper_params(scenario))
 
 
 class Weights(NamedTuple):

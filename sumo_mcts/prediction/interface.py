@@ -1,5 +1,4 @@
-"""What oracles can be asked; what a predictor of the user's own is asked, and what it has to
-answer."""
+"""What a predictor is asked and has to answer, and what an oracle may ask."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -21,24 +20,49 @@ from sumo_mcts.scene import (
 )
 
 
+class Question(NamedTuple):
+    """What a predictor is asked in one cycle: the arguments of prediction/forecast.py::predict, and
+    more."""
+
+    scene: Scene
+    ego_lanes: Ints  # [K] lanes that the ego is going to drive, first the one it is on or moves to
+    # [K] m/s: what the ego is taken to do first, at multiples of params.step from now + params.step
+    # on; may be empty
+    nominal: Floats
+    # of the sections `prediction` and `sensor`; params.step: s between the times of the forecast
+    params: TrafficParams
+    seconds: float  # how far the forecast has to reach
+    stood_s: float  # s since the ego came to a stand at the stop sign before it; -inf: it has not
+    hypotheses: int = 1  # that the planner weighs at most
+    command: Follow | Release = Release()  # what is left of the ego's last command
+
+
 class Oracles(NamedTuple):
-    """Who could be asked for what no sensor sees.
+    """Questions about what no sensor sees. Only oracles ask them."""
 
-    Asked only where the scenario names such a forecast.
-    """
-
-    way: Callable[[str, int], Ints]  # vehicle and its lane: the lanes it is really going to take
-    script: Callable[
-        [str, float, float, int], Scripted | None
-    ]  # vehicle, time (s), step (s), count: its coming states, if it holds a script
-    clone: Callable[[Scene, Follow | Release, float, int], Mapping[int, Scripted]]
-
+    # vehicle, its lane: the lanes that it is really going to take
+    way: Callable[[str, int], Ints]
+    # vehicle, time (s), step (s), count: its coming states, if it has a script
+    script: Callable[[str, float, float, int], Scripted | None]
     # scene, what its ego is to do, step (s), count: the coming states of its agents (index) in a
     # copy of the simulation
+    clone: Callable[[Scene, Follow | Release, float, int], Mapping[int, Scripted]]
+
+
+class Predictor(Protocol):
+    """From a question to a forecast. One object predicts for one ego in one episode."""
+
+    oracle: bool  # asks for what no sensor sees, and is labelled so
+
+    def start(self, road: RoadMap, oracles: Oracles | None) -> None:
+        """Before the first question; `oracles` only for an oracle."""
+
+    def predict(self, question: Question) -> Forecast:
+        """The agents of the scene, in their order, at multiples of params.step from now on."""
 
 
 class OracleRecorder:
-    """Passes questions on to oracles and keeps their answers, so that a decision can be taken again
+    """Passes questions on to oracles and keeps the answers, so that the decision can be taken again
     without them."""
 
     def __init__(self, oracles: Oracles | None) -> None:
@@ -52,36 +76,30 @@ class OracleRecorder:
         self._copies: dict[int, Scripted] = {}
 
     def oracles(self) -> Oracles | None:
-        """To be asked in place of the true ones."""
+        """The oracles that are recorded; None where there are none."""
         return None if self._ask is None else Oracles(self._way, self._script, self._clone)
 
     def answers(self, ids: Sequence[str]) -> Answers:
-        """What was told of the agents with these ids, in this cycle."""
+        """The answers of this cycle, about the agents with these ids."""
         ways = (
             tuple(self._ways.get(vehicle, np.zeros(0, np.int32)) for vehicle in ids)
             if self._ways
             else ()
         )
-        states = {
-            **{
-                i: self._scripts[vehicle]
-                for i, vehicle in enumerate(ids)
-                if vehicle in self._scripts
-            },
-            **self._copies,
-        }
+        scripts = {i: self._scripts[name] for i, name in enumerate(ids) if name in self._scripts}
+        states = {**scripts, **self._copies}
         if not states:
             return Answers(ways)
         count = min(len(each.v) for each in states.values())
-        columns = [
-            np.stack([column[:count] for column in field])
-            for field in zip(*states.values(), strict=True)
-        ]
+        columns = {
+            name: np.stack([getattr(each, name)[:count] for each in states.values()])
+            for name in Scripted._fields
+        }
         return Answers(
-            ways,
-            np.array(list(states), np.int32),
-            np.array([ids[i] in self._scripts for i in states], np.bool_),
-            *columns,
+            ways=ways,
+            agent=np.array(list(states), np.int32),
+            scripted=np.array([ids[i] in self._scripts for i in states], np.bool_),
+            **columns,
         )
 
     def _way(self, vehicle: str, lane: int) -> Ints:
@@ -105,46 +123,15 @@ class OracleRecorder:
         return found
 
 
-class Question(NamedTuple):
-    """What a predictor gets each cycle: the arguments of model/traffic.py::predict."""
-
-    scene: Scene
-    ego_lanes: (
-        Ints  # [K] the lanes that the ego is going to drive, the one it is on or moves to first
-    )
-    # [K] m/s: what the ego is taken to do first, at multiples of params.step from now + params.step
-    # on; may be empty
-    nominal: Floats
-    # of the sections `prediction` and `sensor`; params.step: s between the times of the forecast
-    params: TrafficParams
-    seconds: float  # how far it has to reach
-    stood_s: float  # s since the ego came to a stand at the stop sign before it; -inf: it has not
-
-
-class Predictor(Protocol):
-    """From a question to a forecast. One object predicts for one ego in one episode."""
-
-    oracle: bool  # asks for what no sensor sees, and is labelled so
-
-    def start(self, road: RoadMap, oracles: Oracles | None) -> None:
-        """Before the first question; `oracles` only for an oracle."""
-
-    def predict(self, question: Question) -> Forecast:
-        """The agents of the scene, in their order, at multiples of params.step from now on."""
-
-
 def checked(forecast: object, road: RoadMap, question: Question) -> Forecast:
-    """The forecast with the types that compiled code reads without looking.
+    """A plugin's forecast with the types that compiled code reads without checking.
 
-    Raises ValueError where it is none for this question.
+    Raises ValueError where it does not answer the question.
     """
     if not isinstance(forecast, Forecast):
         raise ValueError(f"no forecast but {type(forecast).__name__}")
-    h, n, step = (
-        len(np.atleast_1d(forecast.weight)),
-        len(question.scene.agents.ids),
-        question.params.step,
-    )
+    h, n = len(np.atleast_1d(forecast.weight)), len(question.scene.agents.ids)
+    step = question.params.step
     times = times_of(question.seconds, step)
     if abs(forecast.dt - step) > 1e-9:
         raise ValueError(f"dt: {forecast.dt:g} s instead of {step:g} s")
@@ -154,11 +141,8 @@ def checked(forecast: object, road: RoadMap, question: Question) -> Forecast:
         "half_length": (n,), "half_width": (n,), "reacts": (n,), "yields": (h, n),
     }  # fmt: skip
     kinds: dict[str, type[np.generic]] = {
-        "lane": np.int32,
-        "valid": np.bool_,
-        "reacts": np.bool_,
-        "yields": np.bool_,
-    }
+        "lane": np.int32, "valid": np.bool_, "reacts": np.bool_, "yields": np.bool_,
+    }  # fmt: skip
     arrays: dict[str, Any] = {
         name: np.ascontiguousarray(getattr(forecast, name), kinds.get(name, np.float64))
         for name in shapes

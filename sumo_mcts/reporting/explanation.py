@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from sumo_mcts.config import ORACLE_MARK, PLANNERS, PREDICTORS
 from sumo_mcts.driver.forecaster import no_forecast
-from sumo_mcts.driver.registry import FORECASTING
 from sumo_mcts.driver.replan import recorded_config, replan
 from sumo_mcts.model.local_map import ego_state
 from sumo_mcts.model.route import is_rest_of, route_map, stop_ahead
 from sumo_mcts.numerics.geometry import Box, box_distance
 from sumo_mcts.planners.failsafe import coming
 from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Setting, Trace, same, scenario_of
+from sumo_mcts.registry import ORACLE_MARK, PLANNERS, PREDICTORS
 from sumo_mcts.reporting.words import action_words
 from sumo_mcts.scene import (
     BRAKES,
@@ -294,10 +293,11 @@ def _action(children: Sequence[RootChild], i: int, setting: Setting) -> dict[str
 def _name(children: Sequence[RootChild], i: int, setting: Setting) -> str:
     """What kind of action it is.
 
-    In the search of `mcts` car following is always the first, and the last plan carried on comes
+    Where a planner carries on, car following is the first, and its last plan, carried on, is the
     last and was not visited.
     """
-    if scenario_of(setting).get("planner", {}).get("name") != "mcts":
+    row = PLANNERS.get(scenario_of(setting).get("planner", {}).get("name"))
+    if row is None or not row.carries_on:
         return "acceleration"
     if children[i].visits == 0:
         return "last plan, carried on"
@@ -317,11 +317,10 @@ def _prediction(trace: Trace) -> str | None:
     """
     scenario = scenario_of(trace.setting)
     planner, name = (scenario.get(section, {}).get("name") for section in ("planner", "prediction"))
-    read = (
-        planner in FORECASTING
-        if planner in PLANNERS or planner is None
-        else any(cycle.forecast.pose.size for cycle in trace.cycles)
-    )
+    if planner in PLANNERS:
+        read = PLANNERS[planner].reads_forecast
+    else:
+        read = planner is not None and any(cycle.forecast.pose.size for cycle in trace.cycles)
     oracle = name not in PREDICTORS and any(
         cycle.answers.ways or len(cycle.answers.agent) for cycle in trace.cycles
     )

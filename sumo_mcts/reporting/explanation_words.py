@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from sumo_mcts.config import ORACLE_MARK, is_oracle
+from sumo_mcts.registry import ORACLE_MARK, PLANNERS, is_oracle
 from sumo_mcts.scene import TERMS
 
 SHOWN = 6  # agents in the text
@@ -10,11 +10,8 @@ MATTERS = 30.0  # m: who comes no nearer is left out there
 REASONS = {
     "search": "the lowest cost that was found",
     "carried on": "the last plan, carried on, costs no more than what was found",
-    "exhaustive": "the optimum of the reference problem",
-    "random": "drawn",
-    "idm": "car following and gap acceptance; no action is weighed",
-    "constant": "the speed of the take-over is held; nobody is looked at",
     "release": "SUMO's own driver drives",
+    **{row.name: row.label for row in PLANNERS.values() if row.label},
 }
 LOST = "every sequence ends in a contact: the one that loses least"
 

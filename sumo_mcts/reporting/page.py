@@ -28,6 +28,7 @@ from sumo_mcts.records.statistics import (
 from sumo_mcts.reporting.plots import (
     Measure,
     colours,
+    planner_style,
     spread_figure,
     sweep_figure,
     sweeps,
@@ -98,7 +99,7 @@ def page(
     }
     parts = {
         "title": escape(results.name),
-        "style": _asset("page.css"),
+        "style": _asset("page.css") + planner_style(),
         "script": _asset("page.js"),
         "description": escape(results.description),
         "meta": escape(_meta(results)),

@@ -18,17 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.records.statistics import TWIN, Pair, Rate, Row, arrived, collided, pairs, rate
+from sumo_mcts.registry import PLANNERS
 from sumo_mcts.reporting.tables import grouped, labelled, number, spread
 
-KNOWN = (
-    "mcts",
-    "paper",
-    "idm",
-    "sumo",
-    "constant",
-    "random",
-    "exhaustive",
-)  # planners with a colour of their own
+# planners with a colour of their own
+KNOWN = tuple(row.name for row in PLANNERS.values() if row.colour)
 FURTHER = 6  # colours that are nobody's own
 SMALLEST = 0.02  # of a logarithmic axis
 WIDTH = 540.0  # px
@@ -87,6 +81,13 @@ def colours(rows: Iterable[Row]) -> dict[str, str]:
         variant: colour if first[colour] == variant else next(free)
         for variant, colour in own.items()
     }
+
+
+def planner_style() -> str:
+    """CSS: the colours of the planners that have one of their own."""
+    return "".join(
+        f".p-{row.name} {{ --c: {row.colour}; }}\n" for row in PLANNERS.values() if row.colour
+    )
 
 
 def ticks(low: float, high: float, most: int = 5) -> list[float]:

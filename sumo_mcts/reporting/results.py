@@ -13,6 +13,7 @@ from sumo_mcts.experiments.experiment import DECIDING
 from sumo_mcts.records import ROW_KEYS, Row
 from sumo_mcts.records.highlights import order
 from sumo_mcts.records.statistics import REDRAWN, TRAFFIC_DIGEST, TWIN, place
+from sumo_mcts.registry import PLANNERS, PLUGIN_RANK
 
 _TEXTS = (
     "key",
@@ -39,12 +40,6 @@ _FURTHER = (TRAFFIC_DIGEST, REDRAWN)  # keys that rows have beyond those of ROW_
 _MOST = 1e12  # of any number
 _SHARDS = 1_000_000  # that an experiment may have been cut into
 _TOLD = 8  # names in a note
-_ORDER = (
-    "mcts",
-    "paper",
-    "exhaustive",
-)  # planners in the order in which they are shown; then all others,
-_LAST = ("idm", "random", "constant", TWIN)  # and these at the end
 
 
 class Results(NamedTuple):
@@ -94,14 +89,8 @@ def gather(folders: Sequence[Path]) -> Results:
 
 def planner_rank(planner: str | None) -> int:
     """Where a planner stands in tables and figures."""
-    name = planner or ""
-    return (
-        _ORDER.index(name)
-        if name in _ORDER
-        else len(_ORDER) + 1 + _LAST.index(name)
-        if name in _LAST
-        else len(_ORDER)
-    )
+    row = PLANNERS.get(planner or "")
+    return PLUGIN_RANK if row is None else row.rank
 
 
 def _order(row: Row, scenarios: Mapping[str, int], variants: Mapping[str, int]) -> tuple[Any, ...]:

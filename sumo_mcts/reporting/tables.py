@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.config import is_oracle
 from sumo_mcts.records import SCHEMA_VERSION
 from sumo_mcts.records.highlights import KINDS, WRONG, order, reasons
 from sumo_mcts.records.statistics import (
@@ -29,6 +28,7 @@ from sumo_mcts.records.statistics import (
     time_ratio,
     wilson,
 )
+from sumo_mcts.registry import is_oracle
 from sumo_mcts.reporting.results import Results, planner_rank
 
 NOT_WORSE = 1.0  # so many more episodes in a hundred than the twin's are allowed

@@ -11,19 +11,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts import records
-from sumo_mcts.config import PREDICTORS, ScenarioConfig
+from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.driver import Driver
-from sumo_mcts.driver.registry import prediction_label
+from sumo_mcts.driver.factories import prediction_label
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.episode.run import default_variant, run_episode
 from sumo_mcts.evaluation.forecast_errors import Errors, errors, statistics, together
+from sumo_mcts.registry import PREDICTORS
 from sumo_mcts.scene import Forecast, Scene
 from sumo_mcts.world.arguments import without_outputs
 from sumo_mcts.world.clone import require_copyable, require_possible
 from sumo_mcts.world.observe import LANE, THERE
 
 HORIZONS = (1.0, 3.0, 5.0)  # s
-OURS = ("constant_velocity", "idm", "routes", "script", "clone")
 Note = Callable[[str], None]
 
 
@@ -83,8 +83,11 @@ class _Judge:
     def __init__(self, config: ScenarioConfig) -> None:
         scripted = any(actor.driver == "script" for actor in config.traffic.actors)
         own = config.prediction.name
-        # label -> name
-        self._predictors = {name: name for name in OURS if name != "script" or scripted}
+        self._predictors = {
+            row.name: row.name
+            for row in sorted(PREDICTORS.values(), key=lambda row: row.rank)
+            if row.oracle != "script" or scripted
+        }  # label -> name
         if own not in PREDICTORS:
             self._predictors[prediction_label(config)] = own
         self._found: defaultdict[tuple[str, float], list[Errors]] = defaultdict(list)

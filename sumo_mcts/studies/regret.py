@@ -10,7 +10,7 @@ import numpy as np
 
 from sumo_mcts.config import PLANNER_GROUP, ScenarioConfig, is_plugin
 from sumo_mcts.driver.driver import Driver
-from sumo_mcts.driver.registry import FORECASTING, SEARCHING, make_planner
+from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.errors import ConfigError
@@ -29,10 +29,16 @@ from sumo_mcts.planners.reference import (
 )
 from sumo_mcts.prediction.hypotheses import likeliest
 from sumo_mcts.records.statistics import wilson
+from sumo_mcts.registry import PLANNERS, searches
 from sumo_mcts.scene import Follow, Scene
 from sumo_mcts.world.arguments import without_outputs
 
-ASKED = (*FORECASTING, "constant")  # planners that decide from one cycle alone, without a past
+# planners whose single decisions can be judged: those that drive, first those that read a forecast
+ASKED = tuple(
+    row.name
+    for row in sorted(PLANNERS.values(), key=lambda row: not row.reads_forecast)
+    if row.drives
+)
 SHARE = 0.05  # near-optimal: regret up to this share of the spread, or
 SMALL = 0.1  # up to this share of the scale, where the spread is smaller than the scale
 # the reference has converged if it comes to the same with so many times the labels,
@@ -158,9 +164,7 @@ class Panel:
             )
         self._asked = list(
             dict.fromkeys(
-                (name, n)
-                for name in planners
-                for n in (iterations if name in SEARCHING else (None,))
+                (name, n) for name in planners for n in (iterations if searches(name) else (None,))
             )
         )
         self._planners = [make_planner(_with_planner(config, name, n)) for name, n in self._asked]

@@ -21,6 +21,7 @@ import numpy as np
 
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.process.supervisor import WORDS, die_with_parent
+from sumo_mcts.registry import without
 from sumo_mcts.scene import Floats, Scripted
 from sumo_mcts.world.observe import LANE, POSE, POSITION, SPEED, THERE
 from sumo_mcts.world.simulation import SimulationError, option
@@ -53,9 +54,7 @@ def require_copyable() -> None:
 
 
 def _refuse(why: str) -> NoReturn:
-    raise ConfigError(
-        f"prediction.name: clone: {why}; allowed here: idm, constant_velocity, routes, script"
-    )
+    raise ConfigError(f"prediction.name: clone: {why}; allowed here: {', '.join(without('clone'))}")
 
 
 def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:

@@ -25,7 +25,7 @@ import sumo_mcts
 from sumo_mcts import config
 from sumo_mcts.commands import checks, regret
 from sumo_mcts.config import ScenarioConfig, plugins
-from sumo_mcts.driver import registry
+from sumo_mcts.driver import factories
 from sumo_mcts.driver.replan import recorded_config, replan
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.errors import ConfigError
@@ -44,7 +44,7 @@ from sumo_mcts.studies.regret import Asked
 
 STEP_OWN = compiled(step_own)
 
-TOP = Path(__file__).resolve().parent.parent
+TOP = Path(__file__).resolve().parents[2]
 
 
 # --- the examples ---
@@ -194,8 +194,8 @@ def test_names_are_loaded_when_they_are_used() -> None:
 
 CODE = """
 import numpy as np
-from sumo_mcts.driver.registry import make_predictor
-from sumo_mcts.prediction.forecast import Told, predict
+from sumo_mcts.driver.factories import make_predictor
+from sumo_mcts.prediction.forecast import OracleData, predict
 from sumo_mcts.planners.baselines import ConstantPlanner
 from sumo_mcts.scene import Plan
 
@@ -236,7 +236,7 @@ class Idm:
         self.asked += 1
         lane = q.scene.agents.lane
         ways = {} if self.oracles is None else {i: self.oracles.way(name, int(lane[i])) for i, name in enumerate(q.scene.agents.ids)}
-        told = Told(ways=ways)
+        told = OracleData(ways=ways)
         forecast = predict(self.road, q.scene, q.ego_lanes, q.nominal, q.params, q.seconds, told, q.stood_s)
         return forecast if self.asked % 3 else wrong(forecast, self.wrong)
 
@@ -624,4 +624,4 @@ def test_a_name_that_two_packages_have(monkeypatch: pytest.MonkeyPatch) -> None:
         r"two.planner:Mine",
     ):
         plugins.loaded("planner.name", "mine")
-    assert registry.prediction_label(load_scenario("straight-line")) == "idm"
+    assert factories.prediction_label(load_scenario("straight-line")) == "idm"

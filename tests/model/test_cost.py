@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from sumo_mcts.config import load
 from sumo_mcts.config.builtin import scenario_path
-from sumo_mcts.driver.params import Physics, mcts_params
+from sumo_mcts.driver.params import Physics
 from sumo_mcts.evaluation.reachability import can_meet
 from sumo_mcts.model.cost import RUN_UP, step_passability, terminal
 from sumo_mcts.model.interaction import TAKEN, WAY_ROUND, _late, meet, place_is_free
@@ -32,7 +32,7 @@ from sumo_mcts.model.motion import FREE, OFF_END, advance, begin_change, can_cha
 from sumo_mcts.model.route import Upstream, route_map
 from sumo_mcts.numerics.geometry import Box
 from sumo_mcts.planners.base import Task
-from sumo_mcts.planners.mcts import follow_line, in_steps
+from sumo_mcts.planners.mcts import follow_line, in_steps, mcts_params
 from sumo_mcts.planners.rollout import ALIVE, LOST
 from sumo_mcts.scene import STOP, RoadMap
 from sumo_mcts.world.roadmap import known_roadmap

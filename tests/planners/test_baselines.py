@@ -24,13 +24,12 @@ from naive import Box
 
 from sumo_mcts import config
 from sumo_mcts.config import builtin
-from sumo_mcts.driver.params import mcts_params
-from sumo_mcts.driver.registry import make_planner
+from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.episode.run import default_variant, run_episode
 from sumo_mcts.model.motion import FOLLOW, begin_change
 from sumo_mcts.planners.base import Planner, Task
 from sumo_mcts.planners.baselines import accel_behind, leader_on_the_way, with_yield_lines
-from sumo_mcts.planners.mcts import actions_of
+from sumo_mcts.planners.mcts import actions_of, mcts_params
 from sumo_mcts.scene import RED, Decision, EgoState, Follow, RoadMap, Signals
 
 CRITICAL_GAP = 5.0

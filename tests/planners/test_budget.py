@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 from sumo_mcts import config
 from sumo_mcts.config import builtin
-from sumo_mcts.driver.params import mcts_params
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.model.motion import FOLLOW
 from sumo_mcts.planners import budget as budgets
@@ -34,7 +33,7 @@ from sumo_mcts.planners.budget import (
     next_passes,
     next_passes_in_time,
 )
-from sumo_mcts.planners.mcts import MctsPlanner, follow_line
+from sumo_mcts.planners.mcts import MctsPlanner, follow_line, mcts_params
 from sumo_mcts.scene import Decision
 
 ENOUGH = 60_000  # passes after which a small tree has nothing left to try

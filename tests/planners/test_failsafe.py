@@ -25,9 +25,9 @@ from typer.testing import CliRunner
 from sumo_mcts import config, scenarios
 from sumo_mcts.cli import app
 from sumo_mcts.config import ScenarioConfig, builtin
-from sumo_mcts.driver import driver, registry
+from sumo_mcts.driver import driver, factories
+from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.driver.params import assumed
-from sumo_mcts.driver.registry import make_planner
 from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.model.local_build import build_local
@@ -589,7 +589,7 @@ def episode(
     *sets: str,
 ) -> EpisodeResult:
     """The left turn at seed 1 with a sick planner."""
-    healthy = registry.make_planner
+    healthy = factories.make_planner
     monkeypatch.setattr(
         "sumo_mcts.driver.driver.make_planner", lambda scene: Sick(scene, fails, failure)
     )

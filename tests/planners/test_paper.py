@@ -11,7 +11,7 @@ from helpers import Agent, Lane, build, edges, ego_at
 from helpers_model import lanes_east, scenario, scene_of, situation_of, task_of
 from helpers_tree import TOYS, Toy, mirrored, on_three_lanes
 
-from sumo_mcts.driver.registry import make_planner
+from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.planners import paper
 from sumo_mcts.planners.paper import TIMED_SLICE
 from sumo_mcts.planners.rollout import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from sumo_mcts.config import load
 from sumo_mcts.config.builtin import scenario_path
-from sumo_mcts.driver.registry import make_planner
+from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.episode import run_episode
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.risk import risk, shares

@@ -35,7 +35,7 @@ from helpers_tree import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.driver.registry import make_planner
+from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.planners.budget import Effort
 from sumo_mcts.planners.mcts import MctsPlanner
 from sumo_mcts.planners.rollout import ALIVE, IMPOSSIBLE, LOST, NONE

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from sumo_mcts.records.statistics import Rate, wilson
 from sumo_mcts.reporting import plots
-from sumo_mcts.reporting.plots import FURTHER, KNOWN, Axis, Measure, colours
+from sumo_mcts.reporting.plots import FURTHER, KNOWN, Axis, Measure, colours, planner_style
 
 TTC = Measure("min_ttc_s", "TTC", "s", logarithmic=True)
 
@@ -142,6 +142,7 @@ def test_every_variant_has_a_colour_of_its_own_as_long_as_there_are_some() -> No
         f"p-further-{k + 1}" for k in range(FURTHER)
     }
     style = resources.files("sumo_mcts.reporting").joinpath("template", "page.css").read_text()
+    style += planner_style()
     assert all(f".{name} {{ --c:" in style for name in (*many.values(), "p-sumo", "p-other"))
 
 
