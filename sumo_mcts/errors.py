@@ -1,4 +1,4 @@
-"""The kinds of errors that every part of the package raises or tells apart, and their words."""
+"""The errors that all packages raise, and how a message is made fit to print."""
 
 import errno
 from collections.abc import Iterable, Sequence
@@ -7,7 +7,7 @@ from itertools import islice
 
 MOST_SHOWN = 2000  # characters of a message
 MOST_OF_VALUE = 100  # ... and of a value that was given
-MOST_COMPARED = 20_000  # names that are compared with one that is not known
+MOST_COMPARED = 20_000  # names that are compared with an unknown one
 
 # The disk, the quota, open files, processes, memory, a closed pipe: the machine fails, and the
 # input may be right.
@@ -19,7 +19,7 @@ _NO_THREAD = "can't start new thread"  # Python's words for a shortage of proces
 
 
 class ConfigError(Exception):
-    """Wrong input, in one line that names the file, the key and what is allowed."""
+    """Wrong input. The message is one line that names the file, the key and what is allowed."""
 
     def __init__(self, message: str, every: Sequence[str] = ()) -> None:
         """`every`: where several things are wrong, a line for each."""
@@ -28,12 +28,11 @@ class ConfigError(Exception):
 
 
 class FailedError(Exception):
-    """What could not be done although the input is right, in one line that says what to do."""
+    """The input is right, and the work failed. The message is one line that says what to do."""
 
 
 def of_machine(error: BaseException) -> bool:
-    """Whether an error is about a shortage of the machine, so that it tells nothing about the
-    input."""
+    """Whether an error comes from a shortage of the machine, not from the input."""
     if isinstance(error, OSError):
         return error.errno in _OF_MACHINE
     return isinstance(error, MemoryError) or (
@@ -49,9 +48,8 @@ def in_one_line(error: BaseException) -> str:
 def printable(text: object) -> str:
     """The text as one line of bounded length.
 
-    What cannot be printed (line breaks, control characters, escapes of terminals, marks that turn
-    the direction of writing, halves of characters) is written as in Python's texts. A printable
-    text stays as it is, so it does not matter how often this is done.
+    Line breaks, control characters, escapes of terminals, marks that turn the direction of writing
+    and halves of characters are written as in Python's texts. A printable text stays as it is.
     """
     return shortened(
         "".join(
@@ -63,7 +61,7 @@ def printable(text: object) -> str:
 
 
 def shown(value: object) -> str:
-    """A value that was given, as Python writes it, with its end left out where it is long."""
+    """A value as Python writes it, with its middle left out where it is long."""
     try:
         return shortened(repr(value), MOST_OF_VALUE)
     except (ValueError, RecursionError):  # a number of thousands of digits, for example
@@ -71,8 +69,10 @@ def shown(value: object) -> str:
 
 
 def near(given: str, names: Iterable[str], most: int, likeness: float = 0.5) -> list[str]:
-    """Up to `most` names that may have been meant, the nearest first; of very many names some are
-    looked at."""
+    """Up to `most` names that may have been meant, the nearest first.
+
+    Of very many names only the first are compared.
+    """
     return get_close_matches(
         given[:MOST_OF_VALUE], list(islice(names, MOST_COMPARED)), most, likeness
     )

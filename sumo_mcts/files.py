@@ -1,7 +1,4 @@
-"""Reads files that may be anything: only regular ones, only so many bytes, packed or not.
-
-And where the built-in files lie.
-"""
+"""Reads files that may hold anything: only regular ones, only so many bytes, packed or not."""
 
 import errno
 import os
@@ -14,7 +11,6 @@ from typing import BinaryIO
 from xml.parsers import expat
 
 _MISSING = "no such file"
-_HERE = Path(__file__).resolve().parent
 _CHUNK = 1 << 16  # bytes read at a time
 _GZIP = b"\x1f\x8b"  # how a packed file begins
 _GZIP_FORMAT = 16 + zlib.MAX_WBITS
@@ -26,22 +22,11 @@ _KINDS = (
 )  # fmt: skip
 
 
-def root() -> Path:
-    """The folder that holds networks/, routes/ and configs/: in a checkout or inside the installed
-    package."""
-    installed = _HERE / "assets"
-    return installed if installed.is_dir() else _HERE.parent
-
-
-def builtin_scenario(name: str) -> Path | None:
-    """The built-in scenario of this name; None where there is none."""
-    folder = root() / "configs"
-    return next((path for path in folder.glob("*.yaml") if path.stem == name), None)
-
-
 def problem(path: str | Path) -> str:
-    """Why a file cannot be read, in a few words; "" where it is a regular file that this user may
-    read. Nothing is opened."""
+    """Why a file cannot be read, in a few words; "" where this user may read it.
+
+    Only a regular file can be read. Nothing is opened.
+    """
     try:
         mode = Path(path).stat().st_mode
     except FileNotFoundError:
@@ -58,8 +43,7 @@ def problem(path: str | Path) -> str:
 
 
 def absolute(path: Path) -> Path:
-    """The path with its links followed, as far as they lead anywhere: loops and impossible names
-    are left for `problem` to tell."""
+    """The path with its links followed. Loops and impossible names stay: `problem` tells them."""
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError):
@@ -68,8 +52,11 @@ def absolute(path: Path) -> Path:
 
 @contextmanager
 def naming(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Every OSError names a file: this one where it names none, or the one that was to take its
-    place; a disk that is full names none by itself."""
+    """Every OSError that is raised inside names a file.
+
+    That is `path` where the error names none, as that of a full disk does, or where it names the
+    `temporary` file that was to replace it.
+    """
     try:
         yield
     except OSError as error:
@@ -108,9 +95,11 @@ def content(path: str | Path, most: int) -> bytes:
 
 
 def unpacked(path: str | Path, most: int) -> Iterator[bytes]:
-    """The content of a regular file, unpacked where it is packed with gzip, in chunks of about 64
-    kB; it ends after `most` bytes. Raises OSError as `content` does, also where the archive is
-    damaged or cut off."""
+    """The content of a regular file, in chunks of about 64 kB; it ends after `most` bytes.
+
+    What is packed with gzip is unpacked. Raises OSError as `content` does, also where the archive
+    is damaged or cut off.
+    """
     with opened(path) as file:
         chunk = file.read(_CHUNK)
         pump = _Gzip(path) if chunk.startswith(_GZIP) else None
@@ -168,12 +157,9 @@ class _RootLooker:
         try:
             self._parser.Parse(chunk, False)
         except expat.ExpatError as error:
-            if not self.root:  # what follows the root's begin is looked at by others
+            if not self.root:  # SUMO reads what follows
                 raise ValueError(str(error)) from None
-        except (
-            LookupError,
-            TypeError,
-        ) as error:  # of an encoding that Python does not know, or that is none
+        except (LookupError, TypeError) as error:  # an encoding that Python does not know
             raise ValueError(str(error)) from None
 
     def _element(self, name: str, _: object) -> None:
@@ -184,14 +170,13 @@ class _RootLooker:
 
 
 class _Gzip:
-    """Unpacks chunk by chunk, never more than a chunk at once, however much a packed byte stands
-    for."""
+    """Unpacks chunk by chunk: a few packed bytes may stand for gigabytes."""
 
     def __init__(self, path: str | Path) -> None:
         self._path, self._inner = path, zlib.decompressobj(_GZIP_FORMAT)
 
     def parts(self, packed: bytes) -> Iterator[bytes]:
-        """What a piece of the archive holds. Raises OSError where it is damaged."""
+        """What a piece of the archive holds, in parts. Raises OSError where it is damaged."""
         while packed:
             if self._inner.eof:  # archives may stand one behind the other
                 packed = packed.lstrip(b"\0")  # ... with padding between

@@ -1,4 +1,4 @@
-"""For programs: scenarios as the command line finds them."""
+"""Finds the scenario behind a name, a file or a .sumocfg: for the command line and for programs."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +13,10 @@ from sumo_mcts.world.arguments import is_sumocfg, key_of_value, network_of, sumo
 from sumo_mcts.world.candidates import Candidate, candidates
 from sumo_mcts.world.roadmap import known_roadmap
 
+LISTED = 25  # candidates shown
+SEARCHED = 100_000  # vehicles looked at for `--ego any`
+Note = Callable[[str], None]
+
 
 def load_scenario(
     scenario: str | PathLike[str], *assignments: str, ego: str | Sequence[str] = (),
@@ -23,8 +27,8 @@ def load_scenario(
     defaults.
 
     assignments: keys to set, "a.b=c", as `--set` does; values are YAML
-    ego: vehicle id, or several; a .sumocfg needs one, or "any", the first suitable vehicle;
-        elsewhere default the scenario's own
+    ego: vehicle id, or several; default the scenario's own. A .sumocfg has none: it needs an id, or
+        "any", the first suitable vehicle
     until: id of the edge at whose end the goal is; default the end of the ego's route
     sumo_options: as on SUMO's command line; where "any" looks for a vehicle
     allow_plugins: whether the scenario may name code of your own as module:name
@@ -43,17 +47,15 @@ def load_scenario(
     return resolve(name, None, egos, until, assignments, sumo_options, allow_plugins=allow_plugins)
 
 
-LISTED = 25  # candidates shown
-SEARCHED = 100_000  # vehicles looked at for `--ego any`
-Note = Callable[[str], None]
-
-
 def resolve(
     scenario: str, seed: int | None, egos: Sequence[str], until: str | None,
     overrides: tuple[str, ...], sumo_options: Sequence[str], *,
     allow_plugins: bool = False,
 ) -> ScenarioConfig:  # fmt: skip
-    """The scenario behind a name, a YAML file or a .sumocfg. Raises ConfigError."""
+    """The scenario behind a name, a YAML file or a .sumocfg. Raises ConfigError.
+
+    `seed` and `sumo_options`: for the simulation in which --ego any looks for a vehicle.
+    """
     if not is_sumocfg(scenario):
         path, changes = builtin.scenario_path(scenario), {}
         if egos or until:
@@ -76,6 +78,24 @@ def resolve(
     return config.build(data, scenario, overrides, allow_plugins=allow_plugins)
 
 
+def resolve_each(
+    scenario: str,
+    egos: Sequence[str],
+    until: str | None,
+    overrides: tuple[str, ...],
+    sumo_options: Sequence[str] = (),
+    *,
+    allow_plugins: bool,
+) -> list[ScenarioConfig]:
+    """The scenario with each ego alone; without `egos` once, with its own together."""
+    require_egos(scenario, egos)
+    each = [[ego] for ego in egos] or [[]]
+    return [
+        resolve(scenario, None, names, until, overrides, sumo_options, allow_plugins=allow_plugins)
+        for names in each
+    ]
+
+
 def list_candidates(sumocfg: str, seed: int | None, sumo_options: Sequence[str]) -> list[Candidate]:
     """Vehicles that could be the ego, suitable ones first."""
     check_sumocfg(sumocfg)
@@ -85,7 +105,7 @@ def list_candidates(sumocfg: str, seed: int | None, sumo_options: Sequence[str])
 
 
 def require_egos(scenario: str, egos: Sequence[str]) -> None:
-    """Raise ConfigError where nobody is named to drive in a .sumocfg."""
+    """Raise ConfigError where a .sumocfg is given without an ego."""
     if is_sumocfg(scenario) and not egos:
         raise ConfigError(
             f"{scenario}: --ego: not given; `sumo-mcts run {scenario}` lists the candidates"
@@ -105,29 +125,35 @@ def listed_experiments() -> list[dict[str, str]]:
 
 @contextmanager
 def naming_source(origin: str, sumocfg: str | None = None) -> Iterator[None]:
-    """Wrong input is named with the file, and in a .sumocfg with the key, that it is about."""
+    """Puts the origin in front of every ConfigError that is raised inside.
+
+    Where a value stands in the `sumocfg`, its key there is named too.
+    """
     here = (origin, str(files.absolute(Path(origin))), "--")
 
-    def told(message: str) -> str:
+    def with_source(message: str) -> str:
         message += "" if sumocfg is None else key_of_value(sumocfg, message.rpartition(" ")[2])
         return message if message.startswith(here) else f"{origin}: {message}"
 
     try:
         yield
     except ConfigError as error:
-        raise ConfigError(told(str(error)), [told(line) for line in error.every]) from None
-
-
-def _ego(name: str, until: str | None) -> dict[str, str]:
-    return {"id": name} if until is None else {"id": name, "until": until}
+        raise ConfigError(
+            with_source(str(error)), [with_source(line) for line in error.every]
+        ) from None
 
 
 def check_sumocfg(path: str) -> None:
+    """Raise ConfigError where a .sumocfg or its network cannot be read."""
     why = files.problem(path)
     if why:
         raise ConfigError(f"{path}: {why}")
     with naming_source(path):
         known_roadmap(network_of(path, None))  # SUMO itself does not survive every network
+
+
+def _ego(name: str, until: str | None) -> dict[str, str]:
+    return {"id": name} if until is None else {"id": name, "until": until}
 
 
 def _first_suitable(

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from attack.kinds.options import commands, options
 
 from sumo_mcts import cli, records
 from sumo_mcts.registry import PLANNERS
@@ -80,7 +81,10 @@ SCENARIOS = {
     "nothing": "a scenario is a mapping of keys",
     "not-text": "not valid YAML",
     "base-missing": "base: nowhere.yaml: no such file",
+    "base-network": "base-network.yaml: base: ../../networks/crossing/crossing.net.xml: a file of "
+    "SUMO's; allowed: a scenario file, or the name of a built-in one",
     "base-circle": "base: base-circle.yaml leads back to itself",
+    "event-vehicle": "traffic.events: nobody: no file of the simulation names such a vehicle",
     "key-unknown": "planner.iteration: unknown key; allowed: name, iterations,",
     "section-unknown": "planer: unknown key; allowed: name, description, sumo,",
     "weight-text": "cost.headway: has to be a number, got 'heavy'",
@@ -412,6 +416,39 @@ OPTIONS = [
 @pytest.mark.parametrize(("words", "said"), OPTIONS, ids=[" ".join(words) for words, _ in OPTIONS])
 def test_options(words: tuple[str, ...], said: str, command: Command, tmp_path: Path) -> None:
     check(command(*words), "", said, tmp_path)
+
+
+BESIDE = {
+    "run": ("good.yaml",), "forecast": ("good.yaml",), "regret": ("good.yaml",),
+    "batch": ("quick", "--out", "/nowhere"),
+}  # fmt: skip
+
+
+def integer_options() -> list[tuple[str, str]]:
+    """(command, option) of every option that takes a whole number, or several of them."""
+    found = [
+        (name, option.name)
+        for name, function in commands().items()
+        for option in options(function)
+        if option.kind is int
+    ]
+    return [*found, ("regret", "--iterations"), ("batch", "--shard")]
+
+
+@pytest.mark.parametrize(("name", "option"), integer_options())
+@pytest.mark.parametrize("digits", [3000, 6000])  # Python reads numbers of 4300 digits
+def test_numbers_of_thousands_of_digits(
+    name: str, option: str, digits: int, command: Command
+) -> None:
+    begun, number = time.monotonic(), "9" * digits
+    value = f"1/{number}" if option == "--shard" else number
+    answer = command(name, *BESIDE[name], option, value)
+    assert (answer.status, answer.out) == (2, "")
+    (line,) = answer.err.splitlines()
+    assert line.startswith("error: ")
+    assert option.removeprefix("--") in line
+    assert len(line) < 2500
+    assert time.monotonic() - begun < 10.0
 
 
 def check(answer: Answer, file: str, said: str, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from sumo_mcts import config
 from sumo_mcts.cli import app
-from sumo_mcts.commands import checks
+from sumo_mcts.commands import validate
 from sumo_mcts.config import builtin
 from sumo_mcts.config.docs import refreshed, schema_text, tables
 from sumo_mcts.episode import run_episode
@@ -89,13 +89,13 @@ def exists(name: str, page: Path) -> bool:
 
 def test_the_tables_of_the_scenario_file_are_up_to_date() -> None:
     text = (TOP / "docs" / "scenario-file.md").read_text(encoding="utf-8")
-    assert text == refreshed(text, config.json_schema()), "run python -m sumo_mcts.schema_docs"
+    assert text == refreshed(text, config.json_schema()), "run python -m sumo_mcts.config.docs"
 
 
 def test_the_schema_on_disk_is_up_to_date() -> None:
     assert (TOP / "configs" / "schema.json").read_text(encoding="utf-8") == schema_text(
         config.json_schema()
-    ), "run python -m sumo_mcts.schema_docs"
+    ), "run python -m sumo_mcts.config.docs"
 
 
 def test_the_schema_is_no_scenario() -> None:
@@ -219,7 +219,7 @@ def checkout(tmp_path: Path) -> Path:
 def test_scenario_examples_are_valid(text: str, checkout: Path) -> None:
     path = checkout / "example.yaml"
     path.write_text(text, encoding="utf-8")
-    assert checks.problems_of(path) == []
+    assert validate.problems_of(path) == []
 
 
 @pytest.mark.parametrize("text", fenced("python"))

@@ -30,7 +30,7 @@ seeds: [1, 2]
 
 def command(*words: object, status: int = 0) -> subprocess.CompletedProcess[str]:
     """sumo-mcts, in a process of its own."""
-    line = [sys.executable, "-m", "sumo_mcts.cli", *map(str, words)]
+    line = [sys.executable, "-m", "sumo_mcts", *map(str, words)]
     environment = {**os.environ, "PYTHONWARNINGS": f"error,{FROM_LIBSUMO}"}
     done = subprocess.run(
         line, env=environment, capture_output=True, text=True, timeout=600, check=False

@@ -27,8 +27,10 @@ def check_folder(folder: Path) -> None:
 
 
 def check_run_folder(folder: Path) -> None:
-    """Raise ConfigError now where a run could not be kept later: also where a batch was begun,
-    whose rows and manifest are of one experiment."""
+    """Raise ConfigError now where a run could not be kept later.
+
+    That is so where a batch was begun too: its rows and manifest are of one experiment.
+    """
     check_folder(folder)
     for name in (records.ROWS, records.TABLE, records.MANIFEST):
         if os.path.lexists(folder / name) and not (folder / name).is_file():

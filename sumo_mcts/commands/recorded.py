@@ -1,5 +1,4 @@
-"""What the commands do with recorded episodes, as plain functions: no printing, no exit codes, and
-no SUMO."""
+"""The commands render, export and explain: recorded episodes, without SUMO."""
 
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
@@ -32,7 +31,7 @@ class Choice(NamedTuple):
     """A recorded episode."""
 
     key: str
-    outcome: str  # "" where no row tells
+    outcome: str  # "" where the folder has no row of it
 
 
 def choices(folder: Path) -> list[Choice]:
@@ -52,9 +51,9 @@ def choices(folder: Path) -> list[Choice]:
 
 
 def chosen(folder: Path, episode: str | None) -> str | None:
-    """The key of the episode that is meant;
+    """The key of the episode that is asked for, or of the only one.
 
-    None: there are several. Raises ConfigError where there is none.
+    None where there are several. Raises ConfigError where there is none.
     """
     keys = [choice.key for choice in choices(folder)]
     if episode is None:
@@ -73,7 +72,7 @@ def chosen(folder: Path, episode: str | None) -> str | None:
 
 
 def _rows(folder: Path) -> list[Row]:
-    """The rows of a folder; none where they cannot be read, since traces can be read without."""
+    """The rows of a folder; none where they cannot be read: traces can be read without them."""
     try:
         return read_rows(folder)
     except OSError:
@@ -97,10 +96,7 @@ def trace_of(folder: Path, key: str) -> Trace:
 
 
 def map_of(folder: Path, trace: Trace) -> RoadMap:
-    """The roads that a trace refers to.
-
-    Raises ConfigError where they are not there, or not those that it refers to.
-    """
+    """The roads that a trace refers to. Raises ConfigError where they are missing, or others."""
     path = folder / MAPS / f"{trace.setting.map}.npz"
     if not path.is_file():
         raise ConfigError(
@@ -119,9 +115,9 @@ def map_of(folder: Path, trace: Trace) -> RoadMap:
 
 
 def format_of(wanted: str | None, out: Path | None, allowed: Sequence[str]) -> str:
-    """The format that was asked for, by name or by the name of the file; else the first.
+    """The format: `wanted`, or that of the name of the file `out`; else the first of `allowed`.
 
-    Raises ConfigError.
+    Raises ConfigError where the two differ, or are not allowed.
     """
     if wanted is not None and wanted not in allowed:
         raise ConfigError(f"--format {wanted}: allowed: {', '.join(allowed)}")
@@ -142,37 +138,40 @@ def format_of(wanted: str | None, out: Path | None, allowed: Sequence[str]) -> s
 
 def write(folder: Path, key: str, form: str, out: Path | None, note: Note) -> Path:
     """Draw or export an episode; the file. Raises ConfigError, OSError."""
-    path = (
-        out
-        or folder
-        / (FIGURES if form in PICTURES else "exports")
-        / f"{key}{SUFFIXES.get(form, f'.{form}')}"
-    )
+    inside = folder / (FIGURES if form in PICTURES else "exports")
+    path = out or inside / f"{key}{SUFFIXES.get(form, f'.{form}')}"
     note("reading the trace")
     trace = trace_of(folder, key)
+    if form in PICTURES:
+        _draw(trace, form, path, note)
+    else:
+        _export(trace, map_of(folder, trace), form, path, note)
+    return path
+
+
+def _draw(trace: Trace, form: str, path: Path, note: Note) -> None:
+    from sumo_mcts.reporting import animation, storyboard
+    from sumo_mcts.reporting.film import EncoderError, film
+
     match form:
-        case "png" | "gif":
-            from sumo_mcts.reporting import animation, storyboard
-
-            note("drawing the storyboard" if form == "png" else "drawing the film")
-            storyboard.storyboard(trace, path) if form == "png" else animation.animation(
-                trace, path, note=note
-            )
-        case "mp4":
-            from sumo_mcts.reporting.film import EncoderError, film
-
+        case "png":
+            note("drawing the storyboard")
+            storyboard.storyboard(trace, path)
+        case "gif":
+            note("drawing the film")
+            animation.animation(trace, path, note=note)
+        case _:
             try:
                 film(trace, path, note)
             except EncoderError as error:
                 raise ConfigError(f"--format mp4: {error}") from None
-        case _:
-            from sumo_mcts.reporting import export
 
-            note("writing")
-            (export.write_csv if form == "csv" else export.write_fcd)(
-                path, trace, map_of(folder, trace)
-            )
-    return path
+
+def _export(trace: Trace, road: RoadMap, form: str, path: Path, note: Note) -> None:
+    from sumo_mcts.reporting import export
+
+    note("writing")
+    (export.write_csv if form == "csv" else export.write_fcd)(path, trace, road)
 
 
 def explain(
@@ -185,10 +184,10 @@ def explain(
     *,
     allow_plugins: bool = False,
 ) -> dict[str, Any]:
-    """Why the ego did what it did at a moment (simulation time, s);
+    """Why the ego did what it did at a moment (simulation time, s).
 
-    `again`: with the decision taken once more, by code that the trace names only where that is
-    allowed. Raises ConfigError.
+    `again`: with the decision taken once more, with `overrides` of the scenario; code that the
+    trace names runs only where `allow_plugins`. Raises ConfigError.
     """
     from sumo_mcts.driver.driver import PlannerError
     from sumo_mcts.numerics.announce import announced
@@ -196,9 +195,9 @@ def explain(
 
     trace = trace_of(folder, key)
     cycle = _cycle_at(trace, at)
-    told = explanation.explain(trace, _map_if_there(folder, trace), cycle)
+    why = explanation.explain(trace, _map_if_there(folder, trace), cycle)
     if not again:
-        return told
+        return why
     if not trace.setting.config:
         raise ConfigError(
             f"{folder}: --episode {key}: --replan: the trace does not hold the scenario it was "
@@ -208,7 +207,7 @@ def explain(
     try:
         with announced(note):
             return {
-                **told,
+                **why,
                 "replan": explanation.explain_again(
                     trace, road, cycle, overrides, allow_plugins=allow_plugins
                 ),
@@ -225,15 +224,15 @@ def _map_if_there(folder: Path, trace: Trace) -> RoadMap | None:
     return map_of(folder, trace) if (folder / MAPS / f"{trace.setting.map}.npz").is_file() else None
 
 
-def explanation_text(told: dict[str, Any]) -> str:
+def explanation_text(explanation: dict[str, Any]) -> str:
     """An explanation for a person."""
     from sumo_mcts.reporting.explanation_words import text
 
-    return text(told)
+    return text(explanation)
 
 
 def _cycle_at(trace: Trace, at: float | None) -> int:
-    """The decision in force at a time.
+    """The number of the decision in force at a time, s.
 
     Raises ConfigError outside the episode, or without a time.
     """

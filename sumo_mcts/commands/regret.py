@@ -1,4 +1,4 @@
-"""The command regret: how far planners are from the reference problem's best decision."""
+"""The command regret: how far planners are from the best decision of the reference problem."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_mcts import config, files, records
-from sumo_mcts.commands.batches import episodes_of
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments import workers
@@ -18,7 +17,7 @@ from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.numerics.announce import announced, watched
 from sumo_mcts.numerics.kernel import kept_kernels
 from sumo_mcts.planners.reference import LABELS, digest
-from sumo_mcts.scenarios import Note, naming_source
+from sumo_mcts.scenarios import Note, naming_source, resolve_each
 from sumo_mcts.studies.regret import (
     FACTOR,
     FINER,
@@ -31,6 +30,7 @@ from sumo_mcts.studies.regret import (
     ranking,
 )
 
+MOST_ITERATIONS = 1_000_000  # of one decision, as planner.iterations allows
 _SCENES = ("unprotected-left-turn", "highway-exit", "straight-line")
 REGRET_SCENES = (*_SCENES, *(f"{name}-scripted" for name in _SCENES))
 
@@ -47,14 +47,22 @@ class RegretPlan(NamedTuple):
 
 @dataclass
 class _Source:
-    """Where states come from: a scenario with one ego, as far as it was driven."""
+    """Where states come from: a scenario with one ego."""
 
     origin: str
     config: ScenarioConfig
-    missing: int  # states
+    missing: int  # states that are still to come from it
 
     def named(self) -> AbstractContextManager[None]:
         return naming_source(self.origin, self.config.sumo.sumocfg)
+
+
+class _Episode(NamedTuple):
+    """An episode that was handed to a process."""
+
+    source: _Source
+    seed: int | None  # None: the .sumocfg's own
+    found: Future[Harvest]
 
 
 def regret(
@@ -62,10 +70,12 @@ def regret(
     plan: RegretPlan, out: Path | None, note: Note, *,
     allow_plugins: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
-    """How near planners come to the optimum of the reference problem, in states of episodes that
-    planner `mcts` drives: an episode for each scenario (none
-    given: REGRET_SCENES), ego and seed. Every judgement goes into regret.jsonl and regret.csv in
-        `out`, and what is returned into regret.json. Raises ConfigError."""
+    """How near planners come to the optimum of the reference problem.
+
+    The states are of episodes that planner `mcts` drives: one for each scenario (none given:
+    REGRET_SCENES), ego and seed. Folder `out` gets a row for each judgement in regret.jsonl and
+    regret.csv, and the result in regret.json. Raises ConfigError.
+    """
     for name in plan.asked.planners:
         config.require_permission("--planners", name, allow_plugins)
     driven = (*overrides, "planner.name=mcts")
@@ -74,7 +84,7 @@ def regret(
     outcomes, problems, states = Counter[str](), list[str](), 0
     with _regret_file(out, rows) as keep:
         for source, seed, found in _harvests(sources, plan, note):
-            if not source.missing:  # driven ahead, in vain
+            if not source.missing:  # another process drove it ahead, in vain
                 continue
             with source.named():
                 harvested = _harvested(found, source.config.name, seed, note)
@@ -107,11 +117,12 @@ def counts(text: str) -> tuple[int, ...]:
     """The numbers of iterations in `50,100`. Raises ConfigError."""
     try:
         numbers = tuple(int(number) for number in text.split(","))
-    except ValueError:
+    except ValueError:  # also for more digits than Python reads
         numbers = ()
-    if not numbers or min(numbers) < 1:
+    if not numbers or not 1 <= min(numbers) <= max(numbers) <= MOST_ITERATIONS:
         raise ConfigError(
-            f"--iterations {text}: whole numbers from 1 on, separated by commas, as in 100,1000"
+            f"--iterations {text}: whole numbers from 1 on, separated by commas, as in 100,1000; "
+            f"{MOST_ITERATIONS} at most"
         )
     return numbers
 
@@ -126,12 +137,12 @@ def _sources(
 ) -> list[_Source]:
     """Each scenario with each ego, and its share of the states.
 
-    Raises ConfigError where somebody cannot be asked there.
+    Raises ConfigError where a planner cannot be asked there.
     """
     found = [
         (name, one)
         for name in scenarios
-        for one in episodes_of(name, egos, until, overrides, allow_plugins=allow)
+        for one in resolve_each(name, egos, until, overrides, allow_plugins=allow)
     ]
     each, left = divmod(plan.states, len(found))
     sources = [_Source(name, one, each + (k < left)) for k, (name, one) in enumerate(found)]
@@ -141,53 +152,41 @@ def _sources(
     return sources
 
 
-def _harvests(
-    sources: Sequence[_Source], plan: RegretPlan, note: Note
-) -> Iterator[tuple[_Source, int | None, "Future[Harvest]"]]:
-    """The episodes of all sources, seed by seed, as far as states are missing; in this order
-    whatever the number of processes."""
+def _harvests(sources: Sequence[_Source], plan: RegretPlan, note: Note) -> Iterator[_Episode]:
+    """The episodes of all sources, seed by seed, while states are missing.
 
-    def begun(crew: Crew) -> Iterator[tuple[_Source, int | None, "Future[Harvest]"]]:
-        for number in range(plan.seeds):
-            for source in sources:
-                if source.missing:
-                    note(
-                        f"{sum(one.missing for one in sources)} of {plan.states} states to go  "
-                        f"{source.config.name}, episode {number}"
-                    )
-                    seed = (
-                        None
-                        if source.config.sumo.sumocfg is not None and plan.seeds == 1
-                        else number
-                    )
-                    yield (
-                        source,
-                        seed,
-                        crew.executor.submit(
-                            harvest,
-                            source.config,
-                            seed,
-                            plan.asked,
-                            plan.every,
-                            number,
-                            source.missing,
-                        ),
-                    )
-
-    with (
-        announced(note),
-        workers.here() if plan.jobs == 1 else workers.local(plan.jobs or workers.cores()) as crew,
-    ):
-        ahead = deque[tuple[_Source, int | None, "Future[Harvest]"]]()
-        for one in begun(crew):
-            ahead.append(one)
-            if len(ahead) >= crew.most():
+    The order does not depend on the number of processes.
+    """
+    crew = workers.here() if plan.jobs == 1 else workers.local(plan.jobs or workers.cores())
+    with announced(note), crew as found:
+        ahead = deque[_Episode]()
+        for episode in _begun(sources, plan, found, note):
+            ahead.append(episode)
+            if len(ahead) >= found.most():
                 yield ahead.popleft()
         yield from ahead
 
 
-def _harvested(found: "Future[Harvest]", scenario: str, seed: int | None, note: Note) -> Harvest:
-    """What an episode gave; one whose worker died is an outcome too."""
+def _begun(
+    sources: Sequence[_Source], plan: RegretPlan, crew: Crew, note: Note
+) -> Iterator[_Episode]:
+    """Hand the episodes to the crew one by one, each when it is asked for."""
+    for number in range(plan.seeds):
+        for source in sources:
+            if not source.missing:
+                continue
+            left = sum(each.missing for each in sources)
+            note(f"{left} of {plan.states} states to go  {source.config.name}, episode {number}")
+            own = source.config.sumo.sumocfg is not None and plan.seeds == 1
+            seed = None if own else number
+            found = crew.executor.submit(
+                harvest, source.config, seed, plan.asked, plan.every, number, source.missing
+            )
+            yield _Episode(source, seed, found)
+
+
+def _harvested(found: Future[Harvest], scenario: str, seed: int | None, note: Note) -> Harvest:
+    """The result of an episode; one whose worker died counts as error."""
     try:
         return watched(found, kept_kernels, note)
     except workers.DeadWorkerError as error:
@@ -196,8 +195,10 @@ def _harvested(found: "Future[Harvest]", scenario: str, seed: int | None, note: 
 
 @contextmanager
 def _regret_file(out: Path | None, rows: list[Row]) -> Iterator[Callable[[Row], None]]:
-    """Hands out what keeps a row: in the list and, at once, in regret.jsonl; at the end, whatever
-    it is, regret.csv is written."""
+    """Gives a function that keeps a row: in the list and, at once, in regret.jsonl.
+
+    regret.csv is written at the end, after an error or an interrupt too.
+    """
     if out is None:
         yield rows.append
         return
@@ -218,10 +219,10 @@ def _regret_file(out: Path | None, rows: list[Row]) -> Iterator[Callable[[Row], 
             records.write_table(out / "regret.csv", tuple(rows[0]) if rows else (), rows)
 
 
-def regret_table(document: dict[str, Any]) -> str:
-    """Near-optimality for a person, as Markdown: a row for each planner and number of iterations.
+def table(document: dict[str, Any]) -> str:
+    """The result for a person, as Markdown: a row for each planner and number of iterations.
 
-    Or how far the reference has converged.
+    With `converged`, how far the reference has converged.
     """
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in document["outcomes"].items())
     head = (

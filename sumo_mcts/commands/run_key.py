@@ -1,5 +1,5 @@
-"""What one run was asked for, as its key tells it: the settings that differ from the scenario's
-own, the ego, and which of several scenarios of one name."""
+"""The key of a run: which scenario, which ego, and the settings that differ from the scenario's
+own."""
 
 import hashlib
 import json
@@ -21,17 +21,17 @@ _SIMPLE = re.compile(r"[A-Za-z0-9_.]{1,24}")  # a value that can be read in a na
 def variant_of(
     config: ScenarioConfig, own: ScenarioConfig | None, sumo_options: Sequence[str] = ()
 ) -> str:
-    """planner-prediction-effort, then what else differs from the scenario's own settings:
+    """planner-prediction-budget, then what else differs from the scenario's own settings.
 
-    `mcts-idm-1000-cost.headway_s-2.0`; a digest in place of a value that is no word. `own`: the
-    scenario without what was asked; None: it cannot stand alone.
+    As in `mcts-idm-1000-cost.headway_s-2.0`; a digest stands for a value that is not a word. `own`:
+    the scenario without the settings of the command line; None: it cannot stand alone.
     """
     base = {} if own is None else _settings(own)
-    told = _told_by_name(config)
+    named = _in_default_variant(config)
     changed = {
         key: value
         for key, value in _settings(config).items()
-        if key not in told and (key not in base or base[key] != value)
+        if key not in named and (key not in base or base[key] != value)
     }
     if sumo_options:
         changed["options"] = list(sumo_options)
@@ -41,8 +41,8 @@ def variant_of(
 
 
 def is_named(config: ScenarioConfig, own: ScenarioConfig | None) -> bool:
-    """Whether keys tell the ego: where there are several, in a network of a user's, and where it is
-    not the scenario's own."""
+    """Whether keys name the ego: where there are several, in a .sumocfg, and where it is not the
+    scenario's own."""
     return (
         len(config.egos) > 1
         or config.sumo.sumocfg is not None
@@ -52,7 +52,7 @@ def is_named(config: ScenarioConfig, own: ScenarioConfig | None) -> bool:
 
 
 def keyed(result: EpisodeResult, scenario: str, *, named: bool) -> EpisodeResult:
-    """The result under this name of the scenario, and under keys that tell the ego or not."""
+    """The result under this name of the scenario; its keys name the ego where `named`."""
     new = {
         row["key"]: episode_key(
             scenario, row["variant"], row["seed"], row["ego"] if named else None
@@ -66,17 +66,19 @@ def keyed(result: EpisodeResult, scenario: str, *, named: bool) -> EpisodeResult
     )
 
 
-def tells_ego(row: Row) -> bool:
-    """Whether the key of a row does."""
+def names_ego(row: Row) -> bool:
+    """Whether the key of a row names the ego."""
     return bool(row["key"] != episode_key(row["scenario"], row["variant"], row["seed"]))
 
 
 def inputs(
     config: ScenarioConfig, own: ScenarioConfig | None, sumo_options: Sequence[str]
 ) -> dict[str, Any]:
-    """For the manifest: options for SUMO, SHA-256 of the files, and `identity`, which tells
-    scenarios of one name apart: of the scenario's own settings and these files. The ego of a
-    network of a user's is not among them: it was asked for."""
+    """For the manifest: options for SUMO, SHA-256 of the files, and `identity`.
+
+    `identity` tells scenarios of one name apart. It is a digest of the scenario's own settings and
+    of its files; the ego of a .sumocfg does not count, the command line names it.
+    """
     scenario, files = own or config, contents(files_of(config.sumo))
     plain = scenario.model_copy(
         update={"description": "", **({} if scenario.sumo.sumocfg is None else {"egos": ()})}
@@ -89,15 +91,19 @@ def inputs(
 
 
 def traffic(config: ScenarioConfig, sumo_options: Sequence[str]) -> str:
-    """A digest of what an episode has in common with its twin, as rows of a batch have it; with
-    options for SUMO another one."""
+    """A digest of the traffic, equal for an episode and its paired SUMO baseline.
+
+    Rows of a batch have it too. Options for SUMO change it.
+    """
     shared = digest(config, TRAFFIC)
     return _digest([shared, list(sumo_options)]) if sumo_options else shared
 
 
 def _settings(config: ScenarioConfig) -> dict[str, Any]:
-    """section.key -> value, of all that decides what is driven; egos that are several in one
-    episode, and their goals, too."""
+    """section.key -> value, of all settings that decide what is driven.
+
+    The egos count where there are several in the episode; their goals always.
+    """
     data = config.model_dump(mode="json", exclude={"name", "description", "egos", "sumo"})
     sumo = config.sumo.model_dump(mode="json", exclude={"sumocfg"})
     sections = {
@@ -105,7 +111,7 @@ def _settings(config: ScenarioConfig) -> dict[str, Any]:
         for section, values in {**data, "sumo": sumo}.items()
         for key, value in values.items()
     }
-    alone = len(config.egos) == 1  # its name is told by the key, not among the settings
+    alone = len(config.egos) == 1  # the key names it elsewhere
     return {
         **sections,
         "egos": None if alone else _ids(config),
@@ -113,14 +119,14 @@ def _settings(config: ScenarioConfig) -> dict[str, Any]:
     }
 
 
-def _told_by_name(config: ScenarioConfig) -> tuple[str, ...]:
-    """Settings that the name of a variant tells by itself."""
+def _in_default_variant(config: ScenarioConfig) -> tuple[str, ...]:
+    """The settings that the name of a variant holds without further words."""
     name = default_variant(config)
     forecast = ("prediction.name",) if name != config.planner.name else ()
-    effort = (
+    budget = (
         "planner.iterations" if config.planner.time_budget_ms is None else "planner.time_budget_ms"
     )
-    return ("planner.name", *forecast, *((effort,) if searches(config.planner.name) else ()))
+    return ("planner.name", *forecast, *((budget,) if searches(config.planner.name) else ()))
 
 
 def _word(key: str, value: Any) -> str:

@@ -1,3 +1,14 @@
+"""Scenario files: read, checked, complete with defaults. What other packages need of it.
+
+schema.py       what a scenario file may say; its sections lie in sections/
+loading.py      from a file, or a mapping, to a ScenarioConfig
+problems.py     the words for what is wrong
+names.py        the names of planners, predictors and cost terms
+plugins.py      the code behind the names of plugins
+builtin.py      the scenarios and experiments of the package
+docs.py         the tables of docs/scenario-file.md
+"""
+
 from sumo_mcts.config.loading import (
     build,
     digest,
@@ -11,18 +22,17 @@ from sumo_mcts.config.loading import (
 )
 from sumo_mcts.config.names import PLANNER_GROUP, is_plugin
 from sumo_mcts.config.problems import positive, refused, whole
-from sumo_mcts.config.schema import (
+from sumo_mcts.config.schema import ScenarioConfig
+from sumo_mcts.config.sections.perception import SensorConfig
+from sumo_mcts.config.sections.simulation import EgoConfig, SumoConfig
+from sumo_mcts.config.sections.traffic import (
     CROWD_ID,
     Actor,
     CrowdConfig,
     Depart,
     DriversConfig,
-    EgoConfig,
     Event,
-    ScenarioConfig,
-    SensorConfig,
     Stream,
-    SumoConfig,
     TrafficConfig,
     VehicleEvent,
 )

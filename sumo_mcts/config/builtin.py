@@ -1,5 +1,5 @@
-"""Where the built-in networks, routes and configs lie: in a checkout or inside the installed
-package."""
+"""The built-in scenarios and experiments: their names and files, in a checkout or inside the
+installed package."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,12 +12,19 @@ NAMED = 3  # near names that a message tells
 
 def root() -> Path:
     """The folder that holds networks/, routes/ and configs/."""
-    return files.root()
+    package = Path(files.__file__).resolve().parent
+    installed = package / "assets"
+    return installed if installed.is_dir() else package.parent
 
 
 def scenario_names() -> list[str]:
     """The built-in scenarios."""
     return sorted(path.stem for path in (root() / "configs").glob("*.yaml"))
+
+
+def scenario_named(name: str) -> Path | None:
+    """The file of the built-in scenario of this name; None where there is none."""
+    return _of_stem(name, root() / "configs")
 
 
 def scenario_path(name_or_path: str) -> Path:
@@ -46,17 +53,21 @@ def experiment_path(name_or_path: str) -> Path:
 def _named(name_or_path: str, folder: Path, kind: str, choice: str) -> Path:
     """A file of the folder by its stem, or any regular file.
 
-    Raises ConfigError, with the choice that there is where there is no such file.
+    Raises ConfigError that ends with the `choice` where there is no such file.
     """
-    builtin = next((path for path in folder.glob("*.yaml") if path.stem == name_or_path), None)
-    if builtin is not None:
-        return builtin
+    found = _of_stem(name_or_path, folder)
+    if found is not None:
+        return found
     why = files.problem(name_or_path)
     if why == "no such file":
         raise ConfigError(f"{name_or_path}: no such {kind}{choice}")
     if why:
         raise ConfigError(f"{name_or_path}: {why}{choice}")
     return Path(name_or_path)
+
+
+def _of_stem(name: str, folder: Path) -> Path | None:
+    return next((path for path in folder.glob("*.yaml") if path.stem == name), None)
 
 
 def _near(given: str, names: Sequence[str]) -> str:

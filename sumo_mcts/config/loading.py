@@ -1,4 +1,4 @@
-"""Reads scenario files: base, settings, checks."""
+"""From a scenario file, or a mapping, to a ScenarioConfig: base, settings, checks."""
 
 import hashlib
 import json
@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from sumo_mcts import files
-from sumo_mcts.config import yaml_file
+from sumo_mcts.config import builtin, yaml_file
 from sumo_mcts.config.problems import refused
 from sumo_mcts.config.schema import ScenarioConfig
 from sumo_mcts.config.yaml_file import YamlError
@@ -27,9 +27,9 @@ def load(
     changes: Mapping[str, Any] | None = None,
     allow_plugins: bool = False,
 ) -> ScenarioConfig:
-    """Read a scenario file;
+    """The scenario in a file.
 
-    `overrides` are `a.b=c` assignments, `changes` are values by key. Files that it names are made
+    `overrides` are `a.b=c` assignments, `changes` are values by key. Names of files become
     absolute. Raises ConfigError, also where the file names code of the user's own (module:name) and
     that is not allowed.
     """
@@ -46,7 +46,7 @@ def build(
     changes: Mapping[str, Any] | None = None,
     allow_plugins: bool = False,
 ) -> ScenarioConfig:
-    """Check a scenario given as a mapping, as `load` does a file;
+    """The scenario in a mapping, checked as `load` checks a file.
 
     `origin` stands in error messages. Raises ConfigError.
     """
@@ -80,13 +80,13 @@ def unreadable(error: OSError) -> str:
 
 
 def name_from(path: Path) -> str:
-    """What a scenario is called that has nothing but a file: safe as a file name."""
+    """The name of a scenario that has nothing but a file: safe as a file name."""
     stem = re.sub(r"[^A-Za-z0-9_-]", "_", path.stem)[:100]
     return stem if stem[:1].isalnum() else f"net{stem}"[:100]
 
 
 def require_scenario(function: str, config: object) -> None:
-    """Raise ConfigError where an argument is no scenario but, for example, its name."""
+    """Raise ConfigError where an argument is not a scenario but, for example, its name."""
     if not isinstance(config, ScenarioConfig):
         raise ConfigError(
             f"{function}: config: a scenario, as load_scenario returns it, got {config!r:.60}"
@@ -104,8 +104,10 @@ def plugin_names(scenario: ScenarioConfig) -> Iterator[tuple[str, str]]:
 
 
 def require_permission(key: str, name: str, allow_plugins: bool) -> None:
-    """Raise ConfigError where a name is code and code is not allowed: a file from somebody else
-    must not run any. What is installed was let in."""
+    """Raise ConfigError where a name is code and code is not allowed.
+
+    A file that comes from elsewhere must not run code. An installed plugin may run.
+    """
     if ":" in name and not allow_plugins:
         raise ConfigError(
             f"{key}: {name}: code that a scenario names runs only with --allow-plugins"
@@ -113,8 +115,10 @@ def require_permission(key: str, name: str, allow_plugins: bool) -> None:
 
 
 def digest(config: BaseModel, sections: Iterable[str] | None = None) -> str:
-    """SHA-256 of the resolved configuration, or of some sections of it, file names without their
-    folders."""
+    """SHA-256 of the resolved configuration, or of some sections of it.
+
+    File names count without their folders.
+    """
     data = config.model_dump(mode="json", include=None if sections is None else set(sections))
     sumo = data.get("sumo", {})
     for key in ("sumocfg", "net"):
@@ -127,6 +131,8 @@ def digest(config: BaseModel, sections: Iterable[str] | None = None) -> str:
 def json_schema() -> dict[str, Any]:
     """The JSON schema of a scenario file."""
     schema = ScenarioConfig.model_json_schema()
+    for section in (schema, *schema["$defs"].values()):  # docstrings, without their line breaks
+        section["description"] = " ".join(section["description"].split())
     schema["properties"]["base"] = {
         "type": "string",
         "description": "another scenario file, relative to this one, over which this one is laid",
@@ -135,8 +141,10 @@ def json_schema() -> dict[str, Any]:
 
 
 def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
-    """The mapping in a file, laid over the one that its `base` names; relative file names belong to
-    the file that states them."""
+    """The mapping in a file, laid over the one that its `base` names.
+
+    Relative file names belong to the file that states them; `seen`: the files whose base this is.
+    """
     if _is_xml(path):
         raise ConfigError(
             f"{path}: a file of SUMO's; give the .sumocfg that names it, or a scenario file with "
@@ -178,10 +186,16 @@ def _base(base: object, path: Path) -> Path:
             f"{shown(base)}"
         )
     beside = path.parent / base
-    builtin = files.builtin_scenario(base) if files.problem(beside) else None
-    if builtin is None and files.problem(beside):
-        raise ConfigError(f"{path}: base: {base}: {files.problem(beside)}")
-    return files.absolute(builtin or beside)
+    why = files.problem(beside)
+    built_in = builtin.scenario_named(base) if why else None
+    if why and built_in is None:
+        raise ConfigError(f"{path}: base: {base}: {why}")
+    if built_in is None and _is_xml(beside):
+        raise ConfigError(
+            f"{path}: base: {base}: a file of SUMO's; allowed: a scenario file, or the name of a "
+            "built-in one"
+        )
+    return files.absolute(built_in or beside)
 
 
 def _absolute_paths(sumo: object, folder: Path) -> None:
@@ -198,8 +212,10 @@ def _absolute_paths(sumo: object, folder: Path) -> None:
 
 
 def _overlay(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """Mappings are merged key by key; lists of mappings with an `id` entry by that id; anything
-    else is replaced."""
+    """Both, merged: mappings key by key, lists of mappings with an `id` entry by that id.
+
+    Anything else is replaced.
+    """
     result = dict(under)
     for key, value in over.items():
         below = under.get(key)

@@ -1,6 +1,6 @@
-"""Every mistake in a scenario as one line that says what is allowed."""
+"""The words for what is wrong with a scenario: one line that says what is allowed."""
 
-import math
+import sys
 from operator import index
 from typing import Any, SupportsIndex
 
@@ -8,29 +8,27 @@ from pydantic import BaseModel, ValidationError
 
 from sumo_mcts.errors import ConfigError, shown
 
+_LARGEST = sys.float_info.max
+
 
 def whole(key: str, value: object, least: int) -> int:
-    """An argument of a program that has to be a whole number from `least` on.
-
-    Raises ConfigError.
-    """
+    """A whole number from `least` on, as a program hands it over. Raises ConfigError."""
     number = (
         None if isinstance(value, bool) or not isinstance(value, SupportsIndex) else index(value)
     )
     if number is None or number < least:
-        raise ConfigError(f"{key}: a whole number from {least} on, got {value!r}")
+        raise ConfigError(f"{key}: a whole number from {least} on, got {shown(value)}")
     return number
 
 
 def positive(key: str, value: object) -> float:
     """A number above 0, as a program hands it over. Raises ConfigError."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
-        raise ConfigError(f"{key}: a number greater than 0, got {value!r:.60}")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= _LARGEST:
+        raise ConfigError(f"{key}: a number greater than 0, got {shown(value)}")
     return float(value)
 
 
-# What is allowed, by the type of pydantic's error and with its parameters; every type whose name
-# begins so.
+# What is allowed, by the beginning of the type of pydantic's error, and with its parameters.
 _ALLOWED = {
     "model": "a mapping of keys", "dict": "a mapping of keys", "tuple": "a list", "list": "a list",
     "string_type": "a text", "int": "a whole number",
@@ -45,8 +43,8 @@ _ALLOWED = {
 
 
 def refused(error: ValidationError, model: type[BaseModel], origin: str) -> ConfigError:
-    """What is wrong with the input for a model, as an error that tells the first thing and knows
-    all."""
+    """What is wrong with the input for a model: an error that tells the first mistake and holds
+    all of them in `every`."""
     lines = [f"{origin}: {line}" for line in problems(error, model)]
     return ConfigError(
         lines[0] + (f" (and {len(lines) - 1} more)" if len(lines) > 1 else ""), lines
@@ -57,7 +55,7 @@ def problems(error: ValidationError, model: type[BaseModel]) -> list[str]:
     """A line for each thing that is wrong: key, what is allowed, what was given."""
     found = error.errors()
     around = {each["loc"][:k] for each in found for k in range(len(each["loc"]))}
-    # what is too short because its entries are wrong is not told as well
+    # a list that is too short because its entries are wrong is left out
     return [
         _problem(each, model)
         for each in found

@@ -1,7 +1,7 @@
-"""Reads YAML of which nothing is known: bounded in size, depth and number of values, and only what
-JSON could say too.
+"""Reads YAML that may hold anything: bounded in size, depth and number of values.
 
-Keys are texts (`on` is one and no truth value), and none is given twice in a mapping.
+Allowed is what JSON can say too. Keys are texts (`on` is a text, not a truth value), and no key
+stands twice in a mapping.
 """
 
 import re

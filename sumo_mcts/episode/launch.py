@@ -17,7 +17,7 @@ from sumo_mcts.world import clone
 from sumo_mcts.world.actors import Actors
 from sumo_mcts.world.arguments import network_of, sumo_arguments, window_delay_ms
 from sumo_mcts.world.candidates import require_named
-from sumo_mcts.world.crowd import Cast, cast
+from sumo_mcts.world.crowd import Cast, cast, crowd_ids
 from sumo_mcts.world.roadmap import known_roadmap
 from sumo_mcts.world.scripts import check
 from sumo_mcts.world.simulation import Simulation
@@ -96,7 +96,10 @@ class Launcher:
         )
         if asks(config.prediction.name, "clone"):
             clone.require_copyable()
-        require_named(self._egos, [actor.id for actor in actors])
+        ids = [actor.id for actor in actors]
+        require_named("egos", self._egos, ids)
+        with_events = [event.vehicle for event in config.traffic.events]
+        require_named("traffic.events", with_events, [*ids, *crowd_ids(config.traffic.crowd)])
         world = running_world(config.planner.period_s)
         moved = Actors(
             actors,

@@ -1,5 +1,7 @@
-"""How a command ends: one line on standard error and an exit status for whatever it raises.
-docs/reliability.md lists them."""
+"""How a command ends: an error becomes one line on standard error and an exit status.
+
+docs/reliability.md lists them.
+"""
 
 import _thread
 import errno
@@ -15,13 +17,12 @@ from sumo_mcts.errors import ConfigError, FailedError, in_one_line, of_machine, 
 from sumo_mcts.process.supervisor import AGAIN_S, DEBUG, WORDS, heeding
 
 OK, FAILED, INVALID = 0, 1, 2  # and 128 + N where signal N asked for the end
-_OF_OUTPUT = frozenset(
-    {errno.ENOSPC, errno.EIO, errno.EPIPE, errno.EBADF}
-)  # without a file's name: of standard output
+# An error without the name of a file is about standard output, where it is one of these.
+_OF_OUTPUT = frozenset({errno.ENOSPC, errno.EIO, errno.EPIPE, errno.EBADF})
 
 
 def ended(command: Callable[[], object]) -> int:
-    """Run a command; its exit status. Whatever it raises becomes one line on standard error."""
+    """Run a command; its exit status. An error or a signal becomes one line on standard error."""
     asked: list[int] = []
 
     def interrupt(number: int) -> None:
@@ -45,7 +46,7 @@ def ended(command: Callable[[], object]) -> int:
 
 
 def explained(error: BaseException) -> tuple[str, int]:
-    """The line and the exit status for an error; no line for what has been said already."""
+    """The line and the exit status for an error; no line where one was written before."""
     if isinstance(error, SystemExit):
         return _of_exit(error)
     if isinstance(error, ConfigError):
@@ -78,9 +79,11 @@ def tell(line: str) -> None:
 
 
 @contextmanager
-def told(exit_with: Callable[[int], BaseException]) -> Iterator[None]:
-    """Whatever is raised inside is said in one line; raises `exit_with` of the exit status
-    instead."""
+def exiting(exit_with: Callable[[int], BaseException]) -> Iterator[None]:
+    """An error that is raised inside becomes one line on standard error.
+
+    Then `exit_with` of the exit status is raised.
+    """
     try:
         yield
     except (ConfigError, FailedError, OSError, MemoryError) as error:
@@ -90,8 +93,7 @@ def told(exit_with: Callable[[int], BaseException]) -> Iterator[None]:
 
 
 def _of_exit(error: SystemExit) -> tuple[str, int]:
-    """Libraries for command lines end the process without a word where standard output is a closed
-    pipe."""
+    """Libraries for command lines exit without a line where standard output is a closed pipe."""
     if isinstance(error.__context__, OSError):
         return explained(error.__context__)
     return "", error.code if isinstance(error.code, int) else FAILED
@@ -113,8 +115,10 @@ def _of_file(error: OSError) -> str:
 
 
 def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
-    """An interrupt that came in a finalizer or a callback from compiled code ends nothing: another
-    one follows, once that is over."""
+    """Python ignores an interrupt in a finalizer, or in a callback from compiled code.
+
+    Another interrupt follows, once that is over.
+    """
 
     def later() -> None:
         time.sleep(AGAIN_S)  # sooner it would count as the same signal

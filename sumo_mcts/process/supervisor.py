@@ -1,14 +1,13 @@
-"""Runs a command in a child process and watches it: whatever ends the child, the user gets one
-line,
-a documented exit status and a clean temporary folder, and no process stays behind.
+"""Runs a command in a child process and watches it.
 
-SUMO and compiled code can do what no exception handler survives: crash, or never return.
-The parent imports nothing heavy, so that it answers signals from the first moment on.
+SUMO and compiled code can crash, or never return: no exception handler survives that. However the
+child ends, the user gets one line, a documented exit status and a clean temporary folder, and no
+process stays behind. The parent imports nothing heavy, so it answers signals from the start.
 
-    parent  blocks signals, forks, waits       signals -> child       kills a child that does not
-    heed them
-    child   runs the command                   lines -> parent: "!" heeds a signal; "=N" has status
-    N, only the end is missing
+    parent  blocks signals, forks, waits; sends signals on to the child; kills a child that does
+            not heed them
+    child   runs the command; writes lines to the parent: "!", a signal is heeded, and "=N", only
+            the end is missing, with status N
 """
 
 import ctypes
@@ -25,8 +24,7 @@ from typing import NoReturn
 
 FAILED = 1  # exit status
 
-# What each signal that asks for the end is called; the exit status is 128 + its number, as in a
-# shell.
+# The words for each signal that asks for the end; the exit status is 128 + its number.
 WORDS: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 if hasattr(signal, "SIGHUP"):  # not on Windows
     WORDS[signal.SIGHUP] = "hung up"
@@ -34,9 +32,7 @@ TICK_S = 0.5  # between two looks at the child
 UNHEARD_S = 2.0  # for a child to begin to heed a signal: in compiled code it cannot
 HEEDED_S = 20.0  # for a child that heeds one, to keep its rows and end its workers
 CLOSING_S = 5.0  # for a child whose results are out: SUMO's window may never close
-AGAIN_S = (
-    0.5  # a terminal sends a signal to parent and child alike: within this time it is the same one
-)
+AGAIN_S = 0.5  # a terminal signals parent and child alike: within this time it is the same signal
 DEBUG = "SUMO_MCTS_DEBUG"  # environment variable: run in this process, and show tracebacks
 _DOING = "doing.txt"  # in the child's temporary folder
 Command = Callable[[], int]
@@ -69,7 +65,7 @@ def die_with_parent() -> None:
 
 
 def silence_libraries() -> None:
-    """What libraries warn of is for developers: users are told what happens in lines of our own."""
+    """Warnings and log messages of libraries are for developers: hide them from users."""
     import logging  # noqa: PLC0415  # not in the parent
     import warnings  # noqa: PLC0415
 
@@ -90,23 +86,29 @@ class _Child:
 
 
 def doing(what: str) -> None:
-    """Note what is going on, so that the parent can tell it where that kills this process; "":
-    nothing special."""
+    """Note what is going on: the parent tells it where that kills this process.
+
+    "" stands for nothing special.
+    """
     if _Child.scratch is not None:
         with suppress(OSError):
             (_Child.scratch / _DOING).write_text(what, encoding="utf-8", errors="backslashreplace")
 
 
 def results_are_out(status: int) -> None:
-    """Tell the parent that nothing but the end is missing: after CLOSING_S it ends this process
-    with this status."""
+    """Tell the parent that only the end is missing.
+
+    After CLOSING_S the parent ends this process, with this status.
+    """
     _report(f"={status}")
 
 
 @contextmanager
 def heeding(act: Callable[[int], None]) -> Iterator[None]:
-    """Have `act` called with the number of each signal that asks for the end; the parent learns
-    that it is being heeded."""
+    """Call `act` with the number of each signal that asks for the end.
+
+    The parent learns that the signal is heeded.
+    """
 
     def heed(number: int, _: object) -> None:
         _report("!")
@@ -143,8 +145,8 @@ def _live(command: Command, scratch: Path, pipe: int, mask: set[int | signal.Sig
     try:
         die_with_parent()
         _Child.pipe, _Child.scratch = pipe, scratch
-        tempfile.tempdir = str(scratch)  # removed by the parent, whatever becomes of the child
-        with heeding(_leave):  # until the command has its own way
+        tempfile.tempdir = str(scratch)  # the parent removes it, however the child ends
+        with heeding(_leave):  # until the command heeds them itself
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             status = command()
     except BaseException as error:
@@ -162,9 +164,11 @@ def _leave(number: int) -> NoReturn:
 
 
 def _open_standard_files() -> None:
-    """Open those that are closed: else another file would get their number, and be written to by
-    mistake. Reading finds nothing, what is written to standard error is lost, and writing to
-    standard output fails, as its reader is to know."""
+    """Open those of standard input, output and error that are closed.
+
+    Else another file would get their number, and be written to by mistake. Reading finds nothing,
+    what is written to standard error is lost, and writing to standard output fails.
+    """
     for number, name, mode in (
         (0, "stdin", os.O_RDWR),
         (1, "stdout", os.O_RDONLY),
@@ -180,13 +184,14 @@ def _open_standard_files() -> None:
 def _forked(
     command: Command, scratch: Path, watched: set[int], mask: set[int | signal.Signals]
 ) -> int:
-    """The exit status of a command in a child; the signals `watched` are blocked here, as `mask`
-    tells they were before."""
+    """The exit status of a command in a child.
+
+    `watched`: signals that are blocked here; `mask`: those that were blocked before.
+    """
     reading, writing = os.pipe()
     os.set_blocking(reading, False)
-    signal.signal(
-        signal.SIGCHLD, signal.SIG_DFL
-    )  # else a caller that ignores it would cost us the child's status
+    # If the caller ignores this signal, the child's status would be lost.
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     child = os.fork()
     if child == 0:
         os.close(reading)
@@ -206,12 +211,10 @@ class _Watch:
         self._asked: int | None = None  # the signal that asked for the end, and
         self._asked_at = 0.0  # when, s
         self._kill_at = float("inf")  # s
-        self._result: int | None = (
-            None  # the status of a child of which nothing but the end is missing
-        )
+        self._result: int | None = None  # the status, once only the end of the child is missing
 
     def status(self, watched: set[int]) -> int:
-        """Wait for the child's end; the exit status for ours. Says what the child could not say."""
+        """Wait for the child's end; the exit status. Writes the line that the child cannot."""
         while True:
             received = signal.sigtimedwait(watched, TICK_S)
             number, code = os.waitpid(self._child, os.WNOHANG)
@@ -250,7 +253,7 @@ class _Watch:
                 self._result, self._kill_at = int(line[1:]), time.monotonic() + CLOSING_S
 
     def _ended(self, code: int) -> int:
-        """The child ended by itself, or was ended by somebody else."""
+        """The child ended by itself, or another process ended it."""
         self._listen()
         if code >= 0:
             return code
@@ -263,7 +266,7 @@ class _Watch:
         return _say_failed(f"{self._doing() or 'the process'} was ended by {name}{hint}")
 
     def _killed(self) -> int:
-        """The child was ended by us."""
+        """This process ended the child."""
         if self._result is not None:
             return self._result
         if sys.stderr.isatty():

@@ -76,17 +76,20 @@ def candidates(
     return found[:count]
 
 
-def require_named(egos: Iterable[str], others: Iterable[str]) -> None:
-    """Raise ConfigError where an ego of the running simulation is none of `others` and nothing in
-    the simulation's files has its id, or one from which SUMO could make it. Whether it departs is
-    another question."""
+def require_named(key: str, vehicles: Iterable[str], others: Iterable[str]) -> None:
+    """Raise ConfigError where the running simulation cannot have one of the vehicles.
+
+    It can where the vehicle is one of `others`, the scenario's own, or where the simulation's files
+    hold its id, or one from which SUMO could make it. Whether it departs is another question.
+    `key`: where the scenario names the vehicles.
+    """
     in_files = _ids_in_files()
     if in_files is None:
         return
     known = in_files.union(others)
-    for ego in egos:
-        if known.isdisjoint({ego, *(ego[: at.start()] for at in _MADE.finditer(ego))}):
-            like = near_ids(ego, others)
+    for vehicle in vehicles:
+        if known.isdisjoint({vehicle, *(vehicle[: at.start()] for at in _MADE.finditer(vehicle))}):
+            like = near_ids(vehicle, others)
             of_file = option("configuration-file")
             listed = (
                 f"; `sumo-mcts run {of_file}` lists candidates"
@@ -96,15 +99,15 @@ def require_named(egos: Iterable[str], others: Iterable[str]) -> None:
                 else ""
             )
             raise ConfigError(
-                f"egos: {ego}: no file of the simulation names such a vehicle"
+                f"{key}: {vehicle}: no file of the simulation names such a vehicle"
                 + (f"; near: {', '.join(like)}" if like else listed)
             )
 
 
-def near_ids(ego: str, others: Iterable[str]) -> list[str]:
+def near_ids(vehicle: str, others: Iterable[str]) -> list[str]:
     """The ids among `others` and in the files of the running simulation that are written much like
-    an ego's; the nearest first."""
-    return near(ego, sorted((_ids_in_files() or frozenset()).union(others)), NAMED)
+    the vehicle's; the nearest first."""
+    return near(vehicle, sorted((_ids_in_files() or frozenset()).union(others)), NAMED)
 
 
 def _ids_in_files() -> frozenset[str] | None:

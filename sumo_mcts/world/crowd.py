@@ -90,6 +90,11 @@ def cast(
     return Cast(tuple(_held_back(actor, types, road) for actor in (*actors, *crowd)), types, late)
 
 
+def crowd_ids(crowd: CrowdConfig) -> list[str]:
+    """The ids that vehicles of the crowd have, whatever is drawn: those of the largest one."""
+    return [f"{CROWD_ID}{number}" for number in range(1, crowd.count[1] + 1)]
+
+
 def write_routes(who: Cast, folder: Path) -> Path:
     """Write a SUMO route file with everybody. Returns its path."""
     root = ElementTree.Element("routes")
@@ -139,7 +144,7 @@ def _crowd(
         return (), frozenset()
     there, late = list(actors), []
     count = int(rng.integers(crowd.count[0], crowd.count[1] + 1))
-    for k in range(count):
+    for name in crowd_ids(crowd)[:count]:
         stream = crowd.streams[int(rng.integers(len(crowd.streams)))]
         lane, speed = (
             stream.lanes[int(rng.integers(len(stream.lanes)))],
@@ -157,7 +162,7 @@ def _crowd(
             if free
             else Depart(time_s=time, lane=lane, speed_mps=speed)
         )
-        member = Actor(id=f"{CROWD_ID}{k + 1}", route=stream.route, depart=depart)
+        member = Actor(id=name, route=stream.route, depart=depart)
         there.append(member)
         late += [] if free else [member.id]
     return tuple(there[len(actors) :]), frozenset(late)

@@ -148,11 +148,9 @@ def _words(batch: Batch) -> list[str]:
 
 def _has_timeout() -> bool:
     """Whether a worker that hangs is ended: without, one that is stopped would hang the batch."""
-    from sumo_mcts import cli
+    from .kinds.options import commands, options
 
-    from .kinds.options import options
-
-    return any(option.name == "--episode-timeout" for option in options(cli.batch))
+    return any(option.name == "--episode-timeout" for option in options(commands()["batch"]))
 
 
 def _finished(batch: Batch) -> list[Row]:

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from sumo_mcts import records
 from sumo_mcts.cli import app
-from sumo_mcts.commands import drive, reports, run_key
+from sumo_mcts.commands import report, run_folder, run_key
 from sumo_mcts.config import ScenarioConfig, builtin
 from sumo_mcts.episode.run import EpisodeResult
 from sumo_mcts.errors import ConfigError
@@ -170,7 +170,7 @@ def test_each_run_has_a_row_a_trace_and_a_manifest_of_its_own(folder: Path) -> N
     assert len({json.dumps(each) for each in told.values()}) == 4
     assert (
         len(
-            reports.report([folder], folder / "r", (), lambda text: None).document["tables"][
+            report.report([folder], folder / "r", (), lambda text: None).document["tables"][
                 "outcomes"
             ]["rows"]
         )
@@ -224,7 +224,7 @@ def test_an_interrupt_while_pictures_are_drawn_leaves_the_rest_and_the_result_is
 
 def test_runs_at_the_same_time_lose_nothing(tmp_path: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda seed: drive.keep(made(seed), tmp_path, ()), range(4)))
+        list(pool.map(lambda seed: run_folder.keep(made(seed), tmp_path, ()), range(4)))
     keys = [made_row(seed=seed)["key"] for seed in range(4)]
     assert sorted(keys_of(tmp_path)) == sorted(keys)
     assert len((tmp_path / records.TABLE).read_text().splitlines()) == 5
@@ -234,20 +234,20 @@ def test_runs_at_the_same_time_lose_nothing(tmp_path: Path) -> None:
 def test_who_does_not_get_into_the_folder_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(drive, "PATIENCE_S", 0.1)
+    monkeypatch.setattr(run_folder, "PATIENCE_S", 0.1)
     with (
         only_here(tmp_path),
         pytest.raises(ConfigError, match="another run or batch is at work there"),
     ):
-        drive.keep(made(), tmp_path, ())
-    drive.keep(made(), tmp_path, ())
+        run_folder.keep(made(), tmp_path, ())
+    run_folder.keep(made(), tmp_path, ())
 
 
 def test_a_row_is_replaced_in_its_place_and_all_other_lines_stay_as_they_were(
     tmp_path: Path,
 ) -> None:
     for seed in range(3):
-        drive.keep(made(seed), tmp_path, ())
+        run_folder.keep(made(seed), tmp_path, ())
     path = tmp_path / records.ROWS
     lines = path.read_bytes().splitlines(keepends=True)
     odd = [
@@ -256,7 +256,7 @@ def test_a_row_is_replaced_in_its_place_and_all_other_lines_stay_as_they_were(
         b'{"key": "to\xff',
     ]
     path.write_bytes(b"".join([*lines[:2], *odd[:2], lines[2], lines[1], odd[2]]))
-    kept = drive.keep(made(1, outcome="collision", travel_time_s=None), tmp_path, ())
+    kept = run_folder.keep(made(1, outcome="collision", travel_time_s=None), tmp_path, ())
     now = path.read_bytes().splitlines(keepends=True)
     assert [now[0], *now[2:]] == [lines[0], *odd[:2], lines[2], odd[2]]
     assert json.loads(now[1])["outcome"] == "collision"
@@ -267,19 +267,19 @@ def test_what_an_earlier_folder_does_not_tell_is_told_by_its_rows(tmp_path: Path
     """Before there were manifests for each key."""
     records.append_row(tmp_path, made().rows[0])
     records.append_row(tmp_path, {**made(1).rows[0], "config_digest": "another"})
-    assert drive.keep(made(0), tmp_path, ()).result.rows[0]["scenario"] == "left"
-    assert drive.keep(made(1), tmp_path, ()).result.rows[0]["scenario"] == "left.aaaaaaaa"
+    assert run_folder.keep(made(0), tmp_path, ()).result.rows[0]["scenario"] == "left"
+    assert run_folder.keep(made(1), tmp_path, ()).result.rows[0]["scenario"] == "left.aaaaaaaa"
     assert len(keys_of(tmp_path)) == 3
 
 
 def test_pictures_of_another_drive_go_and_those_of_the_same_stay(tmp_path: Path) -> None:
-    drive.keep(made(), tmp_path, ())
+    run_folder.keep(made(), tmp_path, ())
     picture = tmp_path / records.FIGURES / f"{made().rows[0]['key']}.gif"
     records.write_whole(picture, b"GIF")
-    drive.keep(made(), tmp_path, ())
+    run_folder.keep(made(), tmp_path, ())
     assert picture.exists()
     other = made()
-    drive.keep(
+    run_folder.keep(
         other._replace(rows=({**other.rows[0], "trace_digest": "u"},), traces=()), tmp_path, ()
     )
     assert not picture.exists()
@@ -292,7 +292,7 @@ def test_pictures_of_another_drive_go_and_those_of_the_same_stay(tmp_path: Path)
 def test_on_a_full_disk_the_file_is_named_and_what_was_there_stays(
     at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    drive.keep(made(), tmp_path, ())
+    run_folder.keep(made(), tmp_path, ())
     before, count, fsync = (tmp_path / records.ROWS).read_bytes(), 0, os.fsync
 
     def full(number: int) -> None:
@@ -304,7 +304,7 @@ def test_on_a_full_disk_the_file_is_named_and_what_was_there_stays(
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space") as caught:
-        drive.keep(made(1), tmp_path, ())
+        run_folder.keep(made(1), tmp_path, ())
     assert str(caught.value.filename).startswith(str(tmp_path))
     now = (tmp_path / records.ROWS).read_bytes()
     assert now.startswith(before)
@@ -382,7 +382,7 @@ def test_egos_and_networks_of_a_user_are_told_apart(tmp_path: Path) -> None:
         "n.#--sumo--own--one",
     ]
     assert sorted(path.stem for path in (out / records.TRACES).iterdir()) == sorted(keys)
-    assert reports.report([out], out / "r", (), lambda text: None).document["episodes"] == 4
+    assert report.report([out], out / "r", (), lambda text: None).document["episodes"] == 4
 
 
 def test_what_was_driven_in_other_traffic_is_no_pair(folder: Path) -> None:

@@ -23,7 +23,7 @@ from helpers_tree import TOYS, grow
 
 import sumo_mcts
 from sumo_mcts import config
-from sumo_mcts.commands import checks, regret
+from sumo_mcts.commands import regret, validate
 from sumo_mcts.config import ScenarioConfig, plugins
 from sumo_mcts.driver import factories
 from sumo_mcts.driver.replan import recorded_config, replan
@@ -309,9 +309,9 @@ def test_what_is_wrong_is_one_line(setting: str, mine: str, tmp_path: Path) -> N
     section, _, key = name.partition(".")
     inner = f"{section}: {{{key}: '{value}'}}" if key else f"{section}: {value}"
     path.write_text(f"base: {TOP}/configs/straight-line.yaml\n{inner}\n")
-    said = checks.problems_of(path, allow_plugins=True)[0]
+    said = validate.problems_of(path, allow_plugins=True)[0]
     assert said.startswith(f"{path}: ") and WRONG[setting] in said
-    assert "runs only with --allow-plugins" in checks.problems_of(path)[0]
+    assert "runs only with --allow-plugins" in validate.problems_of(path)[0]
 
 
 def test_a_predictor_that_does_not_start(mine: str) -> None:

@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from sumo_mcts.config import build, json_schema, problems
+from sumo_mcts.config import build, json_schema
+from sumo_mcts.config.problems import problems
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments.schema import Experiment
 

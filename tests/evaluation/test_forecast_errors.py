@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sumo_mcts import config
-from sumo_mcts.commands import forecasts
+from sumo_mcts.commands import forecast as command
 from sumo_mcts.config import ScenarioConfig, builtin
 from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.loop import Loop
@@ -206,7 +206,7 @@ def test_all_are_judged_on_the_same_pairs_and_nothing_is_disturbed() -> None:
 
 
 def test_each_ego_has_an_episode_of_its_own() -> None:
-    found = forecasts.forecasts(
+    found = command.forecast(
         "straight-line",
         ["ego", "ahead.7"],
         None,
@@ -271,7 +271,7 @@ def test_the_table_shows_every_row() -> None:
         "cycles": 40,
         "forecasts": [row, none, *other],
     }
-    lines = forecasts.forecast_table(document).splitlines()
+    lines = command.table(document).splitlines()
     assert lines[0] == "s, driven by mcts-idm-1000: 2 arrived, 40 cycles; after 1, 3 s:"
     assert lines[-2] == "| s | idm | 8 0 | 0.13 - | 1.00 - | 2.00 - | 97.5 - | 1 0 | 0.3 |"
     assert lines[-1] == "| s | clone | 8 0 | 0.13 - | 1.00 - | 2.00 - | 97.5 - | 1 0 | - |"

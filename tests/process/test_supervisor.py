@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from sumo_mcts import cli
-
 pytestmark = pytest.mark.skipif(
     not hasattr(signal, "sigtimedwait"),
     reason="commands are supervised where signals can be waited for",
@@ -300,12 +298,3 @@ def test_what_libraries_warn_of_is_not_shown(tmp_path: Path) -> None:
     _, err = end_of(start(warn, tmp_path, SUMO_MCTS_DEBUG="1"))
     assert "UserWarning: w" in err
     assert err.endswith("l\n")
-
-
-def test_progress_shows_ids_as_they_are(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """On a terminal the library for progress would take them for markup, or end with an error."""
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with cli._Voice(quiet=False).progress("starting") as note:
-        note("12.0 s  [/red] at 3 m/s, [bold]x\x1b[1m")

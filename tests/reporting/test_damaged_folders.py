@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from helpers_rows import made_row, write_rows, write_traces
 
-from sumo_mcts.commands import reports
+from sumo_mcts.commands.report import Report, report
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.records import LONGEST_LINE, MANIFEST, ROW_KEYS, ROWS, TRACES, WHOLE
 from sumo_mcts.records.statistics import pairs
@@ -32,9 +32,9 @@ STRANGE = (
 )
 
 
-def reported(folder: Path) -> reports.Report:
+def reported(folder: Path) -> Report:
     """What `sumo-mcts report` makes of a folder."""
-    return reports.report([folder], folder / "report", (), lambda text: None)
+    return report([folder], folder / "report", (), lambda text: None)
 
 
 @pytest.mark.parametrize(

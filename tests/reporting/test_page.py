@@ -17,7 +17,7 @@ from helpers_rows import VARIANTS, crashed, made_row, made_rows, write_rows, wri
 from helpers_trace import crossing_trace
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
-from sumo_mcts.commands import reports
+from sumo_mcts.commands import report as command
 from sumo_mcts.records import ROW_KEYS, load_trace, save_trace
 from sumo_mcts.reporting import tables
 
@@ -29,7 +29,7 @@ CRASHED = "left--mcts-idm-100--0"
 
 
 def report(folder: Path) -> Path:
-    return reports.report([folder], folder, ["report", str(folder)], lambda _: None).files[0]
+    return command.report([folder], folder, ["report", str(folder)], lambda _: None).files[0]
 
 
 @pytest.fixture(scope="session")
@@ -536,14 +536,14 @@ def test_a_replay_that_is_not_there_says_so(
 
 
 def test_what_is_written(folder: Path, tmp_path: Path) -> None:
-    made = reports.report([folder], tmp_path, ["report"], lambda _: None)
+    made = command.report([folder], tmp_path, ["report"], lambda _: None)
     assert {path.name for path in tmp_path.iterdir()} == {"report.html", "report.md", "tables"}
     assert {path.stem for path in (tmp_path / "tables").iterdir()} == set(made.document["tables"])
     assert json.loads(json.dumps(made.document, allow_nan=False))["episodes"] == 50
     text = (tmp_path / "report.html").read_text()
     assert not re.search(r"(src|href)\s*=\s*[\"'](?!#|data:)", text), "nothing is fetched"
     assert "## Notes" in (tmp_path / "report.md").read_text()
-    again = reports.report([folder], tmp_path, ["report"], lambda _: None)
+    again = command.report([folder], tmp_path, ["report"], lambda _: None)
     assert again.document == made.document
     assert (tmp_path / "report.html").read_text() == text, "the same folder, the same page"
 

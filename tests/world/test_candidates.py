@@ -141,16 +141,16 @@ def test_egos_that_sumo_could_make(ego: str, packed: bool, tmp_path: Path) -> No
         (tmp_path / "mine.rou.xml.gz").write_bytes(gzip.compress(FLOWS.encode()))
         path.write_text(path.read_text().replace("rou.xml", "rou.xml.gz"))
     with Simulation(["-c", str(path)]):
-        require_named([ego], ["actor"])
+        require_named("egos", [ego], ["actor"])
         with pytest.raises(
             ConfigError,
             match=r"egos: a-c\.0: no file of the simulation names such a vehicle; near: a-b",
         ):
-            require_named([ego, "a-c.0"], ["actor"])
+            require_named("egos", [ego, "a-c.0"], ["actor"])
 
 
 def test_whom_an_included_file_names_is_not_known(tmp_path: Path) -> None:
     path = sumocfg(tmp_path, routes='<routes><include href="further.rou.xml"/></routes>')
     (tmp_path / "further.rou.xml").write_text((FILES / "one.rou.xml").read_text())
     with Simulation(["-c", str(path)]):
-        require_named(["ego", "whoever"], [])
+        require_named("egos", ["ego", "whoever"], [])

@@ -1,18 +1,13 @@
-"""The command report."""
+"""The command report: tables and a page over the episodes of output folders."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_mcts import records
-from sumo_mcts.commands.drive import summary_of
-from sumo_mcts.episode.run import EpisodeResult
 from sumo_mcts.scenarios import Note
 
 REPLAYS = 50  # episodes that a report lists, and replays
-
-
-# --- report ---
 
 
 class Report(NamedTuple):
@@ -55,13 +50,3 @@ def report(folders: Sequence[Path], out: Path, command: Sequence[str], note: Not
         text,
         (out / "report.html", out / "report.md", out / "tables"),
     )
-
-
-def document(result: EpisodeResult) -> dict[str, Any]:
-    """What `run --json` prints."""
-    return {"schema_version": records.SCHEMA_VERSION, "episodes": list(result.rows)}
-
-
-def summary(result: EpisodeResult) -> str:
-    """The rows, for a person."""
-    return "\n\n".join(summary_of(row) for row in result.rows)

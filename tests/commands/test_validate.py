@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from sumo_mcts.cli import app
-from sumo_mcts.commands import checks
+from sumo_mcts.commands import validate
 
 FILES = Path(__file__).parents[1] / "bad_inputs"
 TOP = Path(__file__).resolve().parents[2]
@@ -27,12 +27,12 @@ traffic:
 def problems(folder: Path, text: str, name: str = "mine.yaml") -> list[str]:
     path = folder / name
     path.write_text(text)
-    return checks.problems_of(path)
+    return validate.problems_of(path)
 
 
 def test_what_is_fine(tmp_path: Path) -> None:
     assert problems(tmp_path, SCENE + ACTORS) == []
-    assert checks.problems_of(FILES / "good.sumocfg") == []
+    assert validate.problems_of(FILES / "good.sumocfg") == []
     assert (
         problems(
             tmp_path,
@@ -71,6 +71,22 @@ def test_everything_that_does_not_fit_the_network(tmp_path: Path) -> None:
     assert all(words in line for words, line in zip(said, found, strict=True))
 
 
+EVENTS = """
+traffic:
+  crowd: {count: [0, 2], streams: [{route: [from_west, to_north]}]}
+  events:
+    - {vehicle: ego, at_s: 1, slow_to_mps: 1}
+    - {vehicle: crowd_2, at_s: 1, slow_to_mps: 1}
+"""
+
+
+def test_events_of_vehicles_that_there_may_be(tmp_path: Path) -> None:
+    """A vehicle of the crowd is one of them, whether the seed draws it or not."""
+    assert problems(tmp_path, SCENE + EVENTS) == []
+    (line,) = problems(tmp_path, SCENE + EVENTS.replace("crowd_2", "crowd_3"))
+    assert "mine.yaml: traffic.events: crowd_3: no file of the simulation names such a" in line
+
+
 def test_every_missing_file(tmp_path: Path) -> None:
     found = problems(
         tmp_path,
@@ -96,7 +112,7 @@ def test_every_missing_file(tmp_path: Path) -> None:
     ],
 )
 def test_what_only_sumo_or_the_road_tells(name: str) -> None:
-    (line,) = checks.problems_of(FILES / f"{name}.yaml")
+    (line,) = validate.problems_of(FILES / f"{name}.yaml")
     assert f"{name}.yaml: " in line
 
 
@@ -112,7 +128,7 @@ def test_what_only_sumo_or_the_road_tells(name: str) -> None:
     ],
 )
 def test_configurations(name: str) -> None:
-    (line,) = checks.problems_of(FILES / f"{name}.sumocfg")
+    (line,) = validate.problems_of(FILES / f"{name}.sumocfg")
     assert f"{name}.sumocfg: " in line
 
 

@@ -1,21 +1,23 @@
-"""The command forecast: the errors of every predictor."""
+"""The command forecast: the errors of every predictor, over episodes."""
 
 from collections.abc import Sequence
 from typing import Any
 
-from sumo_mcts.commands.batches import episodes_of
-from sumo_mcts.scenarios import Note, naming_source
+from sumo_mcts.scenarios import Note, naming_source, resolve_each
 from sumo_mcts.studies.forecasts import compare
 
 
-def forecasts(
+def forecast(
     scenario: str, egos: Sequence[str], until: str | None, overrides: tuple[str, ...],
     seeds: int | None, sumo_options: Sequence[str], note: Note, *,
     allow_plugins: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
-    """The error of every forecast, over an episode for each ego (none given: the scenario's own,
-    together) and seed: 0 .. `seeds` - 1; None: one, as in `run`. Raises ConfigError."""
-    resolved = episodes_of(
+    """The error of every forecast, over an episode for each ego and seed.
+
+    `egos`: none given means the scenario's own, together. `seeds`: from 0 to this number - 1; None:
+    one seed, as in `run`. Raises ConfigError.
+    """
+    resolved = resolve_each(
         scenario, egos, until, overrides, sumo_options, allow_plugins=allow_plugins
     )
     sumocfg = resolved[0].sumo.sumocfg
@@ -24,9 +26,11 @@ def forecasts(
         return compare(resolved, [one] if seeds is None else list(range(seeds)), sumo_options, note)
 
 
-def forecast_table(document: dict[str, Any]) -> str:
-    """The errors for a person, as Markdown: a row for each predictor, in each cell the horizons one
-    after the other."""
+def table(document: dict[str, Any]) -> str:
+    """The errors for a person, as Markdown: a row for each predictor.
+
+    A cell holds a number for each horizon.
+    """
     rows = document["forecasts"]
     names = list(dict.fromkeys(row["prediction"] for row in rows))
     after = ", ".join(f"{horizon:g}" for horizon in dict.fromkeys(row["horizon_s"] for row in rows))

@@ -1,11 +1,10 @@
-"""The command validate: every mistake in scenarios, experiments and .sumocfg files."""
+"""The command validate: finds every mistake in scenarios, experiments and .sumocfg files."""
 
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from sumo_mcts import config
-from sumo_mcts.commands.batches import TRIED_S
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.factories import make_planner, make_predictor
 from sumo_mcts.driver.params import cost_params
@@ -20,11 +19,15 @@ from sumo_mcts.world.arguments import is_sumocfg, network_of, require_good, sumo
 from sumo_mcts.world.candidates import candidates
 from sumo_mcts.world.roadmap import known_roadmap
 
+TRIED_S = 7.0  # wall time that a check may take once SUMO runs
+
 
 def problems_of(path: Path, *, allow_plugins: bool = False) -> list[str]:
-    """What is wrong with a scenario file, a .sumocfg or an experiment: a line for each mistake,
-    none where it can be driven. SUMO is started, nobody decides; plugins are made, so that they
-    check their options."""
+    """A line for each mistake in a scenario file, a .sumocfg or an experiment; none where it can be
+    driven.
+
+    SUMO is started, no planner decides. Plugins are made, so that they check their options.
+    """
     try:
         if is_sumocfg(str(path)):
             _try_sumocfg(str(path))
@@ -38,9 +41,9 @@ def problems_of(path: Path, *, allow_plugins: bool = False) -> list[str]:
 
 
 def _mistakes(scenario: ScenarioConfig, origin: str) -> list[str]:
-    """What is wrong with a scenario beyond the values of its keys;
+    """A line for each mistake in a scenario whose values are right one by one.
 
-    SUMO is asked where we find nothing.
+    SUMO is started last, where nothing else is wrong.
     """
     sumocfg = scenario.sumo.sumocfg
     seed = 0 if sumocfg is None else None
@@ -56,7 +59,7 @@ def _mistakes(scenario: ScenarioConfig, origin: str) -> list[str]:
         lambda: tasks.require_starting(scenario, seed),
     ):
         wrong = _wrong(part, origin, sumocfg)
-        if wrong:  # the next one rests on it
+        if wrong:  # the next part needs what this one checks
             return [*found, *wrong]
     return found
 
@@ -80,7 +83,7 @@ def _require_fit(scenario: ScenarioConfig) -> None:
 
 
 def _wrong(part: Callable[[], object], origin: str, sumocfg: str | None) -> list[str]:
-    """The lines of the mistake that a part of a check finds."""
+    """The lines of the mistake that a part of the check finds, with the source in front."""
 
     def named() -> None:
         with naming_source(origin, sumocfg):
