@@ -1,15 +1,16 @@
-# make demo | test | test-versions | attack | interruptions | endurance | clean. Another interpreter: make PYTHON=/path/to/python test
+# make demo | test | docs | test-versions | attack | interruptions | endurance | clean. Another interpreter: make PYTHON=/path/to/python test
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -q --disable-pip-version-check
 
-.PHONY: demo test test-versions attack interruptions endurance clean help
+.PHONY: demo test docs test-versions attack interruptions endurance clean help
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo           one episode of the unprotected left turn, results in out/demo"
-	@echo "make test           all checks: style, types, floors, tests"
+	@echo "make test           all checks: style, types, layers, tests"
+	@echo "make docs           the documentation as a site in out/site; fails at a broken link"
 	@echo "make test-versions  a smoke set with every supported Python of this machine, newest and lowest dependencies"
 	@echo "make attack         thousands of wrong inputs through the real command; a part: make attack KIND=yaml SHARE=0.1"
 	@echo "make interruptions  a batch, interrupted at 60 moments"
@@ -25,6 +26,10 @@ test: $(VENV)/.installed-dev
 	$(BIN)/mypy --strict sumo_mcts
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n 2
+
+# Material warns of its own future on every build; links are checked (see mkdocs.yml).
+docs: $(VENV)/.installed-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # VERSIONS=--newest-python: with one Python only.
 test-versions: $(VENV)/.installed-dev
@@ -57,6 +62,11 @@ $(VENV)/.installed-dev: pyproject.toml | $(VENV)/.created
 	@echo "installing sumo_mcts, SUMO and the tools for development into $(VENV); the first time this takes a minute or two"
 	@$(PIP) -e '.[dev]'
 	@touch $@ $(VENV)/.installed
+
+$(VENV)/.installed-docs: pyproject.toml | $(VENV)/.created
+	@echo "installing the tools for the documentation into $(VENV)"
+	@$(PIP) -e '.[docs]'
+	@touch $@
 
 clean:
 	rm -rf build dist out/demo .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

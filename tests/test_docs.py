@@ -6,12 +6,14 @@ import importlib
 import json
 import re
 import shlex
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
 import typer
 import yaml
+from helpers_docs import COMMANDS, NAMED, commands_page, definitions
 from typer.testing import CliRunner
 
 from sumo_mcts import config
@@ -29,7 +31,7 @@ PAGES = [
     TOP / "README.md",
     TOP / "CHANGELOG.md",
     TOP / "CONTRIBUTING.md",
-    *sorted((TOP / "docs").glob("*.md")),
+    *sorted((TOP / "docs").rglob("*.md")),
 ]
 SECTIONS = config.json_schema()["properties"]
 # What a run leaves behind, and files of the reader.
@@ -70,10 +72,11 @@ def examples(of_experiments: bool) -> list[Any]:
 
 def indented(program: str) -> list[Any]:
     """Every line of an indented example that calls the program, without its comment."""
-    lines = pages(rf"^    ({program} [^\n]*)$")
+    lines = pages(rf"^    ({program} (?:[^\n]*\\\n)*[^\n]*)$")
     return [
         pytest.param(
-            shlex.split(line, comments=True)[len(program.split()) :], id=f"{page.name}-{k}"
+            shlex.split(line.replace("\\\n", " "), comments=True)[len(program.split()) :],
+            id=f"{page.name}-{k}",
         )
         for k, (page, line) in enumerate(lines)
     ]
@@ -102,6 +105,24 @@ def test_the_schema_is_no_scenario() -> None:
     assert "schema" not in builtin.scenario_names()
 
 
+def test_the_page_of_commands_is_up_to_date() -> None:
+    assert COMMANDS.read_text(encoding="utf-8") == commands_page(app), (
+        "run python tests/helpers_docs.py"
+    )
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_lines_are_short(page: Path) -> None:
+    """At most 100 columns, but for tables, pictures, headings, examples and generated parts."""
+    left_out = r"```.*?```|<!-- keys: .*?<!-- end of keys -->"  # examples, generated parts
+    text = re.sub(left_out, "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert not [
+        line
+        for line in text.splitlines()
+        if len(line) > 100 and not line.startswith(("|", "![", "#"))
+    ]
+
+
 def test_every_key_has_a_meaning_a_type_and_a_default() -> None:
     rows = [line for line in tables(config.json_schema()).splitlines() if line.startswith("| `")]
     for row in rows:
@@ -127,13 +148,21 @@ def test_files_named_exist(page: Path) -> None:
 
 
 def test_functions_named_exist() -> None:
-    named = [span.split("::") for _, span in spans() if "::" in span and ".py" in span]
+    files = definitions(TOP / "sumo_mcts")
+    named = [found for page in PAGES for found in NAMED.findall(page.read_text(encoding="utf-8"))]
     assert len(named) > 40
-    for file, name in named:
-        tree = ast.parse((TOP / "sumo_mcts" / file).read_text(encoding="utf-8"))
-        assert name in {
-            node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)
-        }, f"{file}::{name}"
+    assert not [f"{file}::{name}" for file, name in named if file not in files.get(name, [])], (
+        "run python tests/helpers_docs.py"
+    )
+
+
+def test_the_layers_are_those_of_the_contract() -> None:
+    text = (TOP / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = text.split("| layer | packages and modules |")[1].split("\n\n")[0]
+    told = [set(re.findall(r"`(\w+)(?:/|\.py)`", line)) for line in table.splitlines()[2:]]
+    contracts = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))
+    layers = contracts["tool"]["importlinter"]["contracts"][0]["layers"]
+    assert told == [set(layer.split(" | ")) for layer in layers]
 
 
 def test_keys_named_exist() -> None:
@@ -173,7 +202,7 @@ def test_every_outcome_is_explained() -> None:
 
 def test_no_path_of_a_machine_is_named() -> None:
     assert not [
-        (page.name, found) for page, found in pages(r"((?:/home|/work|/tmp|/root|C:\\)\S*)")
+        (page.name, found) for page, found in pages(r"(?<!\w)((?:/home|/work|/tmp|/root|C:\\)\S*)")
     ]
 
 

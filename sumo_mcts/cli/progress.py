@@ -13,7 +13,7 @@ import typer
 from sumo_mcts.errors import printable
 
 if TYPE_CHECKING:
-    from sumo_mcts.experiments.batch import Progress
+    from sumo_mcts.experiments.progress import Progress
 
 
 @contextmanager

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.experiments.batch import SHARDS, listed
+from sumo_mcts.experiments.batch import listed
+from sumo_mcts.experiments.preparation import SHARDS
 from sumo_mcts.records import Row
 
 SHARD_DIGITS = 9  # of the number of shards: more are a mistake

@@ -1,4 +1,4 @@
-"""Measures the planner in closed loop; the numbers of docs/results.md come from here.
+"""Measures the planner in closed loop; the numbers of docs/studies come from here.
 
 Not a test: nothing is asserted.
 
