@@ -23,30 +23,32 @@ def report(folders: Sequence[Path], out: Path, command: Sequence[str], note: Not
 
     Raises ConfigError where there is none, OSError.
     """
-    from sumo_mcts.reporting import page, results, tables  # quick, but no other command needs them
+    # Quick to load, but no other command needs them.
+    from sumo_mcts.reporting import documents, page, results, tables
+    from sumo_mcts.reporting.highlights import choose_highlights
 
     found = results.gather(folders)
     note("counting")
     made = tables.tables(found.rows)
-    looks, of = tables.worth_a_look(found.rows, REPLAYS)
-    replays, problems = page.replays(looks, found.traces, note)
+    shown, of = choose_highlights(found.rows, REPLAYS)
+    replays, problems = page.replays(shown, found.traces, note)
     found = found._replace(notes=(*found.notes, *problems))
     note("writing the page")
     records.write_whole(
-        out / "report.md", tables.report_markdown(found, made, looks).encode(errors="replace")
+        out / "report.md", documents.report_markdown(found, made, shown).encode(errors="replace")
     )
     for table in made:
-        records.write_table(out / "tables" / f"{table.name}.csv", *tables.flat(table))
-    written = page.page(found, made, looks, of, replays, " ".join(["sumo-mcts", *command]))
+        records.write_table(out / "tables" / f"{table.name}.csv", *documents.flat(table))
+    written = page.page(found, made, shown, of, replays, " ".join(["sumo-mcts", *command]))
     records.write_whole(out / "report.html", written.encode(errors="replace"))
     text = "\n".join(
         [
-            *(tables.markdown(table) for table in made[:2] if table.rows),
+            *(documents.markdown(table) for table in made[:2] if table.rows),
             *(f"note: {line}" for line in found.notes),
         ]
     )
     return Report(
-        tables.report_document(found, made, looks, of),
+        documents.report_document(found, made, shown, of),
         text,
         (out / "report.html", out / "report.md", out / "tables"),
     )

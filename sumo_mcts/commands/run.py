@@ -11,7 +11,7 @@ from sumo_mcts.config import MOST_SEED, ScenarioConfig, builtin
 from sumo_mcts.episode.launch import LaunchOptions
 from sumo_mcts.episode.run import EpisodeResult, open_episode
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.records.statistics import REDRAWN, TRAFFIC_DIGEST
+from sumo_mcts.records.measures import REDRAWN, TRAFFIC_DIGEST
 from sumo_mcts.scenarios import Note, naming_source
 from sumo_mcts.world.arguments import draws_seed, is_sumocfg
 

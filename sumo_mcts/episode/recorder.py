@@ -43,7 +43,7 @@ class Recorder:
             "iterations_per_decision": config.planner.iterations
             if searched and config.planner.time_budget_ms is None
             else None,
-            "iterations": sum(decision.iterations for decision in decisions),
+            "iterations": sum(int(decision.iterations) for decision in decisions),
             "cycles": len(decisions),
             "deadline_s": deadline,
             "deadline_misses": int((times > deadline * 1000.0).sum()),

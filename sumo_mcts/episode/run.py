@@ -122,20 +122,21 @@ def completed(
 ) -> Row:
     """The row with what is known about scenario, planner and time; `period` and `wall` in s."""
     named = len(config.egos) > 1 or config.sumo.sumocfg is not None
-    return {
-        **records.row_defaults(),
-        **row,
-        **recorder.planning(config, period),
-        "key": records.episode_key(config.name, variant, seed, row["ego"] if named else None),
-        "scenario": config.name,
-        "variant": variant,
-        "planner": config.planner.name,
-        "prediction": forecast_label(config),
-        "seed": seed,
-        "wall_s": wall,
-        "realtime_factor": recorder.simulated(period) / wall if wall > 0 else None,
-        "config_digest": digest(config),
-    }
+    return records.complete_row(
+        {
+            **row,
+            **recorder.planning(config, period),
+            "key": records.episode_key(config.name, variant, seed, row["ego"] if named else None),
+            "scenario": config.name,
+            "variant": variant,
+            "planner": config.planner.name,
+            "prediction": forecast_label(config),
+            "seed": seed,
+            "wall_s": wall,
+            "realtime_factor": recorder.simulated(period) / wall if wall > 0 else None,
+            "config_digest": digest(config),
+        }
+    )
 
 
 # --- decisions ---

@@ -18,7 +18,7 @@ from sumo_mcts.experiments.workers import Crew
 from sumo_mcts.numerics.announce import Growth
 from sumo_mcts.numerics.kernel import kept_kernels
 from sumo_mcts.records import MAPS, TRACES, Row
-from sumo_mcts.records.highlights import Bar, Highlight
+from sumo_mcts.records.highlights import Bar, TraceSelection
 
 TRIES = 2  # of an episode whose worker dies
 NEWS_S = 0.5  # between two reports of the progress
@@ -40,7 +40,7 @@ class Dispatch:
         """`found`: all episodes, done or not. `traces`: which are kept, as in an experiment file.
         `drive_one` runs in the workers."""
         self._out, self._all, self._tell, self._drive = out, found, tell, drive_one
-        self._highlights = Highlight(traces)
+        self._highlights = TraceSelection(traces)
         self._rows = [row for row in folder.done(out, found) if not tasks.of_shortage(row)]
         known = {row["key"] for row in self._rows}
         self._waiting = deque(episode for episode in found if not known.issuperset(episode.keys))

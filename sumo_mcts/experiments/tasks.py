@@ -26,6 +26,7 @@ from sumo_mcts.experiments.schema import Egos
 from sumo_mcts.numerics.announce import announced, unannounced
 from sumo_mcts.records import Row
 from sumo_mcts.records.highlights import Bar, is_highlight
+from sumo_mcts.records.measures import REDRAWN, TRAFFIC_DIGEST
 from sumo_mcts.world.arguments import network_of, sumo_arguments, without_outputs
 from sumo_mcts.world.candidates import Candidate, candidates, not_passing
 from sumo_mcts.world.crowd import Cast
@@ -66,8 +67,8 @@ def drive(episode: Episode, bar: Bar) -> Driven:
         return Driven(failed(episode, f"{type(error).__name__}: {error}"), {}, {})
     key_of = {row["key"]: key for row, key in zip(result.rows, episode.keys, strict=True)}
     further = {
-        "redrawn": result.manifest["redrawn"],
-        "traffic_digest": digest(episode.config, TRAFFIC),
+        REDRAWN: result.manifest["redrawn"],
+        TRAFFIC_DIGEST: digest(episode.config, TRAFFIC),
     }
     rows = tuple({**row, "key": key_of[row["key"]], **further} for row in result.rows)
     kept = {row["key"] for row in rows if is_highlight(row, bar)}
@@ -104,11 +105,11 @@ def failed(episode: Episode, message: str, *, shortage: bool = False) -> tuple[R
     known = {
         "scenario": config.name, "variant": episode.variant, "planner": config.planner.name,
         "seed": episode.seed, "outcome": "error", "error": message,
-        "prediction": _prediction(config), "config_digest": digest(config), "redrawn": None,
-        "traffic_digest": digest(config, TRAFFIC),
+        "prediction": _prediction(config), "config_digest": digest(config), REDRAWN: None,
+        TRAFFIC_DIGEST: digest(config, TRAFFIC),
     }  # fmt: skip
     return tuple(
-        {**records.row_defaults(), **known, "key": key, "ego": ego.id}
+        records.complete_row({**known, "key": key, "ego": ego.id})
         for key, ego in zip(episode.keys, config.egos, strict=True)
     )
 

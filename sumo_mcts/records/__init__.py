@@ -1,13 +1,10 @@
-from sumo_mcts.records.codec import (
-    _COARSE,
-    _FORMAT,
-    Columns,
-    TraceError,
-    _decode,
-    _encode,
-    _without_alias,
-)
-from sumo_mcts.records.manifest import (
+"""What episodes leave behind in a folder: rows, manifests, traces and maps.
+
+Each module tells its part; these are the names that the rest of the package uses.
+"""
+
+from sumo_mcts.records.codec import TraceError
+from sumo_mcts.records.layout import (
     FIGURES,
     MANIFEST,
     MANIFESTS,
@@ -16,25 +13,24 @@ from sumo_mcts.records.manifest import (
     SCHEMA_VERSION,
     TABLE,
     TRACES,
+)
+from sumo_mcts.records.manifest import (
     read_manifest,
     read_manifest_of,
-    versions,
     write_manifest,
     write_manifest_of,
 )
+from sumo_mcts.records.measures import ROW_KEYS, Row
+from sumo_mcts.records.provenance import versions
 from sumo_mcts.records.rows import (
-    LONGEST_LINE,
-    ROW_KEYS,
-    WHOLE,
-    Row,
     append_row,
+    complete_row,
     episode_key,
     put_row,
     read_rows,
     row_defaults,
     rows_and_torn,
     write_csv,
-    write_table,
 )
 from sumo_mcts.records.trace import (
     CycleRecord,
@@ -52,11 +48,10 @@ from sumo_mcts.records.trace import (
     scenario_of,
     trace_bytes,
 )
-from sumo_mcts.records.writing import json_text, write_whole, written_whole
+from sumo_mcts.records.writing import json_text, write_table, write_whole, written_whole
 
 __all__ = [
     "FIGURES",
-    "LONGEST_LINE",
     "MANIFEST",
     "MANIFESTS",
     "MAPS",
@@ -65,20 +60,14 @@ __all__ = [
     "SCHEMA_VERSION",
     "TABLE",
     "TRACES",
-    "WHOLE",
-    "_COARSE",
-    "_FORMAT",
-    "Columns",
     "CycleRecord",
     "Lanes",
     "Row",
     "Setting",
     "Trace",
     "TraceError",
-    "_decode",
-    "_encode",
-    "_without_alias",
     "append_row",
+    "complete_row",
     "episode_key",
     "json_text",
     "load_map",

@@ -1,8 +1,9 @@
-"""What a trace and a map have to hold before anything is computed from them: the shape of every
-field, and the bounds of its numbers.
+"""What a trace and a map have to hold before anything is computed from them.
+
+That is the shape of every field, and the bounds of its numbers.
 
 Compiled code checks no index, so a damaged number would make it read beyond an array. RULES says
-field by field what scene.py and records.py say in words. A shape names sizes: the first field with
+field by field what scene.py and trace.py say in words. A shape names sizes: the first field with
 a size sets it, and all others have to agree. Sizes with a capital letter hold for a whole decision
 or map, those with a small one for one tuple; `lanes`, `edges` and so on are those of the map, and
 bound nothing while the map is not known.
@@ -165,7 +166,7 @@ WAY = _index("lanes", "w")  # one of Answers.ways
 
 def map_problem(road: RoadMap) -> str:
     """What is wrong with a map, by field; "": nothing."""
-    return next(_wrong(road, "map", {}), "") or next(_ways_wrong(road), "")
+    return next(_wrong(road, "map", {}), "") or next(_lanes_wrong(road), "")
 
 
 def trace_problem(trace: Any) -> str:
@@ -186,20 +187,18 @@ def fit_problem(trace: Any, road: RoadMap, numbers: Iterable[int]) -> str:
     )
 
 
-# --- by the table ---
+# --- the rules of each field ---
 
 
 def _wrong(value: Any, name: str, sizes: Sizes) -> Iterator[str]:
-    """What is wrong with a tuple of the language and all that it holds;
+    """What is wrong with a named tuple and all that it holds.
 
     `sizes` are those known so far, to which it adds its own.
     """
     rules = RULES[type(value).__name__]
     inside = dict(sizes)
-    for field in (
-        *rules,
-        *(each for each in value._fields if each not in rules),
-    ):  # rules first, in their order: they set the sizes
+    # Fields with a rule come first, in the order of the rules: they set the sizes.
+    for field in (*rules, *(each for each in value._fields if each not in rules)):
         part, where = getattr(value, field), f"{name}.{field}"
         if field in rules:
             yield from _field_wrong(part, rules[field], where, inside)
@@ -208,7 +207,7 @@ def _wrong(value: Any, name: str, sizes: Sizes) -> Iterator[str]:
 
 
 def _parts_wrong(part: Any, where: str, sizes: Sizes) -> Iterator[str]:
-    """What is wrong with a tuple of the language, or with several."""
+    """What is wrong with a field that is a named tuple, or a tuple of them."""
     if hasattr(part, "_fields"):
         yield from _wrong(part, where, sizes)
     elif isinstance(part, tuple):
@@ -245,8 +244,7 @@ def _field_wrong(value: Any, rule: Rule, where: str, sizes: Sizes) -> Iterator[s
 
 
 def _size(size: str | int, number: int, sizes: Sizes) -> int:
-    """How many entries there have to be; a size that is not known yet is set to what there is, a
-    number."""
+    """How many entries there have to be; a size that is not known yet is set to this number."""
     if isinstance(size, int):
         return size
     name, _, more = size.partition("+")
@@ -254,8 +252,7 @@ def _size(size: str | int, number: int, sizes: Sizes) -> int:
 
 
 def _all_within(value: Any, least: float, most: float) -> bool:
-    """Whether there is nothing but numbers within bounds, or no number at all: the quick answer,
-    which is the usual one."""
+    """Whether all numbers, if any, are within bounds: a quick test, which nearly always holds."""
     if isinstance(value, np.ndarray):
         return (
             value.dtype.kind not in "iuf"
@@ -293,12 +290,11 @@ def _range(least: float, most: float) -> str:
     return f"from {least:g} to {most:g}" if math.isfinite(most) else f"at least {least:g}"
 
 
-# --- what no single field tells ---
+# --- rules of several fields ---
 
 
-def _ways_wrong(road: RoadMap) -> Iterator[str]:
-    """Lanes beside each other, and ways through a junction: whoever follows them has to come to an
-    end."""
+def _lanes_wrong(road: RoadMap) -> Iterator[str]:
+    """Lanes beside each other, and paths through a junction, which have to come to an end."""
     place = road.index
     for name, side, step in (("left", road.left, 1), ("right", road.right, -1)):
         has = np.flatnonzero(side >= 0)
@@ -321,8 +317,8 @@ def _ways_wrong(road: RoadMap) -> Iterator[str]:
 
 
 def _circles(origin: NDArray[Any], target: NDArray[Any]) -> bool:
-    """Whether the arrows from origin [K] to target [K] lead round in a circle, or on and on: some
-    are left when the last ones were taken off INSIDE times."""
+    """Whether the arrows from origin [K] to target [K] lead round in a circle, or through more than
+    INSIDE lanes: some are left after the last ones were taken off so often."""
     for _ in range(INSIDE):
         goes_on = np.isin(target, origin)
         origin, target = origin[goes_on], target[goes_on]
@@ -330,8 +326,7 @@ def _circles(origin: NDArray[Any], target: NDArray[Any]) -> bool:
 
 
 def _trace_wrong(trace: Any) -> Iterator[str]:
-    """The order of the decisions, the lanes to draw, and what depends on how many agents there
-    are."""
+    """What is wrong with the order of decisions, the lanes to draw, or the map's name."""
     times = [cycle.time for cycle in trace.cycles]
     if any(after <= before for before, after in pairwise(times)):
         yield "trace.cycles.time: has to grow from one decision to the next"
@@ -362,8 +357,10 @@ def _cycle_wrong(cycle: Any, name: str) -> Iterator[str]:
 
 
 def _beside_wrong(cycle: Any, name: str, road: RoadMap) -> Iterator[str]:
-    """A decision beside its map: by the table, its signals, and routes over edges without a lane,
-    or too long to be laid out."""
+    """What is wrong with a decision beside its map: its fields, signals and routes.
+
+    A route must not use an edge without a lane, or be too long to be laid out.
+    """
     yield from _wrong(cycle, name, {"lanes": len(road.lane_ids), "edges": len(road.edge_ids)})
     yield from _cycle_wrong(cycle, name)
     links, lit = np.diff(cycle.signals.offset), np.flatnonzero(road.signal >= 0)

@@ -1,4 +1,9 @@
-"""Named tuples of arrays to and from the columns of an .npz file."""
+"""Named tuples of arrays to and from the columns of an .npz file.
+
+Every field of a tuple, and of the tuples inside it, becomes one column over all cycles. The name of
+a column is its path, as `trace/cycles/ego/x`. Beside it stand `#shape` of arrays, `#count` of
+tuples and `#tag`, which member of a union a value is.
+"""
 
 import io
 import math
@@ -14,51 +19,58 @@ from numpy.typing import NDArray
 
 from sumo_mcts import files
 
+FORMAT = 5
+MOST_BYTES = 1 << 30  # of a trace or map, unpacked: five times what an hour in dense traffic takes
+# Large columns that are drawn and not computed with: single precision (0.5 mm at 5 km).
+COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/poses")
+Columns = dict[str, NDArray[Any]]
+_SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}
+
 
 class TraceError(Exception):
     """A file that is not a whole trace of this format."""
 
 
-# --- traces and maps: every field of the tuples becomes a column over all cycles ---
-
-_FORMAT = 5
-MOST_BYTES = 1 << 30  # of a trace or map, unpacked: five times what an hour in dense traffic takes
-Columns = dict[str, NDArray[Any]]
-_SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}
-
-# Large columns that are drawn and not computed with: single precision (0.5 mm at 5 km).
-_COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/poses")
-
-
 def columns_of(kind: type, value: Any) -> Columns:
-    columns: Columns = {"format": np.array(_FORMAT)}
+    """The columns of a value of this kind, a named tuple."""
+    columns: Columns = {"format": np.array(FORMAT)}
     _encode(kind, [value], kind.__name__.lower(), columns)
     return columns
 
 
+def value_of(kind: type, columns: Columns) -> Any:
+    """The value of this kind from its columns: the inverse of columns_of.
+
+    Raises ValueError where a column is missing or does not fit.
+    """
+    return _decode(kind, 1, kind.__name__.lower(), columns)[0]
+
+
 def packed(columns: Columns) -> bytes:
+    """The columns as the content of a compressed .npz file."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **columns)
     return buffer.getvalue()
 
 
 def load_columns(path: Path, kind: type, what: str, problem_of: Callable[[Any], str]) -> Any:
-    """The value of this kind in a file;
+    """The value of this kind in a file.
 
-    `what` it is in messages, `problem_of` says what is wrong with its numbers.
+    `what` names the kind in messages; `problem_of` tells what is wrong with its numbers. Raises
+    TraceError where the file is no such value, OSError where it cannot be read.
     """
     try:
         columns = _unpacked(path)
-        if int(columns["format"]) != _FORMAT:
+        if int(columns["format"]) != FORMAT:
             raise TraceError(
                 f"{path}: written in {what} format {int(columns['format'])}, this version reads "
-                f"{_FORMAT}"
+                f"{FORMAT}"
             )
-        value = _decode(kind, 1, kind.__name__.lower(), columns)[0]
+        value = value_of(kind, columns)
         problem = problem_of(value)
     except (TraceError, OSError):
         raise
-    # whatever unpacking damaged bytes may do: zipfile and numpy alone raise a dozen kinds
+    # Damaged bytes may raise anything: zipfile and numpy alone raise a dozen kinds.
     except Exception as error:
         raise TraceError(f"{path}: not a whole {what}: {' '.join(str(error).split())}") from None
     if problem:
@@ -66,10 +78,22 @@ def load_columns(path: Path, kind: type, what: str, problem_of: Callable[[Any], 
     return value
 
 
-def _unpacked(path: Path) -> Columns:
-    """The columns of a file.
+def without_alias(kind: Any) -> Any:
+    """The type behind an alias of the `type` statement, such as NDArray from numpy 2.5 on; any
+    other type as it is."""
+    alias = get_origin(kind) or kind
+    if not hasattr(alias, "__value__"):
+        return kind
+    return without_alias(alias.__value__[get_args(kind)] if get_args(kind) else alias.__value__)
 
-    What it says of its sizes is looked at before room is made for them.
+
+# --- from the bytes of a file ---
+
+
+def _unpacked(path: Path) -> Columns:
+    """The columns in a file.
+
+    The sizes that it names are checked before memory is taken for them.
     """
     with files.opened(path) as file, zipfile.ZipFile(file) as archive:
         members = archive.infolist()
@@ -94,9 +118,12 @@ def _array(content: bytes) -> NDArray[Any]:
     return np.frombuffer(content, dtype, math.prod(shape), file.tell()).reshape(shape)
 
 
+# --- values to columns and back ---
+
+
 def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> None:
     """Add the columns of `values`, all of the annotated type `kind`."""
-    kind = _without_alias(kind)
+    kind = without_alias(kind)
     origin, args = get_origin(kind), get_args(kind)
     if kind in _SCALARS:
         columns[path] = np.array(values, dtype=_SCALARS[kind])
@@ -129,7 +156,7 @@ def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> No
 
 def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]:
     """`count` values of the annotated type `kind` from their columns; the mirror of _encode."""
-    kind = _without_alias(kind)
+    kind = without_alias(kind)
     origin, args = get_origin(kind), get_args(kind)
     if kind in _SCALARS:
         return _exactly(_column(columns, path, _SCALARS[kind]).tolist(), count, path)
@@ -172,15 +199,6 @@ def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]
     )
 
 
-def _without_alias(kind: Any) -> Any:
-    """The type that an alias of the `type` statement stands for, as NDArray is one from numpy 2.5
-    on; any other type as it is."""
-    alias = get_origin(kind) or kind
-    if not hasattr(alias, "__value__"):
-        return kind
-    return _without_alias(alias.__value__[get_args(kind)] if get_args(kind) else alias.__value__)
-
-
 def _members(args: tuple[Any, ...]) -> Iterator[tuple[int, Any]]:
     """The members of a union with something to store, with their tags."""
     return ((i, member) for i, member in enumerate(args) if member is not type(None))
@@ -193,7 +211,7 @@ def _element(kind: Any) -> type:
 
 
 def _stored(kind: Any, path: str) -> type:
-    return np.float32 if path.endswith(_COARSE) else _element(kind)
+    return np.float32 if path.endswith(COARSE) else _element(kind)
 
 
 def _column(columns: Columns, path: str, kind: type) -> NDArray[Any]:

@@ -1,26 +1,26 @@
-"""Which episodes are worth a look: what went wrong, and of each scenario and variant the hardest
-moments, else its first episode. Of these a batch keeps the traces, and of these a report shows
-some."""
+"""Highlights: the episodes that are worth a look.
+
+These are the episodes in which something went wrong; and of each scenario and variant those with
+the hardest moments, or else the first one. A batch keeps their traces, and a report shows some.
+"""
 
 import bisect
 import math
 from collections import defaultdict
 from typing import NamedTuple
 
-from sumo_mcts.records.rows import Row
+from sumo_mcts.records.measures import Row
 from sumo_mcts.records.statistics import TWIN, arrived, at_fault, collided
 
 HARDEST = 5  # of each scenario, variant and kind of hard moment a batch keeps so many
-KINDS, WRONG = (
-    7,
-    3,
-)  # kinds of reasons; up to this one something went wrong, beyond it are hard moments
+KINDS = 7  # of reasons
+WRONG = 3  # up to this kind something went wrong; beyond it are hard moments
 Order = tuple[float, str, str]  # of the episodes of a variant: seed, ego, key
 _FIRST, _LAST = (-math.inf, "", ""), (math.inf, "", "")
 
 
 class Reason(NamedTuple):
-    """Why an episode may be worth a look."""
+    """Why an episode may be a highlight."""
 
     kind: int  # 0: gravest
     gravity: float  # within the kind; lower is graver
@@ -28,19 +28,19 @@ class Reason(NamedTuple):
 
 
 class Bar(NamedTuple):
-    """What a trace has to reach to be worth keeping, as known when its episode began.
+    """What an episode has to reach for its trace to be kept, as known when the episode began.
 
-    It only rises, so no trace is missed.
+    The bar only rises, so no trace is missed.
     """
 
-    twins: bool  # whether those of SUMO's own driver are, which no report shows
-    wrong: bool  # whether those of episodes in which something went wrong are,
-    hard: tuple[float, ...]  # those with a hard moment as grave as this, by kind,
-    quiet: Order  # and those in which nothing happened, before this one
+    twins: bool  # traces of SUMO's own driver are kept, which no report shows
+    wrong: bool  # traces of episodes in which something went wrong are kept
+    hard: tuple[float, ...]  # by kind: the gravity that a hard moment needs
+    quiet: Order  # an episode in which nothing happened has to come before this one
 
 
 def reasons(row: Row) -> list[Reason]:
-    """Why an episode may be worth a look."""
+    """Why an episode may be a highlight; empty where nothing happened."""
     found: list[Reason] = []
     if collided(row):
         found.append(
@@ -65,12 +65,12 @@ def reasons(row: Row) -> list[Reason]:
 
 
 def order(row: Row) -> Order:
-    """Where an episode stands among those of its variant."""
+    """Where an episode stands among those of its variant: by seed, ego and key."""
     return row["seed"] if row["seed"] is not None else -1, row["ego"] or "", row["key"]
 
 
 def is_highlight(row: Row, bar: Bar) -> bool:
-    """Whether a trace is wanted, as far as the bar tells."""
+    """Whether the trace of an episode is kept, as far as the bar tells."""
     if row["planner"] == TWIN:
         return bar.twins
     found = reasons(row)
@@ -84,25 +84,24 @@ def is_highlight(row: Row, bar: Bar) -> bool:
     )
 
 
-class Highlight:
-    """Follows a batch: the traces of which rows are worth keeping so far.
+class TraceSelection:
+    """Follows a batch: the traces of which episodes are kept so far.
 
-    The choice in the end does not depend on the order of the rows.
+    What is kept in the end does not depend on the order of the episodes.
     """
 
     def __init__(self, rule: str) -> None:
-        """`rule`: the key `traces` of the experiment, worth, all or none."""
+        """`rule`: the key `traces` of the experiment: worth, all or none."""
         self._rule = rule
         self._hardest: dict[tuple[str, str], list[list[tuple[float, str]]]] = defaultdict(
             lambda: [[] for _ in range(WRONG + 1, KINDS)]
         )
-        self._quiet: dict[tuple[str, str], Order] = defaultdict(
-            lambda: _LAST
-        )  # the first of those in which nothing happened; _FIRST: something did
+        # The first episode in which nothing happened; _FIRST: in some something did.
+        self._quiet: dict[tuple[str, str], Order] = defaultdict(lambda: _LAST)
         self._wrong: set[str] = set()
 
     def bar(self, scenario: str, variant: str) -> Bar:
-        """For the next episode of this scenario and variant."""
+        """What the next episode of this scenario and variant has to reach."""
         hardest = self._hardest[scenario, variant]
         match self._rule:
             case "all":
@@ -117,7 +116,7 @@ class Highlight:
         )
 
     def add(self, row: Row) -> set[str]:
-        """Count a row; returns the keys whose traces are not worth it any more, perhaps its own."""
+        """Count an episode; the keys whose traces are not kept any more, perhaps its own."""
         key, group = row["key"], (row["scenario"], row["variant"])
         if self._rule != "worth" or row["planner"] == TWIN:
             return set() if self._rule == "all" else {key}

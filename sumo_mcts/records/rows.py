@@ -1,39 +1,42 @@
-"""What an episode leaves behind: rows (JSON Lines, CSV), a manifest, and a trace of every cycle
-(npz, no pickle)."""
+"""The rows of episodes: made, added to episodes.jsonl, read from it, written as episodes.csv.
 
-import csv
+What the keys of a row mean: measures.py.
+"""
+
+import hashlib
 import io
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
+
 from sumo_mcts import files
-from sumo_mcts.records.manifest import ROWS, TABLE, safe_name
-from sumo_mcts.records.writing import json_text, write_whole, written_whole
+from sumo_mcts.records.layout import ROWS, TABLE
+from sumo_mcts.records.measures import BY_KEY, REQUIRED, ROW_KEYS, Row
+from sumo_mcts.records.writing import json_text, write_table, written_whole
 
 LONGEST_LINE = 1 << 20  # bytes; a longer line is no row
 
-# The row, in the order of docs/measures.md.
-ROW_KEYS = (
-    "key", "scenario", "variant", "planner", "prediction", "ego", "seed", "outcome", "error",
-    "at_fault", "inevitable", "collisions",
-    "travel_time_s", "free_flow_s", "in_time", "distance_m", "stopped_s", "max_decel_mps2",
-    "hard_brakes", "rms_jerk_mps3", "comfortable_share",
-    "speeding_share", "lane_changes", "decision_flips", "red_lights_run", "yellow_run",
-    "imposed_max_decel_mps2", "imposed_brakes_2",
-    "imposed_brakes_3", "imposed_brakes_4", "min_ttc_s", "min_pet_s", "max_drac_mps2",
-    "failsafe_interventions", "iterations_per_decision",
-    "iterations", "cycles", "deadline_s", "deadline_misses", "plan_ms_p50", "plan_ms_p95",
-    "plan_ms_p99", "plan_ms_max", "wall_s",
-    "realtime_factor", "trace_digest", "config_digest",
-)  # fmt: skip
-WHOLE = ("key", "scenario", "variant", "outcome")  # texts without which a line is no row
-Row = dict[str, Any]
+
+# --- making a row ---
 
 
-# --- rows and manifest ---
+def complete_row(known: Mapping[str, Any]) -> Row:
+    """A row with every key in order: the known values, and None for the others.
+
+    Raises TypeError where a key is no measure, or a value not of its measure's type.
+    """
+    row = {**row_defaults(), **{key: _python_value(value) for key, value in known.items()}}
+    for key, value in row.items():
+        if key not in BY_KEY:
+            raise TypeError(f"{key} is no key of a row: records/measures.py names them all")
+        if not BY_KEY[key].is_of_kind(value):
+            raise TypeError(f"{key} has to be a {BY_KEY[key].kind.value}, got {value!r}")
+    return row
 
 
 def row_defaults() -> Row:
@@ -46,13 +49,25 @@ def episode_key(scenario: str, variant: str, seed: int | None, ego: str | None =
 
     Without a seed it is SUMO's own.
     """
-    parts = [
-        scenario,
-        variant,
-        "own" if seed is None else str(seed),
-        *([] if ego is None else [ego]),
-    ]
-    return "--".join(safe_name(part) for part in parts)
+    seed_name = "own" if seed is None else str(seed)
+    parts = [scenario, variant, seed_name, *([] if ego is None else [ego])]
+    return "--".join(_safe_name(part) for part in parts)
+
+
+def _python_value(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _safe_name(part: str) -> str:
+    """The text itself where it can stand in a file name; otherwise a readable form with a hash that
+    keeps it unique."""
+    if len(part) <= 60 and re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.]*(-[A-Za-z0-9_.]+)*", part):
+        return part
+    readable = re.sub(r"[^A-Za-z0-9_]+", "_", part)[:40] or "_"
+    return f"{readable}-{hashlib.sha256(part.encode(errors='backslashreplace')).hexdigest()[:8]}"
+
+
+# --- episodes.jsonl ---
 
 
 def append_row(folder: Path, row: Mapping[str, Any]) -> None:
@@ -68,8 +83,10 @@ def append_row(folder: Path, row: Mapping[str, Any]) -> None:
 
 
 def put_row(folder: Path, row: Mapping[str, Any]) -> bool:
-    """Add a row to episodes.jsonl, or put it in the place of those with the same key, and whether
-    it did that; on disk when this returns, and all other lines as they were. Raises OSError."""
+    """Add a row to episodes.jsonl, or replace the rows with the same key; whether it replaced any.
+
+    On disk when this returns, and all other lines as they were. Raises OSError.
+    """
     if all(known["key"] != row["key"] for known in read_rows(folder)):
         append_row(folder, row)
         return False
@@ -90,50 +107,28 @@ def put_row(folder: Path, row: Mapping[str, Any]) -> bool:
 
 
 def read_rows(folder: Path) -> list[Row]:
-    """The rows of episodes.jsonl, without lines that are no whole row, as a killed process leaves
-    one; none where there is no file. Raises OSError."""
+    """The rows of episodes.jsonl; none where there is no file. Raises OSError.
+
+    Lines that are no whole row are left out: a killed process leaves such a line.
+    """
     return rows_and_torn(folder)[0]
 
 
 def rows_and_torn(folder: Path) -> tuple[list[Row], int]:
-    """The same, and how many lines are left out."""
-    rows, torn, long = [], 0, False
+    """The same rows, and how many lines are left out."""
+    rows, torn, inside = [], 0, False  # inside: of a line that is too long
     try:
         with files.opened(folder / ROWS) as file:
             for part, whole in _parts(file):
                 row = _parsed(part) if whole else None
                 if row is not None:
                     rows.append(row)
-                elif part.strip() and not (
-                    long and not whole
-                ):  # of a line that is too long the first part counts
+                elif part.strip() and not (inside and not whole):  # its first part counts
                     torn += 1
-                long = not whole
+                inside = not whole
     except FileNotFoundError:
         pass
     return rows, torn
-
-
-def write_csv(folder: Path) -> None:
-    """episodes.csv from episodes.jsonl: a row a key, the last one; unknown is an empty cell.
-
-    Raises OSError.
-    """
-    rows = list({row["key"]: row for row in read_rows(folder)}.values())
-    further = dict.fromkeys(key for row in rows for key in row if key not in ROW_KEYS)
-    write_table(folder / TABLE, (*ROW_KEYS, *further), rows)
-
-
-def write_table(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:
-    """Rows as CSV: unknown is an empty cell, and no text begins as a formula does.
-
-    Raises OSError.
-    """
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
-    writer.writerow({column: _cell(column) for column in columns})
-    writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
-    write_whole(path, text.getvalue().encode(errors="backslashreplace"))
 
 
 def _line(row: Mapping[str, Any]) -> bytes:
@@ -141,9 +136,14 @@ def _line(row: Mapping[str, Any]) -> bytes:
     return (json_text({**row_defaults(), **row}, indent=None) + "\n").encode()
 
 
+def _last_byte(file: IO[bytes]) -> bytes:
+    file.seek(-1, os.SEEK_END)
+    return file.read(1)
+
+
 def _append_whole(file: io.FileIO, content: bytes) -> None:
-    """Add to the end of a file without a buffer, for good and wholly, or leave it as it was: a full
-    disk may take half of it."""
+    """Add to the end of an unbuffered file wholly and onto the disk, or leave it as it was: a full
+    disk may take half of the content."""
     end = file.seek(0, os.SEEK_END)
     try:
         while content:
@@ -154,14 +154,9 @@ def _append_whole(file: io.FileIO, content: bytes) -> None:
         raise
 
 
-def _last_byte(file: IO[bytes]) -> bytes:
-    file.seek(-1, os.SEEK_END)
-    return file.read(1)
-
-
 def _parts(file: IO[bytes]) -> Iterator[tuple[bytes, bool]]:
-    """The lines of a file, each with whether it is a whole one: a line longer than LONGEST_LINE
-    comes in parts."""
+    """The lines of a file, each with whether it is whole: a line longer than LONGEST_LINE comes in
+    parts."""
     whole = True
     while part := file.readline(LONGEST_LINE):
         ends = len(part) < LONGEST_LINE or part.endswith(b"\n")
@@ -170,30 +165,25 @@ def _parts(file: IO[bytes]) -> Iterator[tuple[bytes, bool]]:
 
 
 def _parsed(line: bytes) -> Row | None:
-    """The row that a line holds; None where it is no whole one."""
+    """The row in a line; None where it is no whole row."""
     try:
         row = json.loads(line.decode(errors="replace"))
-    except (
-        ValueError,
-        RecursionError,
-    ):  # numbers of too many digits, and brackets without end, too
+    except (ValueError, RecursionError):  # also numbers of too many digits, brackets without end
         return None
-    return (
-        row
-        if isinstance(row, dict)
-        and all(isinstance(row.get(key), str) and row[key] for key in WHOLE)
-        else None
+    whole = isinstance(row, dict) and all(
+        isinstance(row.get(key), str) and row[key] for key in REQUIRED
     )
+    return row if whole else None
 
 
-def _cell(value: Any) -> Any:
-    """What stands in a table: nothing where unknown, and an apostrophe before a text that
-    spreadsheets would take for a formula."""
-    if value is None:
-        return ""
-    if isinstance(value, str):
-        text = value.replace(
-            "\r", "\n"
-        )  # which is put into quotes; a carriage return is not, and would end the line
-        return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\n")) else text
-    return json.dumps(value) if isinstance(value, bool | list | dict) else value
+# --- episodes.csv ---
+
+
+def write_csv(folder: Path) -> None:
+    """Write episodes.csv from episodes.jsonl: the last row of each key.
+
+    Raises OSError.
+    """
+    rows = list({row["key"]: row for row in read_rows(folder)}.values())
+    further = dict.fromkeys(key for row in rows for key in row if key not in ROW_KEYS)
+    write_table(folder / TABLE, (*ROW_KEYS, *further), rows)

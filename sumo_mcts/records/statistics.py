@@ -6,28 +6,23 @@ Plain functions over rows; the same rows give the same intervals.
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.records.measures import REDRAWN, TRAFFIC_DIGEST, Row
 from sumo_mcts.scene import Floats
 
 Z = 1.96  # of the 95 % interval
 RESAMPLES = 2000  # of a bootstrap interval
 SEED = 0  # of the resampling
-# values from which on they have an interval: of fewer even the range from smallest to largest
-# misses the median more often than once in twenty
+# Values that an interval needs: of fewer, even the range from smallest to largest misses the median
+# more often than once in twenty.
 LEAST = 6
-# the planner whose episodes are the others' twins, and their variant where `twins` adds it
+# The planner whose episodes are the others' twins, and their variant where `twins` adds it.
 TWIN = "sumo"
-TRAFFIC_DIGEST = (
-    "traffic_digest"  # a key beyond those of every row: what everybody but the planner goes by
-)
-REDRAWN = "redrawn"  # likewise: how often the drawn scene was thrown away
-Row = dict[str, Any]
-Place = tuple[
-    str, int | None, str | None, str | None, int | None
-]  # scenario, seed, ego, traffic, how often it was redrawn: what a pair has in common
+# What the two episodes of a pair share: scenario, seed, ego, traffic, how often it was redrawn.
+Place = tuple[str, int | None, str | None, str | None, int | None]
 
 
 class Rate(NamedTuple):
@@ -80,7 +75,7 @@ def wilson(k: int, n: int) -> tuple[float, float] | None:
 
 
 def rate(happened: Iterable[bool | None]) -> Rate:
-    """How often, of those of which it is known."""
+    """How often something happened, among those of which it is known."""
     counts = Counter(bool(each) for each in happened if each is not None)
     k, n = counts[True], counts.total()
     return Rate(k, n, wilson(k, n))
@@ -90,26 +85,23 @@ def rate(happened: Iterable[bool | None]) -> Rate:
 
 
 def arrived(row: Row) -> bool:
-    """Whether the ego came to its goal; who ended in an error did not."""
+    """Whether the ego came to its goal; after an error it did not."""
     return bool(row["outcome"] == "arrived")
 
 
 def collided(row: Row) -> bool | None:
-    """Whether the episode ended in a collision, at fault or not;
-
-    None: it could not go on, so that nobody knows.
-    """
+    """Whether the episode ended in a collision, at fault or not; None: unknown, after an error."""
     return None if row["outcome"] == "error" else bool(row["outcome"] == "collision")
 
 
 def at_fault(row: Row) -> bool | None:
-    """Whether the episode ended in a collision that is the ego's fault, where what is unclear
-    counts; None: likewise."""
+    """Whether the episode ended in a collision at fault, where unclear fault counts; None: unknown,
+    after an error."""
     return collided(row) and row["at_fault"] is not False
 
 
 def some(key: str) -> Callable[[Row], bool | None]:
-    """Whether a count or share is above 0; None: unknown."""
+    """A test of rows: whether this count or share is above 0; None: unknown."""
     return lambda row: None if row[key] is None else row[key] > 0
 
 
@@ -117,7 +109,7 @@ def some(key: str) -> Callable[[Row], bool | None]:
 
 
 def place(row: Row) -> Place:
-    """What an episode has in common with its twin."""
+    """What an episode shares with its twin."""
     return row["scenario"], row["seed"], row["ego"], row.get(TRAFFIC_DIGEST), row.get(REDRAWN)
 
 
@@ -145,9 +137,9 @@ def contrast(both: Iterable[Pair], happened: Callable[[Row], bool | None]) -> Co
 
 
 def time_ratio(both: Sequence[Pair]) -> Estimate | None:
-    """The median travel time of the one over the other's, over the pairs whose other arrived;
+    """The median of the one's travel time over the other's; None without any.
 
-    None without any. Who did not arrive took for ever.
+    Pairs count whose other arrived. A travel without arrival took infinitely long.
     """
     ratios = np.array(
         [
@@ -179,16 +171,16 @@ def _travelled(row: Row) -> float:
     )
 
 
-# --- the bootstrap (Efron 1979): the statistic of RESAMPLES samples, each of n values drawn from
-# the n with replacement ---
+# --- the bootstrap ---
+# Efron 1979: the statistic of RESAMPLES samples, each of n draws with replacement from n values.
 
 
 def _interval_of(
     values: Floats, resampled: Callable[[Floats], Floats]
 ) -> tuple[float, float] | None:
-    """The interval of a statistic of [n] values;
+    """The interval of a statistic of [n] values.
 
-    None of fewer than LEAST, and where all are the same, since resampling those knows no spread.
+    None for fewer than LEAST, and where all are the same: resampling those shows no spread.
     """
     return (
         None
@@ -199,14 +191,13 @@ def _interval_of(
 
 def interval(statistics: Floats) -> tuple[float, float]:
     """The middle 95 % of a statistic's resamples."""
-    low, high = np.percentile(
-        statistics, [2.5, 97.5], method="nearest"
-    )  # between a finite and an infinite one there is nothing
+    # "nearest": between a finite and an infinite value there is nothing to interpolate.
+    low, high = np.percentile(statistics, [2.5, 97.5], method="nearest")
     return float(low), float(high)
 
 
 def resampled_means(values: Floats) -> Floats:
-    """[RESAMPLES] means. To draw values is to draw how often each distinct one occurs."""
+    """[RESAMPLES] means. Drawing values is drawing how often each distinct one occurs."""
     levels, counts = np.unique(values, return_counts=True)
     drawn = np.random.default_rng(SEED).multinomial(
         len(values), counts / len(values), size=RESAMPLES
@@ -218,8 +209,8 @@ def resampled_means(values: Floats) -> Floats:
 def resampled_medians(values: Floats) -> Floats:
     """[RESAMPLES] medians.
 
-    The k-th smallest of n draws lies where the k-th smallest of n uniform numbers does, which has a
-    beta distribution; so nothing but the middle one is drawn, or the middle two.
+    The k-th smallest of n draws lies where the k-th smallest of n uniform numbers lies. That place
+    has a beta distribution, so only the middle one is drawn, or the middle two.
     """
     ordered, n, rng = np.sort(values), len(values), np.random.default_rng(SEED)
     k = (n + 1) // 2

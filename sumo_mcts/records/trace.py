@@ -1,5 +1,7 @@
-"""Traces: what was known, decided and executed in each cycle of an episode, and the maps beside
-them."""
+"""Traces: what the ego knew, decided and executed in each cycle; and the maps to which they refer.
+
+Both are .npz files without pickle (codec.py), and checked when they are read (check.py).
+"""
 
 import hashlib
 import json
@@ -12,7 +14,7 @@ import numpy as np
 
 from sumo_mcts.records import check
 from sumo_mcts.records.codec import TraceError, columns_of, load_columns, packed
-from sumo_mcts.records.manifest import MAPS
+from sumo_mcts.records.layout import MAPS
 from sumo_mcts.records.writing import write_whole
 from sumo_mcts.scene import (
     Agents,
@@ -30,7 +32,7 @@ from sumo_mcts.scene import (
 
 
 class CycleRecord(NamedTuple):
-    """One decision: what was known, what was expected, what was decided, and what came of it."""
+    """One decision: what the ego knew, expected and decided, and what it then did."""
 
     time: float  # simulation time, s
     step: float  # simulation step, s
@@ -44,10 +46,8 @@ class CycleRecord(NamedTuple):
     executed_speed: float  # the state one decision period later, m/s; nan for the last cycle
     commanded_lane: int  # global lane index at the end of this period; -1: none
     executed_lane: int  # -1 for the last cycle
-    deviation: str  # why the executed state differs from the commanded one; "" it does not
-    intervened: bool = (
-        False  # the fail-safe manoeuvre in place of what the planner decided; why: decision.reason
-    )
+    deviation: str  # how the executed state differs from the commanded one; "": it does not
+    intervened: bool = False  # a fail-safe manoeuvre replaced the decision; why: decision.reason
     memory: Memory = Memory()  # of earlier decisions, beside the last one
     answers: Answers = Answers()  # of oracles
 
@@ -65,14 +65,14 @@ class Lanes(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """What all decisions of an episode rest on."""
+    """What all decisions of an episode share."""
 
     config: str = ""  # the resolved scenario, JSON; "": unknown
     seed: int = 0  # of the search
     step: float = math.nan  # of the simulation, s
     ballistic: bool = False  # how the simulation integrates
     change_duration: float = math.nan  # of a lane change, s
-    map: str = ""  # maps/MAP.npz holds the roads, by the indices of which lanes are named
+    map: str = ""  # the roads are in maps/MAP.npz; lanes are indices into it
 
 
 class Trace(NamedTuple):
@@ -99,26 +99,25 @@ def trace_bytes(trace: Trace) -> bytes:
 def load_trace(path: Path) -> Trace:
     """Read a trace.
 
-    Raises TraceError where the file is broken, of another format or holds numbers that make no
-    sense, OSError where it cannot be read.
+    Raises TraceError where the file is broken, of another format or holds impossible numbers,
+    OSError where it cannot be read.
     """
     trace: Trace = load_columns(path, Trace, "trace", check.trace_problem)
     return trace
 
 
 def scenario_of(setting: Setting) -> dict[str, Any]:
-    """The resolved scenario of an episode; empty: unknown.
+    """The resolved scenario of an episode; empty where it is unknown.
 
-    Raises TraceError where the text is none.
+    Raises TraceError where the text is no resolved scenario.
     """
     if not setting.config:
         return {}
     try:
         scenario: dict[str, Any] = json.loads(setting.config)
         names = scenario["planner"]["name"], scenario["prediction"]["name"]
-        resolved = (
-            all(isinstance(name, str) for name in names) and scenario["planner"]["period_s"] > 0.0
-        )
+        named = all(isinstance(name, str) for name in names)
+        resolved = named and scenario["planner"]["period_s"] > 0.0
     except (ValueError, RecursionError, TypeError, KeyError):
         resolved = False
     if not resolved:
@@ -127,7 +126,7 @@ def scenario_of(setting: Setting) -> dict[str, Any]:
 
 
 def same(kind: type, one: Any, other: Any) -> bool:
-    """Whether two values of this kind leave the same record, to the last bit that is kept."""
+    """Whether two values of this kind are stored as the same bits."""
     before, after = columns_of(kind, one), columns_of(kind, other)
     return before.keys() == after.keys() and all(
         column.tobytes() == after[name].tobytes() for name, column in before.items()
@@ -135,8 +134,7 @@ def same(kind: type, one: Any, other: Any) -> bool:
 
 
 def map_name(road: RoadMap) -> str:
-    """What the file of a network is called in maps/: a digest of its roads, whatever file they come
-    from."""
+    """The name of a network's file in maps/: a digest of its roads, not of their file."""
     content = hashlib.sha256()
     for name, column in columns_of(RoadMap, road).items():
         content.update(name.encode())
@@ -145,8 +143,10 @@ def map_name(road: RoadMap) -> str:
 
 
 def save_map(folder: Path, road: RoadMap) -> Path:
-    """Write the roads that traces refer to into the maps/ of a folder, once a network, and again
-    where they are damaged there. Raises OSError."""
+    """Write roads into the maps/ of a folder, unless they are there undamaged; their path.
+
+    Raises OSError.
+    """
     name = map_name(road)
     try:
         whole = map_name(load_map(folder, name)) == name
@@ -166,16 +166,16 @@ def map_bytes(road: RoadMap) -> bytes:
 def load_map(folder: Path, name: str) -> RoadMap:
     """Read roads from the maps/ of a folder.
 
-    Raises TraceError where the file is broken or holds numbers that make no sense, OSError where it
-    cannot be read.
+    Raises TraceError where the file is broken or holds impossible numbers, OSError where it cannot
+    be read.
     """
     road: RoadMap = load_columns(folder / MAPS / f"{name}.npz", RoadMap, "map", check.map_problem)
     return road
 
 
 def require_fit(trace: Trace, road: RoadMap, numbers: Iterable[int] | None = None) -> None:
-    """Raise TraceError where decisions of a trace (default: all) hold numbers that make no sense,
-    or lanes, edges or signals that the map does not have."""
+    """Raise TraceError where decisions of a trace (default: all) do not fit the map: impossible
+    numbers, or lanes, edges or signals that the map does not have."""
     problem = check.fit_problem(
         trace, road, range(len(trace.cycles)) if numbers is None else numbers
     )

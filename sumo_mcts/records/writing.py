@@ -1,9 +1,11 @@
-"""Files that are written whole or not at all."""
+"""Files that are written wholly or not at all, JSON text and CSV tables."""
 
+import csv
+import io
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,21 +15,18 @@ import numpy as np
 from sumo_mcts import files
 
 
-def json_text(value: Any, indent: int | None = 2) -> str:
-    """JSON without NaN and Infinity: they become null. Takes numpy values, paths and tuples."""
-    return json.dumps(_plain(value), indent=indent, allow_nan=False)
-
-
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file wholly or not at all, and for good; creates the folder. Raises OSError."""
+    """Write a file wholly or not at all, and onto the disk; creates the folder. Raises OSError."""
     with written_whole(path) as unfinished:
         unfinished.write_bytes(content)
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Names a file to write, which in the end takes the place of `path`, unless something was
-    raised; creates the folder. Raises OSError that names `path`."""
+    """Name a file to write, which then takes the place of `path`, unless something was raised.
+
+    Creates the folder. Raises OSError that names `path`.
+    """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     with files.naming(path, temporary):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -41,6 +40,23 @@ def written_whole(path: Path) -> Iterator[Path]:
         _sync_folder(path.parent)
 
 
+def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows as CSV: unknown is an empty cell, and no text begins as a formula does.
+
+    Raises OSError.
+    """
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
+    writer.writerow({column: _cell(column) for column in columns})
+    writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
+    write_whole(path, text.getvalue().encode(errors="backslashreplace"))
+
+
+def json_text(value: Any, indent: int | None = 2) -> str:
+    """JSON without NaN and Infinity: they become null. Takes numpy values, paths and tuples."""
+    return json.dumps(_plain(value), indent=indent, allow_nan=False)
+
+
 def _sync_folder(folder: Path) -> None:
     """Have a new name outlast a loss of power; Windows does that by itself."""
     if os.name == "posix":
@@ -51,7 +67,20 @@ def _sync_folder(folder: Path) -> None:
             os.close(number)
 
 
+def _cell(value: Any) -> Any:
+    """A value as it stands in a table: empty where unknown, and an apostrophe before a text that
+    spreadsheets would take for a formula."""
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        # A line break is put into quotes; a carriage return is not, and would end the line.
+        text = value.replace("\r", "\n")
+        return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\n")) else text
+    return json.dumps(value) if isinstance(value, bool | list | dict) else value
+
+
 def _plain(value: Any) -> Any:
+    """The value in the types that JSON knows."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, float):

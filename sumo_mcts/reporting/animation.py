@@ -1,8 +1,8 @@
-"""An episode as a GIF."""
+"""The animation of an episode: its frames, and a GIF of them (film.py writes a video)."""
 
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -10,7 +10,8 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from sumo_mcts.records import Trace, write_whole
-from sumo_mcts.reporting.birdseye import STRIP, draw_panel, shot_at, views_of
+from sumo_mcts.reporting.birdseye import draw_panel
+from sumo_mcts.reporting.camera import STRIP, Shot, arrangement, shot_at, views_of
 from sumo_mcts.reporting.canvas import (
     ASPHALT,
     BLINK,
@@ -27,24 +28,27 @@ from sumo_mcts.reporting.canvas import (
     PAPER,
     ROUTE,
     SS,
-    Shot,
+    fitted,
     mixed,
     write_text,
 )
 from sumo_mcts.reporting.ground import Ground, roads_of
-from sumo_mcts.reporting.storyboard import Note, arrangement, fitted, silent
 from sumo_mcts.reporting.words import action_words
 from sumo_mcts.scene import Floats
 
 FPS = 10
-REAL_TIME_S = (
-    30.0  # a drive up to so long is shown in real time; a longer one so many times faster,
-)
-FAST_S = 16.0  # ... a whole number, that it takes at most so long
-# in real time, for up to 20 s, in proportion beyond; faster twice as much. Else every second frame
-# is left out
+REAL_TIME_S = 30.0  # a drive up to so long is shown in real time
+FAST_S = 16.0  # a longer one so many times faster, a whole number, that it takes at most so long
+# Bytes of a GIF in real time for up to 20 s, in proportion beyond, twice as much for a faster one.
+# Where it has more, every second frame is left out.
 GIF_BYTES = 1_500_000
 HOLD_MS = 1500  # the last frame stays
+_BAND = 44  # px: the line of text below the scene
+Note = Callable[[str], object]  # is told what takes long
+
+
+def silent(text: str) -> None:
+    """A note that drops its text."""
 
 
 def animation(trace: Trace, path: Path, width: int = 720, note: Note = silent) -> None:
@@ -58,59 +62,10 @@ def animation(trace: Trace, path: Path, width: int = 720, note: Note = silent) -
         for frame in frames(trace, width, note)
     ]
     content = _gif(drawn, FPS)
-    if len(content) > GIF_BYTES * (
-        2.0 if speed > 1 else max(1.0, _duration(trace) / 20.0)
-    ):  # a moving camera leaves no pixel as it was
+    allowed = 2.0 if speed > 1 else max(1.0, _duration(trace) / 20.0)
+    if len(content) > GIF_BYTES * allowed:  # a moving camera leaves no pixel as it was
         content = _gif([*drawn[:-1:2], drawn[-1]], FPS // 2)
     write_whole(path, content)
-
-
-# --- the animation ---
-
-_BAND = 44  # px: the line of text below the scene
-
-
-def film_speed(trace: Trace) -> int:
-    """How many times faster than real time an episode is shown, so that no film has more frames
-    than REAL_TIME_S."""
-    duration = _duration(trace)
-    return 1 if duration <= REAL_TIME_S else math.ceil(duration / FAST_S)
-
-
-def _duration(trace: Trace) -> float:
-    """From the first decision to the last, s."""
-    if not trace.cycles:
-        raise ValueError(f"{trace.key}: the trace holds no cycle to draw")
-    return trace.cycles[-1].time - trace.cycles[0].time
-
-
-def frame_times(trace: Trace) -> Floats:
-    """[F] simulation times of the frames, s: from the first decision to the last, FPS of them a
-    second of the film."""
-    apart, duration = film_speed(trace) / FPS, _duration(trace)
-    elapsed: Floats = np.minimum(
-        apart * np.arange(math.ceil(duration / apart - 1e-6) + 1), duration
-    )
-    return trace.cycles[0].time + elapsed
-
-
-def frames(trace: Trace, width: int, note: Note = silent) -> Iterator[Image.Image]:
-    """The whole episode, FPS frames a second. Raises ValueError where there is no cycle."""
-    shots, speed = [shot_at(trace, float(time)) for time in frame_times(trace)], film_speed(trace)
-    _, aspect = arrangement(shots)
-    height = round(width / (0.75 * STRIP if aspect == STRIP else 1.5))
-    views = views_of(
-        shots, (width, height), largest=145.0
-    )  # a camera that stays is worth smaller vehicles
-    ground = Ground(roads_of(trace.lanes), views[0])
-    for number, (shot, view) in enumerate(zip(shots, views, strict=True), 1):
-        note(f"drawing the film  frame {number} of {len(shots)}")
-        yield _frame(
-            draw_panel(ground.under(view), shot, view),
-            shot,
-            trace.outcome if number == len(shots) else "",
-            speed,
-        )
 
 
 def _gif(drawn: list[Image.Image], fps: int) -> bytes:
@@ -128,6 +83,51 @@ def _gif(drawn: list[Image.Image], fps: int) -> bytes:
         optimize=False,
     )
     return buffer.getvalue()
+
+
+# --- frames ---
+
+
+def film_speed(trace: Trace) -> int:
+    """How many times faster than real time an episode is shown, so that no film has more frames
+    than REAL_TIME_S."""
+    duration = _duration(trace)
+    return 1 if duration <= REAL_TIME_S else math.ceil(duration / FAST_S)
+
+
+def frame_times(trace: Trace) -> Floats:
+    """[F] simulation times of the frames, s: from the first decision to the last, FPS of them a
+    second of the film."""
+    apart, duration = film_speed(trace) / FPS, _duration(trace)
+    elapsed: Floats = np.minimum(
+        apart * np.arange(math.ceil(duration / apart - 1e-6) + 1), duration
+    )
+    return trace.cycles[0].time + elapsed
+
+
+def frames(trace: Trace, width: int, note: Note = silent) -> Iterator[Image.Image]:
+    """The whole episode, FPS frames a second. Raises ValueError where there is no cycle."""
+    shots, speed = [shot_at(trace, float(time)) for time in frame_times(trace)], film_speed(trace)
+    _, aspect = arrangement(shots)
+    height = round(width / (0.75 * STRIP if aspect == STRIP else 1.5))
+    # A camera that stands still is better, even if vehicles are smaller.
+    views = views_of(shots, (width, height), largest=145.0)
+    ground = Ground(roads_of(trace.lanes), views[0])
+    for number, (shot, view) in enumerate(zip(shots, views, strict=True), 1):
+        note(f"drawing the film  frame {number} of {len(shots)}")
+        yield _frame(
+            draw_panel(ground.under(view), shot, view),
+            shot,
+            trace.outcome if number == len(shots) else "",
+            speed,
+        )
+
+
+def _duration(trace: Trace) -> float:
+    """From the first decision to the last, s."""
+    if not trace.cycles:
+        raise ValueError(f"{trace.key}: the trace holds no cycle to draw")
+    return trace.cycles[-1].time - trace.cycles[0].time
 
 
 def _frame(panel: Image.Image, shot: Shot, ended: str, speed: int) -> Image.Image:

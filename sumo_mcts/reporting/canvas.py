@@ -1,14 +1,17 @@
-"""Colours, fonts, views and primitives of the pictures."""
+"""What the pictures are drawn with: colours, a view, strokes and text.
+
+Everything is drawn with Pillow at SS times the size and scaled down. Sizes named `px` are those of
+the finished picture.
+"""
 
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 from PIL import ImageDraw, ImageFont
 
-from sumo_mcts.records import CycleRecord
 from sumo_mcts.scene import Floats
 
 Colour = tuple[int, int, int]
@@ -16,7 +19,7 @@ PAPER: Colour = (255, 255, 255)
 LAND: Colour = (240, 241, 236)
 KERB: Colour = (176, 181, 187)
 ASPHALT: Colour = (205, 209, 214)
-ROUTE: Colour = (196, 209, 228)  # lanes on the ego's way
+ROUTE: Colour = (196, 209, 228)  # lanes on the ego's route
 PAINT: Colour = (250, 250, 250)
 EGO: Colour = (18, 92, 224)
 EGO_DARK: Colour = (9, 48, 122)
@@ -26,17 +29,17 @@ BRAKE: Colour = (222, 46, 46)
 BLINK: Colour = (245, 158, 11)
 INK: Colour = (28, 32, 38)
 FAINT: Colour = (112, 119, 128)
-SS = 2  # supersampling
+SS = 2  # supersampling: pixels of the drawing per pixel of the finished picture
 PIXELS = 1e6  # how far beyond the window anything is drawn: a line is as much work as it has pixels
 
 
 class View(NamedTuple):
-    """A window on the map: world metres to pixels of the enlarged drawing."""
+    """A window on the map: world metres to pixels of the drawing."""
 
     west: float  # m
     north: float  # m
-    scale: float  # pixels of the enlarged drawing per metre
-    size: tuple[int, int]  # width and height of the enlarged drawing, pixels
+    scale: float  # pixels of the drawing per metre
+    size: tuple[int, int]  # width and height of the drawing, pixels
 
     def pixels(self, points: Floats) -> Floats:
         """[K, 2] pixel positions of world positions [K, 2]."""
@@ -46,13 +49,10 @@ class View(NamedTuple):
         return pixels.clip(-PIXELS, PIXELS)
 
 
-class Shot(NamedTuple):
-    """One moment, between two decisions."""
-
-    cycle: CycleRecord  # the last decision
-    elapsed: float  # s since then
-    ego: Floats  # [4] x, y, heading, v
-    others: Floats  # [N, 3] x, y, heading; the agents of the cycle
+def mixed(colour: Colour, ground: Colour, share: float) -> Colour:
+    """The colour laid over a ground with this opacity."""
+    r, g, b = (round(share * c + (1 - share) * d) for c, d in zip(colour, ground, strict=True))
+    return r, g, b
 
 
 # --- strokes ---
@@ -61,6 +61,7 @@ class Shot(NamedTuple):
 def draw_line(
     draw: ImageDraw.ImageDraw, pixels: Floats, metres: float, colour: Colour, view: View
 ) -> None:
+    """A line of this width, m, through [K, 2] pixels."""
     draw.line(
         [(x, y) for x, y in pixels.tolist()],
         fill=colour,
@@ -72,6 +73,7 @@ def draw_line(
 def draw_polygon(
     draw: ImageDraw.ImageDraw, pixels: Floats, colour: Colour, outline: float = 0.0
 ) -> None:
+    """An area with [K, 2] corners in pixels, widened by an outline of so many pixels."""
     corners = [(x, y) for x, y in pixels.tolist()]
     if len(corners) < 3:
         return
@@ -83,6 +85,7 @@ def draw_polygon(
 
 
 def draw_dot(draw: ImageDraw.ImageDraw, centre: Floats, radius: float, colour: Colour) -> None:
+    """A disc; the radius in pixels of the drawing."""
     x, y = centre.tolist()
     draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour)
 
@@ -98,59 +101,7 @@ def draw_tick(
     draw_line(draw, np.array([pixels[-1] - across, pixels[-1] + across]), 0.22, colour, view)
 
 
-def beside(shape: Floats, distance: float) -> Floats:
-    """[P, 2] the shape moved to the left by a distance, m."""
-    along = np.gradient(shape, axis=0) if len(shape) > 1 else np.zeros_like(shape)
-    unit = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    return np.asarray(shape + distance * np.column_stack([-unit[:, 1], unit[:, 0]]))
-
-
-def draw_dashes(shape: Floats, dash: float, gap: float) -> Floats:
-    """[K, 2, 2] pieces of a broken line along a shape, m."""
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))])
-    starts = np.arange(gap / 2, s[-1] - dash, dash + gap)
-    ends = np.column_stack([starts, starts + dash])
-    return np.stack([np.interp(ends, s, shape[:, 0]), np.interp(ends, s, shape[:, 1])], axis=-1)
-
-
-def hull(points: Floats) -> Floats:
-    """[K, 2] convex hull, counter-clockwise (upper and lower chain over the sorted points)."""
-    ordered = sorted(set(map(tuple, points.round(3).tolist())))
-
-    def chain(places: list[Any]) -> list[Any]:
-        kept: list[Any] = []
-        for p in places:
-            while len(kept) > 1 and (kept[-1][0] - kept[-2][0]) * (p[1] - kept[-2][1]) <= (
-                kept[-1][1] - kept[-2][1]
-            ) * (p[0] - kept[-2][0]):
-                kept.pop()
-            kept.append(p)
-        return kept[:-1]
-
-    return np.array(chain(ordered) + chain(ordered[::-1])).reshape(-1, 2)
-
-
-def mixed(colour: Colour, ground: Colour, share: float) -> Colour:
-    """The colour laid over a ground with this opacity."""
-    r, g, b = (round(share * c + (1 - share) * d) for c, d in zip(colour, ground, strict=True))
-    return r, g, b
-
-
-# --- the storyboard's page ---
-
-
-@cache
-def font_of(px: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """DejaVu Sans, which comes with matplotlib: the same everywhere."""
-    return ImageFont.truetype(
-        str(
-            Path(mpl.get_data_path())
-            / "fonts"
-            / "ttf"
-            / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")
-        ),
-        px * SS,
-    )
+# --- text ---
 
 
 def write_text(
@@ -163,7 +114,23 @@ def write_text(
     bold: bool = False,
     anchor: str = "ls",
 ) -> float:
-    """Text at a position of the finished picture; where it ends."""
+    """Write a text at a position, px; the x at which it ends, px."""
     font = font_of(px, bold)
     draw.text((at[0] * SS, at[1] * SS), text, font=font, fill=colour, anchor=anchor)
     return at[0] + draw.textlength(text, font=font) / SS
+
+
+def fitted(draw: ImageDraw.ImageDraw, text: str, px: int, width: float) -> str:
+    """The text in letters of `px`, cut where it would be wider than `width`, px."""
+    if draw.textlength(text, font=font_of(px)) <= width * SS:
+        return text
+    while text and draw.textlength(text + "\u2026", font=font_of(px)) > width * SS:
+        text = text[:-1]
+    return text.rstrip(" ,") + "\u2026"
+
+
+@cache
+def font_of(px: int, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """DejaVu Sans, which comes with matplotlib: the same everywhere."""
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return ImageFont.truetype(str(Path(mpl.get_data_path(), "fonts", "ttf", name)), px * SS)

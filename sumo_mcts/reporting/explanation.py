@@ -1,6 +1,6 @@
 """Why the ego did what it did at one moment: from a trace, as plain data.
 
-`explanation_text.py` puts it in words.
+explanation_words.py puts it in words.
 """
 
 import math
@@ -73,14 +73,12 @@ def explain_again(
     *,
     allow_plugins: bool = False,
 ) -> dict[str, Any]:
-    """The same of the decision taken again, from what is recorded, with some keys set otherwise.
+    """The same of the decision taken again from the record, with some keys set otherwise.
 
     Raises ConfigError.
     """
-    cycle, config = (
-        trace.cycles[number],
-        recorded_config(trace.setting, overrides, allow_plugins=allow_plugins),
-    )
+    cycle = trace.cycles[number]
+    config = recorded_config(trace.setting, overrides, allow_plugins=allow_plugins)
     thought = replan(trace, road, number, config)
     forecast = thought.forecast if thought.forecast is not None else no_forecast(cycle.step)
     again = cycle._replace(
@@ -98,9 +96,9 @@ def explain_again(
 
 def _thought(cycle: CycleRecord, road: RoadMap | None, setting: Setting) -> dict[str, Any]:
     """What was known and weighed, and the decision."""
-    ego, decision, nearest = cycle.ego, cycle.decision, closest(cycle)
-    children = decision.children
-    chosen = children[decision.chosen] if decision.chosen >= 0 else None
+    ego, children, nearest = cycle.ego, cycle.decision.children, closest(cycle)
+    agents = [_agent(cycle, nearest, i, road) for i in range(len(cycle.agents.ids))]
+    hypotheses = range(len(cycle.forecast.weight) if agents else 0)
     order = sorted(range(len(children)), key=lambda i: (children[i].best, i))
     return {
         "ego": {
@@ -109,36 +107,40 @@ def _thought(cycle: CycleRecord, road: RoadMap | None, setting: Setting) -> dict
             "changing_to": _lane(road, ego.change_to) if 0.0 < ego.changing < 1.0 else None,
             "stop_line": None if road is None else _stop_line(cycle, road),
         },
-        "agents": sorted((_agent(cycle, nearest, i, road) for i in range(len(cycle.agents.ids))),
-        key=_urgency),
-        "hypotheses": [_hypothesis(cycle, nearest, h,
-        road) for h in range(len(cycle.forecast.weight))] if cycle.agents.ids else [],
-        "actions": [{**_action(children, i, setting),
-        "chosen": i == decision.chosen} for i in order],
-        "decision": {
-            "action": None if chosen is None else _name(children, decision.chosen, setting),
-            "words": action_words(cycle),
-            "accel_mps2": None if chosen is None else chosen.accel,
-            "lane_change": decision.command.lane_change if isinstance(decision.command,
-            Follow) else 0,
-            "speeds_mps": decision.command.speeds.tolist() if isinstance(decision.command,
-            Follow) else None,
-            "cost": None if chosen is None else _known(chosen.best),
-            "reason": decision.reason,
-            "fail_safe": cycle.intervened,
-            "iterations": decision.iterations,
-            "known": decision.known,
-        },
+        "agents": sorted(agents, key=_urgency),
+        "hypotheses": [_hypothesis(cycle, nearest, h, road) for h in hypotheses],
+        "actions": [
+            {**_action(children, i, setting), "chosen": i == cycle.decision.chosen} for i in order
+        ],
+        "decision": _decision(cycle, setting),
     }  # fmt: skip
 
 
+def _decision(cycle: CycleRecord, setting: Setting) -> dict[str, Any]:
+    decision, children = cycle.decision, cycle.decision.children
+    chosen = children[decision.chosen] if decision.chosen >= 0 else None
+    command = decision.command if isinstance(decision.command, Follow) else None
+    return {
+        "action": None if chosen is None else _name(children, decision.chosen, setting),
+        "words": action_words(cycle),
+        "accel_mps2": None if chosen is None else chosen.accel,
+        "lane_change": 0 if command is None else command.lane_change,
+        "speeds_mps": None if command is None else command.speeds.tolist(),
+        "cost": None if chosen is None else _known(chosen.best),
+        "reason": decision.reason,
+        "fail_safe": cycle.intervened,
+        "iterations": decision.iterations,
+        "known": decision.known,
+    }
+
+
 def _urgency(agent: dict[str, Any]) -> tuple[float, float]:
-    """Whoever may come nearest is first, then whoever is likely to."""
+    """Agents are sorted by how near they may come, then by how near they are likely to come."""
     return agent["worst_m"], agent["closest_m"]
 
 
 def _stop_line(cycle: CycleRecord, road: RoadMap) -> dict[str, Any] | None:
-    """The next light or stop sign on the ego's way."""
+    """The next light or stop sign on the ego's route."""
     ego, edges = cycle.ego, cycle.memory.edges
     kept = is_rest_of(ego.route, edges)
     if not kept:  # a new route begins here
@@ -170,32 +172,24 @@ def _stop_line(cycle: CycleRecord, road: RoadMap) -> dict[str, Any] | None:
 
 
 def closest(cycle: CycleRecord) -> Floats:
-    """[H, N, 2] how near each agent comes to the ego, m between the boxes, if the plan is driven
-    and the hypothesis is true, and when, s from now.
+    """[H, N, 2] the least distance of each agent to the ego, m between the boxes, and its time, s
+    from now, if the plan is driven and the hypothesis is true.
 
-    Boxes in the plane: on a bridge above the ego somebody comes near too. Without a plan: as it is
-    now.
+    Boxes lie in the plane, so an agent on a bridge above the ego comes near, too. Without a plan
+    the ego stays as it is now.
     """
     forecast, ego, plan, seen = cycle.forecast, cycle.ego, cycle.decision.plan, cycle.agents
     hypotheses, times, agents = forecast.pose.shape[:3]
     own = np.array([[ego.x, ego.y, math.cos(ego.heading), math.sin(ego.heading)]])
     if plan is not None and len(plan.time):
         last = min(times, int((plan.time[-1] + 1e-6) / forecast.dt) + 1)
-        own = np.concatenate(
-            [
-                own,
-                plan.pose[
-                    [int(np.argmin(np.abs(plan.time - t * forecast.dt))) for t in range(1, last)]
-                ],
-            ]
-        )
+        steps = [int(np.argmin(np.abs(plan.time - t * forecast.dt))) for t in range(1, last)]
+        own = np.concatenate([own, plan.pose[steps]])
     result = np.full((hypotheses, agents, 2), np.inf)
     for h in range(hypotheses):
         for i in range(agents):
-            size = (
-                float(seen.length[i]) / 2,
-                float(seen.width[i]) / 2,
-            )  # without the room that the forecast leaves
+            # Without the margin that the forecast adds.
+            size = float(seen.length[i]) / 2, float(seen.width[i]) / 2
             gaps = [
                 _gap(own[t], (ego.length / 2, ego.width / 2), forecast.pose[h, t, i], size)
                 for t in range(len(own))
@@ -217,9 +211,8 @@ def _gap(
 
 def _agent(cycle: CycleRecord, nearest: Floats, i: int, road: RoadMap | None) -> dict[str, Any]:
     agents, ego, forecast = cycle.agents, cycle.ego, cycle.forecast
-    known = i < nearest.shape[1] and math.isfinite(
-        nearest[0, i, 0]
-    )  # without a forecast nobody has a future
+    # Without a forecast no agent has a future.
+    known = i < nearest.shape[1] and math.isfinite(nearest[0, i, 0])
     away = math.hypot(agents.x[i] - ego.x, agents.y[i] - ego.y)
     worst = int(np.argmin(nearest[:, i, 0])) if known else 0
     return {

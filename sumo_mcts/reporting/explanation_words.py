@@ -1,4 +1,4 @@
-"""An explanation for a person, on a terminal."""
+"""An explanation in words, for a terminal."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from sumo_mcts.registry import ORACLE_MARK, PLANNERS, is_oracle
 from sumo_mcts.scene import TERMS
 
 SHOWN = 6  # agents in the text
-MATTERS = 30.0  # m: who comes no nearer is left out there
+MATTERS = 30.0  # m: an agent that comes no nearer is left out of the text
 REASONS = {
     "search": "the lowest cost that was found",
     "carried on": "the last plan, carried on, costs no more than what was found",
@@ -17,7 +17,7 @@ LOST = "every sequence ends in a contact: the one that loses least"
 
 
 def text(told: dict[str, Any]) -> str:
-    """The explanation for a person."""
+    """The explanation as text; `told` as explanation.explain gives it."""
     oracle = " (an oracle)" if is_oracle(told["prediction"]) else ""
     forecast = (
         ""

@@ -14,15 +14,13 @@ COLUMNS = (
     "lane_change", "cost", "iterations",
 )  # fmt: skip
 
-_NO_XML = dict.fromkeys(
-    [*range(0x20), 0xFFFE, 0xFFFF], "?"
-)  # letters that XML cannot hold, however they are written; but tab and line break
-del _NO_XML[0x09], _NO_XML[0x0A]
+# Letters that XML cannot hold, however they are written; tab and line break it can.
+_NO_XML = dict.fromkeys({*range(0x20), 0xFFFE, 0xFFFF} - {0x09, 0x0A}, "?")
 
 
 def write_csv(path: Path, trace: Trace, road: RoadMap) -> None:
-    """A row for each cycle and vehicle, the ego first, as the planner saw them; the last columns
-    tell of its decision. Raises OSError."""
+    """Write a row for each cycle and vehicle, as the planner saw them, the ego first; the last
+    columns hold the ego's decision. Raises OSError."""
     write_table(
         path,
         COLUMNS,
@@ -35,8 +33,8 @@ def write_csv(path: Path, trace: Trace, road: RoadMap) -> None:
 
 
 def write_fcd(path: Path, trace: Trace, road: RoadMap) -> None:
-    """A time step for each cycle, as SUMO has it: the middle of the front bumper, degrees clockwise
-    from north, and the time at which the step began that led there. Raises OSError."""
+    """Write a time step for each cycle, as SUMO does: the middle of the front bumper, degrees
+    clockwise from north, and the time at which the step began that led there. Raises OSError."""
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         "<fcd-export>",
@@ -76,53 +74,24 @@ def _agent_rows(cycle: CycleRecord, road: RoadMap) -> Iterator[Row]:
 
 
 def _timestep(cycle: CycleRecord, road: RoadMap) -> Iterator[str]:
-    ego, agents = cycle.ego, cycle.agents
     yield f'    <timestep time="{cycle.time - cycle.step:.2f}">'
-    yield _element(
-        "vehicle",
-        ego.id,
-        ego.x,
-        ego.y,
-        ego.heading,
-        ego.length,
-        ego.v,
-        ego.a,
-        _lane(road, ego.lane),
-        ego.s,
-    )
-    for i, name in enumerate(agents.ids):
-        kind, lane = "person" if agents.person[i] else "vehicle", _lane(road, int(agents.lane[i]))
-        x, y, heading, length = agents.x[i], agents.y[i], agents.heading[i], agents.length[i]
-        yield _element(
-            kind, name, x, y, heading, length, agents.v[i], agents.a[i], lane, agents.s[i]
-        )
+    yield from map(_element, (_ego_row(cycle, road), *_agent_rows(cycle, road)))
     yield "    </timestep>"
 
 
-def _element(
-    kind: str,
-    name: str,
-    x: float,
-    y: float,
-    heading: float,
-    length: float,
-    v: float,
-    a: float,
-    lane: str,
-    s: float,
-) -> str:
-    """A line of FCD; x and y (m) are the centre, `heading` in rad."""
-    front_x, front_y = (
-        (x, y)
-        if kind == "person"
-        else (x + 0.5 * length * math.cos(heading), y + 0.5 * length * math.sin(heading))
-    )
-    where = f"lane={quoteattr(lane)} " if lane and kind == "vehicle" else ""
+def _element(row: Row) -> str:
+    """A line of FCD from a row of the CSV."""
+    is_person = row["role"] == "person"
+    kind = "person" if is_person else "vehicle"
+    heading, to_front = row["heading_rad"], 0.0 if is_person else 0.5 * row["length_m"]
+    x = row["x_m"] + to_front * math.cos(heading)
+    y = row["y_m"] + to_front * math.sin(heading)
+    lane = f"lane={quoteattr(row['lane'])} " if row["lane"] and not is_person else ""
     angle = (90.0 - math.degrees(heading)) % 360.0
     return (
-        f'        <{kind} id={quoteattr(name)} x="{front_x:.2f}" y="{front_y:.2f}" '
-        f'angle="{angle:.2f}" speed="{v:.2f}" pos="{s:.2f}" '
-        f'{where}slope="0.00" acceleration="{a:.2f}"/>'
+        f'        <{kind} id={quoteattr(row["vehicle"])} x="{x:.2f}" y="{y:.2f}" '
+        f'angle="{angle:.2f}" speed="{row["v_mps"]:.2f}" pos="{row["s_m"]:.2f}" '
+        f'{lane}slope="0.00" acceleration="{row["a_mps2"]:.2f}"/>'
     )
 
 

@@ -13,12 +13,11 @@ import numpy as np
 from PIL import Image
 
 from sumo_mcts.records import Trace, written_whole
-from sumo_mcts.reporting.animation import FPS, HOLD_MS, frames
-from sumo_mcts.reporting.storyboard import Note, silent
+from sumo_mcts.reporting.animation import FPS, HOLD_MS, Note, frames, silent
 
 WIDTH = 1080  # px
 QUALITY = 8  # of the encoder, up to 10
-ROOM = 1 << 20  # bytes: a disk with less is full
+FREE = 1 << 20  # bytes: a disk with less is full
 
 
 class EncoderError(Exception):
@@ -56,16 +55,14 @@ def film(trace: Trace, path: Path, note: Note = silent) -> None:
             encoder.close()
         except OSError:
             raise _failed(path) from None
-        if not _is_whole(
-            unfinished.read_bytes()
-        ):  # the encoder says nothing of what fails in the end
+        if not _is_whole(unfinished.read_bytes()):  # the encoder may fail in the end without a word
             raise _failed(path)
 
 
 def _failed(path: Path) -> OSError:
-    """What to raise where the encoder ended by itself: in a pipe the reason is lost, but a full
-    disk can be seen."""
-    full = shutil.disk_usage(path.parent).free < ROOM
+    """The error where the encoder ended by itself: the pipe loses the reason, but a full disk can
+    be seen."""
+    full = shutil.disk_usage(path.parent).free < FREE
     return (
         OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
         if full
@@ -74,7 +71,7 @@ def _failed(path: Path) -> OSError:
 
 
 def _is_whole(content: bytes) -> bool:
-    """Whether a film consists of whole boxes, its index among them."""
+    """Whether an MP4 consists of whole boxes, its index among them."""
     at, kinds = 0, set()
     while at + 8 <= len(content):
         size, kind = int.from_bytes(content[at : at + 4], "big"), content[at + 4 : at + 8]

@@ -1,9 +1,9 @@
-"""Roads as they are drawn under the vehicles."""
+"""The roads under the vehicles."""
 
 from collections import defaultdict
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -16,18 +16,12 @@ from sumo_mcts.reporting.canvas import (
     PAINT,
     ROUTE,
     View,
-    beside,
-    draw_dashes,
     draw_line,
     draw_polygon,
-    hull,
 )
 from sumo_mcts.scene import Floats
 
 TILES = 8  # pieces of the ground that are kept while the camera moves
-
-
-# --- the roads ---
 
 
 class Strokes(NamedTuple):
@@ -40,10 +34,10 @@ class Strokes(NamedTuple):
 
 
 class Roads(NamedTuple):
-    """What is drawn of the roads, whatever the window."""
+    """What is drawn of the roads, in any window."""
 
     lanes: Strokes
-    route: Strokes  # lanes on the ego's way
+    route: Strokes  # lanes on the ego's route
     junctions: Strokes  # areas
     paint: Strokes  # lines between lanes, beside them, and where to stop
 
@@ -65,11 +59,6 @@ def roads_of(lanes: Lanes) -> Roads:
     )
 
 
-def _strokes(shapes: list[Floats], width: Floats) -> Strokes:
-    boxes = np.array([(shape.min(axis=0), shape.max(axis=0)) for shape in shapes]).reshape(-1, 2, 2)
-    return Strokes(shapes, width, boxes[:, 0], boxes[:, 1])
-
-
 def draw_ground(roads: Roads, view: View) -> Image.Image:
     """Land, asphalt, lane borders and stop lines."""
     image = Image.new("RGB", view.size, LAND)
@@ -85,26 +74,11 @@ def draw_ground(roads: Roads, view: View) -> Image.Image:
     return image
 
 
-def _seen(strokes: Strokes, view: View) -> Iterator[tuple[Floats, float]]:
-    """In whole pixels, which tiles agree about, those that reach into the window, or nearly; with
-    their width in m."""
-    margin = 5.0  # m
-    west, south, east, north = (
-        view.west,
-        view.north - view.size[1] / view.scale,
-        view.west + view.size[0] / view.scale,
-        view.north,
-    )
-    inside = (strokes.high > (west - margin, south - margin)) & (
-        strokes.low < (east + margin, north + margin)
-    )
-    for i in np.flatnonzero(inside.all(axis=1)).tolist():
-        yield np.floor(view.pixels(strokes.shapes[i]) + 1e-6), float(strokes.width[i])
-
-
 class Ground:
-    """The roads under a camera that moves by whole pixels: drawn once, in tiles of the window's
-    size, as far as they are seen."""
+    """The roads under a camera that moves by whole pixels.
+
+    They are drawn once, in tiles of the window's size, as far as they are seen.
+    """
 
     def __init__(self, roads: Roads, view: View) -> None:
         self._roads, self._origin = roads, view
@@ -137,6 +111,14 @@ class Ground:
         return self._tiles[here]
 
 
+# --- the shapes of roads ---
+
+
+def _strokes(shapes: list[Floats], width: Floats) -> Strokes:
+    boxes = np.array([(shape.min(axis=0), shape.max(axis=0)) for shape in shapes]).reshape(-1, 2, 2)
+    return Strokes(shapes, width, boxes[:, 0], boxes[:, 1])
+
+
 def _junctions(lanes: Lanes, shapes: list[Floats]) -> list[Floats]:
     """The area of each junction: the hull of the lanes inside it."""
     inside: dict[str, list[Floats]] = defaultdict(list)
@@ -161,7 +143,61 @@ def _borders(lanes: Lanes, shapes: list[Floats]) -> list[Floats]:
         if lanes.internal[i] or not index.isdecimal() or not len(shapes[i]):
             continue
         if int(index) > 0:
-            found += list(draw_dashes(beside(shapes[i], -lanes.width[i] / 2), 3.0, 4.5))
+            found += list(dashes(beside(shapes[i], -lanes.width[i] / 2), 3.0, 4.5))
         if int(index) == top[edge]:
             found.append(beside(shapes[i], lanes.width[i] / 2))
     return found
+
+
+def beside(shape: Floats, distance: float) -> Floats:
+    """[P, 2] the shape moved to the left by a distance, m."""
+    along = np.gradient(shape, axis=0) if len(shape) > 1 else np.zeros_like(shape)
+    unit = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    return np.asarray(shape + distance * np.column_stack([-unit[:, 1], unit[:, 0]]))
+
+
+def dashes(shape: Floats, dash: float, gap: float) -> Floats:
+    """[K, 2, 2] pieces of a broken line along a shape, m."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))])
+    starts = np.arange(gap / 2, s[-1] - dash, dash + gap)
+    ends = np.column_stack([starts, starts + dash])
+    return np.stack([np.interp(ends, s, shape[:, 0]), np.interp(ends, s, shape[:, 1])], axis=-1)
+
+
+def hull(points: Floats) -> Floats:
+    """[K, 2] convex hull, counter-clockwise (upper and lower chain over the sorted points)."""
+    ordered = sorted(set(map(tuple, points.round(3).tolist())))
+
+    def chain(places: list[Any]) -> list[Any]:
+        kept: list[Any] = []
+        for p in places:
+            while len(kept) > 1 and (kept[-1][0] - kept[-2][0]) * (p[1] - kept[-2][1]) <= (
+                kept[-1][1] - kept[-2][1]
+            ) * (p[0] - kept[-2][0]):
+                kept.pop()
+            kept.append(p)
+        return kept[:-1]
+
+    return np.array(chain(ordered) + chain(ordered[::-1])).reshape(-1, 2)
+
+
+# --- what is in the window ---
+
+
+def _seen(strokes: Strokes, view: View) -> Iterator[tuple[Floats, float]]:
+    """The strokes that reach into the window, or nearly: [P, 2] pixels, and the width in m.
+
+    Pixels are whole numbers, so that neighbouring tiles agree.
+    """
+    margin = 5.0  # m
+    west, south, east, north = (
+        view.west,
+        view.north - view.size[1] / view.scale,
+        view.west + view.size[0] / view.scale,
+        view.north,
+    )
+    inside = (strokes.high > (west - margin, south - margin)) & (
+        strokes.low < (east + margin, north + margin)
+    )
+    for i in np.flatnonzero(inside.all(axis=1)).tolist():
+        yield np.floor(view.pixels(strokes.shapes[i]) + 1e-6), float(strokes.width[i])

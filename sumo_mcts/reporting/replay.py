@@ -1,7 +1,6 @@
-"""A trace as the report's page replays it: what is drawn and what is told, in whole numbers, packed
-small.
+"""A trace as the report's page replays it: what is drawn and told, in whole numbers, packed.
 
-Lengths are centimetres (of the tried ways and the forecast decimetres), angles milliradians, speeds
+Lengths are centimetres (of tried actions and forecasts decimetres), angles milliradians, speeds
 cm/s, costs thousandths. What changes slowly is written as differences, which pack well: `delta`
 once, `bends` twice. The page's script (template/page.js) is the mirror of this file.
 """
@@ -18,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.records import CycleRecord, Lanes, Trace
-from sumo_mcts.reporting.words import BRAKES, action_words
+from sumo_mcts.reporting.words import BRAKING, action_words
 from sumo_mcts.scene import TERMS, Decision, EgoState, Floats, Forecast, Release, RootChild
 
-MARK_S = 0.5  # between the points of a plan and of tried ways
+MARK_S = 0.5  # between the points of a plan and of a tried trajectory
 FORECAST_S = 1.0  # between the points of a forecast
 AHEAD_S = 5.0  # of a forecast
-MOVES_M = 0.5  # who is forecast to move less has no line
+MOVES_M = 0.5  # an agent that is forecast to move less has no line
 DIFFERS_M = 0.5  # from the usual hypothesis, to be drawn beside it
 BORDERS = NONE, BROKEN, SOLID = range(3)
 
@@ -60,14 +59,14 @@ def delta(values: Iterable[float], unit: float = 100) -> list[int]:
 
 
 def bends(points: Floats, unit: float = 10) -> list[int]:
-    """A way [K, 2] as x and y of its first point, of the first step, and of the changes of step, in
-    turn and in whole units."""
+    """A line [K, 2] as x and y of its first point, then of the first step, then of the changes of
+    step, in whole units."""
     return _whole(bent(np.asarray(points, dtype=np.float64).reshape(-1, 2), unit).ravel())
 
 
-def bent(ways: Floats, unit: float = 10) -> NDArray[np.int64]:
-    """[..., K, 2] the same of many ways at once."""
-    whole = np.round(ways * unit).astype(np.int64)
+def bent(lines: Floats, unit: float = 10) -> NDArray[np.int64]:
+    """[..., K, 2] the same of many lines at once."""
+    whole = np.round(lines * unit).astype(np.int64)
     steps = np.diff(whole, axis=-2, prepend=np.zeros_like(whole[..., :1, :]))
     steps[..., 2:, :] -= steps[..., 1:-1, :].copy()
     return steps
@@ -108,7 +107,7 @@ def _lanes(lanes: Lanes, origin: Floats) -> list[Packed]:
     ] + [{"p": bends(line.reshape(2, 2) - origin, 100), "s": 1} for line in lanes.stop_lines]
 
 
-# --- who drives ---
+# --- the ego and the agents ---
 
 
 def _ego(states: Sequence[EgoState], origin: Floats) -> Packed:
@@ -123,7 +122,7 @@ def _ego(states: Sequence[EgoState], origin: Floats) -> Packed:
 
 
 def _others(cycles: Sequence[CycleRecord], origin: Floats) -> list[Packed]:
-    """Everybody else, once for each stretch of cycles in which they were seen without a gap."""
+    """The agents, each once for every stretch of cycles in which it was seen without a gap."""
     seen: dict[str, list[tuple[int, int]]] = {}  # cycle and row
     for k, cycle in enumerate(cycles):
         for n, name in enumerate(cycle.agents.ids):
@@ -161,13 +160,13 @@ def _other(
         "h": delta(np.unwrap(column("heading")), 1000),
         "v": delta(column("v")),
         "lamps": [
-            (a < BRAKES) + 2 * (blink > 0) + 4 * (blink < 0)
+            (a < BRAKING) + 2 * (blink > 0) + 4 * (blink < 0)
             for a, blink in zip(brakes, blinks, strict=True)
         ],
     }
 
 
-# --- what was thought ---
+# --- decisions and forecasts ---
 
 
 def _cycle(cycle: CycleRecord, origin: Floats) -> Packed:
@@ -201,9 +200,10 @@ def _plan(decision: Decision, origin: Floats) -> list[int]:
 
 
 def _tried(child: RootChild, step: float, origin: Floats) -> list[Any]:
-    """Acceleration in cm/s2, lane change, visits, mean and best cost (null: lost), terms, way."""
+    """Acceleration in cm/s2, lane change, visits, mean and best cost (null: lost), terms,
+    trajectory."""
     every = max(1, round(MARK_S / step))
-    way = child.poses[every - 1 :: every, :2]
+    trajectory = child.poses[every - 1 :: every, :2]
     costs = [_thousandths(value) for value in (child.mean, child.best)]
     return [
         round(100 * child.accel),
@@ -211,7 +211,7 @@ def _tried(child: RootChild, step: float, origin: Floats) -> list[Any]:
         child.visits,
         *costs,
         [_thousandths(term) for term in child.terms.tolist()],
-        bends(way - origin),
+        bends(trajectory - origin),
     ]
 
 
@@ -220,8 +220,8 @@ def _thousandths(value: float) -> int | None:
 
 
 def _forecast(forecast: Forecast, origin: Floats) -> list[list[Any]]:
-    """[share of the hypothesis in percent, way] of everybody who is expected to move: in the
-    likeliest hypothesis, and where another one differs from it."""
+    """[share of the hypothesis in percent, trajectory] of each agent that is expected to move: in
+    the likeliest hypothesis, and where another one differs from it."""
     until, every = round(AHEAD_S / forecast.dt) + 1, max(1, round(FORECAST_S / forecast.dt))
     pose, there = (
         forecast.pose[:, :until:every, :, :2],
@@ -237,12 +237,12 @@ def _forecast(forecast: Forecast, origin: Floats) -> list[list[Any]]:
     drawn = np.where(
         np.arange(len(pose))[:, None] == usual, moves > MOVES_M, differs > DIFFERS_M
     ) & (there[:, 0] > 0)
-    ways, lasts, shares = (
+    lines, lasts, shares = (
         bent(np.moveaxis(pose, 1, 2) - origin),
         there.sum(axis=1),
         np.round(100 * forecast.weight),
     )
     return [
-        [int(shares[h]), ways[h, n, : lasts[h, n]].ravel().tolist()]
+        [int(shares[h]), lines[h, n, : lasts[h, n]].ravel().tolist()]
         for h, n in np.argwhere(drawn).tolist()
     ]

@@ -1,5 +1,4 @@
-"""What folders of results hold, merged: the rows, where their traces lie, and what is wrong with
-them."""
+"""The results in folders, merged: the rows, where their traces lie, and what is wrong with them."""
 
 import re
 from collections import Counter
@@ -12,32 +11,10 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments.experiment import DECIDING
 from sumo_mcts.records import ROW_KEYS, Row
 from sumo_mcts.records.highlights import order
-from sumo_mcts.records.statistics import REDRAWN, TRAFFIC_DIGEST, TWIN, place
-from sumo_mcts.registry import PLANNERS, PLUGIN_RANK
+from sumo_mcts.records.measures import BY_KEY, MOST, PAIRING
+from sumo_mcts.records.statistics import TWIN, place
+from sumo_mcts.reporting.variants import planner_rank, twins_of
 
-_TEXTS = (
-    "key",
-    "scenario",
-    "variant",
-    "planner",
-    "prediction",
-    "ego",
-    "outcome",
-    "error",
-    "trace_digest",
-    "config_digest",
-    TRAFFIC_DIGEST,
-)
-_TRUTHS = ("at_fault", "inevitable", "in_time")
-_COUNTS = (
-    "seed", "collisions", "hard_brakes", "lane_changes", "decision_flips", "red_lights_run",
-    "yellow_run", "imposed_brakes_2", "imposed_brakes_3",
-    "imposed_brakes_4", "failsafe_interventions", "iterations_per_decision", "iterations",
-    "cycles", "deadline_misses", REDRAWN,
-)  # fmt: skip
-_SHARES = ("comfortable_share", "speeding_share")
-_FURTHER = (TRAFFIC_DIGEST, REDRAWN)  # keys that rows have beyond those of ROW_KEYS
-_MOST = 1e12  # of any number
 _SHARDS = 1_000_000  # that an experiment may have been cut into
 _TOLD = 8  # names in a note
 
@@ -47,9 +24,9 @@ class Results(NamedTuple):
 
     name: str  # of the experiment or the only scenario, else of the folder
     description: str
-    rows: tuple[
-        Row, ...
-    ]  # every key of ROW_KEYS, and what tells pairs; by scenario, variant, seed, ego
+    # With every key of ROW_KEYS, and those of PAIRING that were there; by scenario, variant, seed,
+    # ego.
+    rows: tuple[Row, ...]
     traces: dict[str, Path]  # by the key of the row; only those that exist
     versions: dict[str, str]  # of the first folder that tells
     notes: tuple[str, ...]  # what a reader has to know about missing or broken things
@@ -58,7 +35,7 @@ class Results(NamedTuple):
 def gather(folders: Sequence[Path]) -> Results:
     """All episodes of the folders; of those with the same key the last.
 
-    Raises ConfigError where there is none; what cannot be read is a note.
+    Raises ConfigError where there is none. What cannot be read becomes a note.
     """
     rows: dict[str, Row] = {}
     traces: dict[str, Path] = {}
@@ -87,25 +64,20 @@ def gather(folders: Sequence[Path]) -> Results:
     )
 
 
-def planner_rank(planner: str | None) -> int:
-    """Where a planner stands in tables and figures."""
-    row = PLANNERS.get(planner or "")
-    return PLUGIN_RANK if row is None else row.rank
-
-
 def _order(row: Row, scenarios: Mapping[str, int], variants: Mapping[str, int]) -> tuple[Any, ...]:
     """As the experiment names them; what no experiment names comes after, by planner and name."""
-    place_of = (
+    return (
         scenarios.get(row["scenario"], len(scenarios)),
         row["scenario"],
         variants.get(row["variant"], len(variants)),
+        planner_rank(row["planner"]),
+        _natural(row["variant"]),
+        *order(row),
     )
-    who = planner_rank(row["planner"]), _natural(row["variant"])
-    return *place_of, *who, *order(row)
 
 
 def _natural(text: str) -> tuple[Any, ...]:
-    """So that mcts-50 comes before mcts-1000."""
+    """A sort key by which mcts-50 comes before mcts-1000."""
     return tuple(
         (part.isdecimal(), int(part) if part.isdecimal() else part) for part in text.split("-")
     )
@@ -142,8 +114,8 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
     told = {line["key"]: line for line in lines}  # of the same key the last
     rows = {
         name: {
-            key: _kind(key, line.get(key))
-            for key in (*ROW_KEYS, *(key for key in _FURTHER if key in line))
+            key: _allowed(key, line.get(key))
+            for key in (*ROW_KEYS, *(each.key for each in PAIRING if each.key in line))
         }
         for name, line in told.items()
     }
@@ -168,15 +140,11 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:_TOLD]) + (f" and {more} more" if more > 0 else "")
 
 
-def _kind(key: str, value: Any) -> Any:
-    """The value, or None where it is not of the key's kind or beyond its bounds."""
-    if key in _TEXTS:
-        return printable(value) if isinstance(value, str) else None
-    if key in _TRUTHS:
-        return value if isinstance(value, bool) else None
-    if isinstance(value, bool) or not isinstance(value, int if key in _COUNTS else int | float):
+def _allowed(key: str, value: Any) -> Any:
+    """The value, or None where its measure does not allow it."""
+    if not BY_KEY[key].is_within(value):
         return None
-    return value if 0 <= value <= (1.0 if key in _SHARES else _MOST) else None
+    return printable(value) if isinstance(value, str) else value
 
 
 def printable(text: str) -> str:
@@ -189,8 +157,7 @@ def printable(text: str) -> str:
 
 
 def _replaced(folder: Path, before: Mapping[str, Row], found: Mapping[str, Row]) -> list[str]:
-    """A word about rows that take the place of the rows of other scenarios, which were of the same
-    name."""
+    """A note about rows that replace rows of another scenario with the same name."""
     digests = [
         (before[key]["config_digest"], row["config_digest"])
         for key, row in found.items()
@@ -206,11 +173,11 @@ def _replaced(folder: Path, before: Mapping[str, Row], found: Mapping[str, Row])
 def _unfinished(
     folders: Sequence[Path], counts: Sequence[int], manifests: Sequence[Mapping[str, Any]]
 ) -> list[str]:
-    """A word about each batch that has not ended; `counts`: of the rows in its folder."""
+    """A note about each batch that has not ended; `counts`: of the rows in each folder."""
     notes = []
     for folder, there, manifest in zip(folders, counts, manifests, strict=True):
         wanted = manifest.get("rows")
-        if isinstance(wanted, int) and there < wanted <= _MOST:
+        if isinstance(wanted, int) and there < wanted <= MOST:
             notes.append(
                 f"{folder}: {there} of the {wanted} rows of its batch are there; the command that "
                 "began it goes on"
@@ -219,7 +186,7 @@ def _unfinished(
 
 
 def _other_shards(manifests: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A word about shards of an experiment that are not among the folders."""
+    """A note about shards of an experiment that are not among the folders."""
     there: dict[tuple[str, int], set[int]] = {}
     for manifest in manifests:
         number, count = _shard_of(manifest)
@@ -236,14 +203,14 @@ def _other_shards(manifests: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _shard_of(manifest: Mapping[str, Any]) -> tuple[int, int]:
-    """Which of how many shards; (0, 0): the manifest does not tell."""
+    """The shard's number and how many there are; (0, 0): the manifest does not tell."""
     told = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", str(manifest.get("shard", "")))
     return (0, 0) if told is None else (int(told[1]), int(told[2]))
 
 
 def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What makes numbers doubtful."""
-    of_twins = Counter(place(row) for row in rows if row["planner"] == TWIN)
+    """Notes about what makes numbers doubtful."""
+    of_twins = Counter(map(place, twins_of(rows)))
     several = sum(count > 1 for count in of_twins.values())
     doubts = []
     if several:
@@ -267,8 +234,7 @@ def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list
 
 
 def _manifest_of(folder: Path, notes: list[str]) -> dict[str, Any]:
-    """The manifest, empty where there is none that can be read; a word in `notes` where it is
-    broken."""
+    """The manifest, empty where there is none; a note is added where it is broken."""
     try:
         manifest = records.read_manifest(folder)
     except FileNotFoundError:
@@ -282,8 +248,7 @@ def _manifest_of(folder: Path, notes: list[str]) -> dict[str, Any]:
 
 
 def _order_in(manifests: Iterable[dict[str, Any]], key: str) -> dict[str, int]:
-    """The number of each name under a key of the manifests, in the order in which they stand
-    there."""
+    """The place of each name under a key of the manifests, in their order."""
     names = dict.fromkeys(
         name
         for manifest in manifests
@@ -311,7 +276,7 @@ def _title(
 
 
 def _versions(manifests: Iterable[dict[str, Any]]) -> dict[str, str]:
-    """What it ran on, by the first manifest that says so."""
+    """The versions in the first manifest that has some."""
     told: dict[Any, Any] = next(
         (
             manifest["versions"]

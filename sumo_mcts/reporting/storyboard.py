@@ -1,23 +1,15 @@
-"""A page of pictures that shows what happened in an episode."""
+"""The storyboard of an episode: a page of pictures (PNG)."""
 
 import io
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw
 
 from sumo_mcts.records import CycleRecord, Trace, write_whole
-from sumo_mcts.reporting.birdseye import (
-    STRIP,
-    draw_car,
-    draw_panel,
-    extent_of,
-    fade,
-    shot_at,
-    views_of,
-)
+from sumo_mcts.reporting.birdseye import draw_car, draw_panel, fade
+from sumo_mcts.reporting.camera import Shot, arrangement, shot_at, views_of
 from sumo_mcts.reporting.canvas import (
     BRAKE,
     EGO,
@@ -29,26 +21,16 @@ from sumo_mcts.reporting.canvas import (
     PAINT,
     PAPER,
     SS,
-    Shot,
     View,
     draw_dot,
     draw_line,
     draw_tick,
-    font_of,
+    fitted,
     mixed,
     write_text,
 )
 from sumo_mcts.reporting.ground import draw_ground, roads_of
 from sumo_mcts.reporting.words import action_words, verb_of
-
-Note = Callable[[str], object]  # is told what takes long
-
-
-def silent(text: str) -> None:
-    """A note that nobody reads."""
-
-
-# --- what people call ---
 
 
 def storyboard(trace: Trace, path: Path, moments: int = 6) -> None:
@@ -70,12 +52,14 @@ def storyboard(trace: Trace, path: Path, moments: int = 6) -> None:
     write_whole(path, _png(page.reduce(SS)))
 
 
-# --- which moments, which window ---
+# --- which moments ---
 
 
 def choose_moments(trace: Trace, count: int) -> list[int]:
-    """Cycles spread evenly over the episode, each moved a little to where the decision changes or
-    somebody is near."""
+    """The indices of cycles spread evenly over the episode.
+
+    Each is moved a little to where the decision changes or an agent is near.
+    """
     total = len(trace.cycles)
     if total == 0:
         raise ValueError(f"{trace.key}: the trace holds no cycle to draw")
@@ -106,15 +90,7 @@ def _interest(cycles: tuple[CycleRecord, ...], i: int) -> float:
     return float(changed) + 8.0 / max(nearest, 8.0)
 
 
-def arrangement(shots: list[Shot]) -> tuple[int, float]:
-    """Number of columns and aspect ratio of a panel, after the shape of what the ego drives
-    through."""
-    wide, tall = extent_of(shots)
-    if wide > 100 and wide > 3 * tall:
-        return 2, STRIP
-    if tall > 100 and tall > 3 * wide:
-        return 6, 0.5
-    return 3, 1.3
+# --- the page ---
 
 
 def _page(
@@ -167,15 +143,6 @@ def _caption(draw: ImageDraw.ImageDraw, shot: Shot, x: float, y: float, width: f
     end = write_text(draw, (x, y + 24), f"{shot.cycle.time:.1f} s", 20, bold=True)
     write_text(draw, (end + 12, y + 24), f"{shot.ego[3]:.1f} m/s", 17, FAINT)
     write_text(draw, (x, y + 50), fitted(draw, action_words(shot.cycle), 17, width), 17, EGO)
-
-
-def fitted(draw: ImageDraw.ImageDraw, text: str, px: int, width: float) -> str:
-    """The text, cut where it would not fit."""
-    if draw.textlength(text, font=font_of(px)) <= width * SS:
-        return text
-    while text and draw.textlength(text + "\u2026", font=font_of(px)) > width * SS:
-        text = text[:-1]
-    return text.rstrip(" ,") + "\u2026"
 
 
 def _rounded(size: tuple[int, int], radius: int) -> Image.Image:

@@ -1,16 +1,13 @@
-"""Actions in words."""
+"""A decision in words."""
 
 from sumo_mcts.records import CycleRecord
 from sumo_mcts.scene import Decision, Follow
 
-BRAKES = -1.0  # m/s2; slower changes are no braking
-
-
-# --- words ---
+BRAKING = -1.0  # m/s2: harder than this, brake lights are shown
 
 
 def action_words(cycle: CycleRecord) -> str:
-    """What was decided, in words."""
+    """The decision of a cycle: verb, acceleration, lane change and reason."""
     accel, change = _action(cycle.decision, cycle.ego.v)
     if accel is None:
         return "SUMO drives"
@@ -25,15 +22,14 @@ def action_words(cycle: CycleRecord) -> str:
             "changing to the "
             + ("left" if cycle.ego.change_to > cycle.ego.change_from else "right")
         )
-    reason = cycle.decision.reason.partition(":")[
-        0
-    ]  # in the fail-safe's reason an explanation follows
+    reason = cycle.decision.reason.partition(":")[0]  # the fail-safe's has an explanation, too
     if reason not in ("", "search", words[0].split()[0]):
         words.append(reason)
     return ", ".join(words)
 
 
 def verb_of(cycle: CycleRecord) -> str:
+    """What the ego is to do, in a word or two."""
     accel, _ = _action(cycle.decision, cycle.ego.v)
     if accel is None:
         return "release"
@@ -50,9 +46,8 @@ def _action(decision: Decision, v: float) -> tuple[float | None, int]:
     if 0 <= decision.chosen < len(decision.children):
         child = decision.children[decision.chosen]
         return child.accel, child.lane_change
-    speeds, plan = decision.command.speeds, decision.plan
-    if plan is None or len(speeds) == 0 or plan.time[min(len(speeds), len(plan.time)) - 1] <= 0:
-        return 0.0, decision.command.lane_change
-    return float(
-        (speeds[-1] - v) / plan.time[min(len(speeds), len(plan.time)) - 1]
-    ), decision.command.lane_change
+    speeds, side, plan = decision.command.speeds, decision.command.lane_change, decision.plan
+    if plan is None or len(speeds) == 0:
+        return 0.0, side
+    until = plan.time[min(len(speeds), len(plan.time)) - 1]
+    return (0.0 if until <= 0 else float((speeds[-1] - v) / until)), side

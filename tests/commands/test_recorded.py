@@ -21,6 +21,7 @@ from sumo_mcts import config, records
 from sumo_mcts.cli import app
 from sumo_mcts.config import builtin
 from sumo_mcts.episode import run_episode
+from sumo_mcts.records import codec
 from sumo_mcts.reporting import export
 
 KEY = "unprotected-left-turn--mcts-idm-200--3"
@@ -356,7 +357,7 @@ def test_a_trace_of_another_format_and_a_broken_one_are_told(several: Path) -> N
     with np.load(path) as archive:
         columns = dict(archive)
     np.savez(path, **{**columns, "format": np.array(2)})
-    assert f"written in trace format 2, this version reads {records._FORMAT}" in error_of(
+    assert f"written in trace format 2, this version reads {codec.FORMAT}" in error_of(
         "render", several, "--episode", "crossing--mcts--7"
     )
     path.write_bytes(b"half")

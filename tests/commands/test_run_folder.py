@@ -24,6 +24,7 @@ from sumo_mcts.config import ScenarioConfig, builtin
 from sumo_mcts.episode.run import EpisodeResult
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments.folder import only_here
+from sumo_mcts.records.rows import LONGEST_LINE
 from sumo_mcts.records.statistics import place
 from sumo_mcts.scenarios import load_scenario
 
@@ -252,7 +253,7 @@ def test_a_row_is_replaced_in_its_place_and_all_other_lines_stay_as_they_were(
     lines = path.read_bytes().splitlines(keepends=True)
     odd = [
         b'{"of": "another version"}\n',
-        b"[" * (records.LONGEST_LINE + 10) + b"\n",
+        b"[" * (LONGEST_LINE + 10) + b"\n",
         b'{"key": "to\xff',
     ]
     path.write_bytes(b"".join([*lines[:2], *odd[:2], lines[2], lines[1], odd[2]]))

@@ -27,7 +27,7 @@ from sumo_mcts.experiments.batch import listed
 from sumo_mcts.experiments.experiment import TRAFFIC, episodes, load
 from sumo_mcts.experiments.progress import Progress
 from sumo_mcts.experiments.tasks import failed
-from sumo_mcts.records.highlights import Highlight
+from sumo_mcts.records.highlights import TraceSelection
 from sumo_mcts.records.statistics import Pair, pairs
 from sumo_mcts.reporting.results import gather
 
@@ -68,7 +68,7 @@ def test_what_lies_in_the_folder(whole: Reference) -> None:
         "sumo": {"planner.name": "sumo"},
     }
     assert manifest["versions"]["sumo_mcts"] is not None
-    worth = Highlight("worth")
+    worth = TraceSelection("worth")
     keys = {row["key"] for row in rows}
     for row in rows:
         keys -= worth.add(row)

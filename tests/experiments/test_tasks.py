@@ -17,7 +17,7 @@ from sumo_mcts.experiments import folder
 from sumo_mcts.experiments.experiment import Episode, episodes, load
 from sumo_mcts.experiments.schema import Egos
 from sumo_mcts.experiments.tasks import choose, drive, failed, rehearse
-from sumo_mcts.records.highlights import Highlight
+from sumo_mcts.records.highlights import TraceSelection
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def two(tmp_path: Path) -> Episode:
 
 
 def test_two_egos_leave_two_rows(two: Episode) -> None:
-    driven = drive(two, Highlight("all").bar("two", "constant"))
+    driven = drive(two, TraceSelection("all").bar("two", "constant"))
     assert [(row["key"], row["ego"]) for row in driven.rows] == [
         ("two--constant--0--ego", "ego"),
         ("two--constant--0--left_lane", "left_lane"),
@@ -62,7 +62,7 @@ def test_an_exception_is_the_outcome(two: Episode, monkeypatch: pytest.MonkeyPat
         raise RuntimeError("as asked")
 
     monkeypatch.setattr("sumo_mcts.experiments.tasks.run_episode", broken)
-    driven = drive(two, Highlight("all").bar("two", "constant"))
+    driven = drive(two, TraceSelection("all").bar("two", "constant"))
     assert [(row["outcome"], row["error"]) for row in driven.rows] == [
         ("error", "RuntimeError: as asked")
     ] * 2
@@ -88,7 +88,7 @@ def test_what_the_machine_lacks_is_no_outcome(
     monkeypatch.setattr("sumo_mcts.experiments.tasks.run_episode", broken)
     monkeypatch.setattr("sumo_mcts.experiments.tasks.warm_up", broken)
     with pytest.raises(type(error)):
-        drive(two, Highlight("all").bar("two", "constant"))
+        drive(two, TraceSelection("all").bar("two", "constant"))
     with pytest.raises(type(error)):
         rehearse(two.config, 0)
 

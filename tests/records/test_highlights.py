@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.records.highlights import HARDEST, Highlight, is_highlight
-from sumo_mcts.reporting.tables import worth_a_look
+from sumo_mcts.records.highlights import HARDEST, TraceSelection, is_highlight
+from sumo_mcts.reporting.highlights import choose_highlights
 
 SCORES = st.one_of(st.none(), st.sampled_from([0.0, 0.5, 1.0, 2.0, 4.5]))
 
@@ -86,7 +86,7 @@ def obvious(found: list[dict[str, Any]]) -> set[str]:
 def test_what_is_kept_does_not_depend_on_the_order(
     found: list[dict[str, Any]], data: st.DataObject
 ) -> None:
-    worth, kept, flying = Highlight("worth"), set(), []
+    worth, kept, flying = TraceSelection("worth"), set(), []
     for row in found:
         flying.append((row, worth.bar("s", row["variant"])))  # the bar when its episode begins
         while flying and data.draw(st.booleans()):  # episodes end later, in any order
@@ -101,11 +101,11 @@ def test_what_is_kept_does_not_depend_on_the_order(
 
 @given(rows())
 def test_what_a_report_shows_has_been_kept(found: list[dict[str, Any]]) -> None:
-    worth, kept = Highlight("worth"), set()
+    worth, kept = TraceSelection("worth"), set()
     for row in found:
         kept |= {row["key"]} if is_highlight(row, worth.bar("s", row["variant"])) else set()
         kept -= worth.add(row)
-    looks, of = worth_a_look(found, 1000)
+    looks, of = choose_highlights(found, 1000)
     assert {look.row["key"] for look in looks} <= kept
     assert len(looks) == of
     assert {look.row["variant"] for look in looks} == {row["variant"] for row in found}
@@ -114,7 +114,7 @@ def test_what_a_report_shows_has_been_kept(found: list[dict[str, Any]]) -> None:
 def test_twins_are_not_shown_and_not_kept() -> None:
     twin = {**QUIET, "planner": "sumo", "outcome": "collision", "min_ttc_s": 0.1}
     for rule, wanted in (("worth", False), ("all", True), ("none", False)):
-        worth = Highlight(rule)
+        worth = TraceSelection(rule)
         assert is_highlight(twin, worth.bar("s", "a")) is wanted
         assert worth.add(twin) == (set() if wanted else {"k"})
 
@@ -122,14 +122,14 @@ def test_twins_are_not_shown_and_not_kept() -> None:
 @given(rows())
 def test_all_and_none(found: list[dict[str, Any]]) -> None:
     for rule, wanted in (("all", True), ("none", False)):
-        worth = Highlight(rule)
+        worth = TraceSelection(rule)
         for row in found:
             assert is_highlight(row, worth.bar("s", row["variant"])) is wanted
             assert worth.add(row) == (set() if wanted else {row["key"]})
 
 
 def test_nobody_who_had_to_brake_is_no_hard_moment() -> None:
-    worth = Highlight("worth")
+    worth = TraceSelection("worth")
     assert worth.add({**QUIET, "key": "first", "seed": 0}) == set()
     assert not is_highlight(QUIET, worth.bar("s", "a"))
     close = {**QUIET, "min_ttc_s": 2.9}
@@ -145,6 +145,6 @@ def test_an_unknown_row_is_judged(rule: str) -> None:
         "failsafe_interventions": None,
         "imposed_max_decel_mps2": None,
     }
-    worth = Highlight(rule)
+    worth = TraceSelection(rule)
     assert is_highlight(nothing, worth.bar("s", "a")) is (rule != "none")
     assert worth.add(nothing) == ({"k"} if rule == "none" else set())

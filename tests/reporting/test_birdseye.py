@@ -10,7 +10,7 @@ from helpers_trace import crossing_trace, highway_trace
 from PIL import Image
 
 from sumo_mcts.records import Trace, load_trace, save_trace
-from sumo_mcts.reporting import animation, birdseye, canvas, ground, storyboard
+from sumo_mcts.reporting import animation, birdseye, camera, canvas, ground, storyboard
 from sumo_mcts.scene import Follow
 
 
@@ -35,7 +35,7 @@ def without_plans(trace: Trace) -> Trace:
 def test_the_ego_is_drawn_where_it_is(trace: Trace, time: float) -> None:
     image, view = birdseye.picture(without_plans(trace), time)
     rows, columns = np.nonzero(near(image, canvas.EGO))
-    shot = birdseye.shot_at(trace, time)
+    shot = camera.shot_at(trace, time)
     expected = view.pixels(shot.ego[:2])[0] / canvas.SS
     assert len(rows) > 100
     np.testing.assert_allclose([columns.mean(), rows.mean()], expected, atol=3)
@@ -55,17 +55,17 @@ def test_the_windscreen_is_in_front() -> None:
     image, view = birdseye.picture(without_plans(crossing_trace()), 0.0)  # heading north
     rows, _ = np.nonzero(near(image, canvas.EGO_DARK, 20))
     assert (
-        rows.mean() < view.pixels(birdseye.shot_at(crossing_trace(), 0.0).ego[:2])[0][1] / canvas.SS
+        rows.mean() < view.pixels(camera.shot_at(crossing_trace(), 0.0).ego[:2])[0][1] / canvas.SS
     )
 
 
 def test_the_others_move_between_cycles_and_turn_the_shorter_way() -> None:
     trace = crossing_trace()
     a, b = trace.cycles[4], trace.cycles[5]
-    shot = birdseye.shot_at(trace, a.time + 0.25)
+    shot = camera.shot_at(trace, a.time + 0.25)
     n, m = a.agents.ids.index("car.02"), b.agents.ids.index("car.02")
     np.testing.assert_allclose(shot.others[n, 1], (a.agents.y[n] + b.agents.y[m]) / 2)
-    turned = birdseye._between(np.array([0.0, 0.0, 3.1]), np.array([0.0, 0.0, -3.1]), 0.5)
+    turned = camera._between(np.array([0.0, 0.0, 3.1]), np.array([0.0, 0.0, -3.1]), 0.5)
     assert np.cos(turned[2]) == pytest.approx(-1.0)
 
 
@@ -172,7 +172,7 @@ def test_a_long_drive_is_shown_faster_from_its_first_decision_to_its_last(
 
 
 def test_how_much_faster_is_written_in_the_picture(tmp_path: Path) -> None:
-    shot = birdseye.shot_at(crossing_trace(), 1.0)
+    shot = camera.shot_at(crossing_trace(), 1.0)
     scene = Image.new("RGB", (720 * canvas.SS, 480 * canvas.SS))
     usual, faster, fastest = (
         np.asarray(animation._frame(scene, shot, "", speed)) for speed in (1, 2, 9)
@@ -258,34 +258,9 @@ def test_a_trace_without_cycles_is_refused_by_name(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_actions_in_words() -> None:
-    cycle = crossing_trace().cycles[0]
-    child = cycle.decision.children[0]
-
-    def words(accel: float, change: int = 0, reason: str = "search", v: float = 8.0) -> str:
-        decision = cycle.decision._replace(
-            children=(child._replace(accel=accel, lane_change=change),), chosen=0, reason=reason
-        )
-        return words.action_words(cycle._replace(decision=decision, ego=cycle.ego._replace(v=v)))
-
-    assert words(0.0) == "keep speed"
-    assert words(-2.0) == "brake \u22122.0 m/s\u00b2"
-    assert words(-8.0, reason="brake") == "brake hard \u22128.0 m/s\u00b2"
-    assert words(1.5, 1) == "accelerate +1.5 m/s\u00b2, change to the left"
-    assert words(0.0, -1, "fallback") == "keep speed, change to the right, fallback"
-    assert words(-2.0, v=0.0) == "stand"
-    assert words.action_words(crossing_trace().cycles[-1]) == "SUMO drives"
-    unchosen = cycle._replace(
-        decision=cycle.decision._replace(
-            chosen=-1, command=Follow(np.array([9.9, 9.8, 9.7, 9.6, 9.5]), 0)
-        )
-    )
-    assert words.action_words(unchosen) == "brake \u22121.0 m/s\u00b2"
-
-
 def test_the_hull_holds_every_point() -> None:
     points = np.random.default_rng(0).normal(size=(60, 2))
-    hull = canvas.hull(points)
+    hull = ground.hull(points)
     following = np.roll(hull, -1, axis=0)
     for p in points.round(3):
         turn = (following[:, 0] - hull[:, 0]) * (p[1] - hull[:, 1]) - (

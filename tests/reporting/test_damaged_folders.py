@@ -10,7 +10,9 @@ from helpers_rows import made_row, write_rows, write_traces
 
 from sumo_mcts.commands.report import Report, report
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.records import LONGEST_LINE, MANIFEST, ROW_KEYS, ROWS, TRACES, WHOLE
+from sumo_mcts.records import MANIFEST, ROWS, TRACES
+from sumo_mcts.records.measures import BY_KEY, REQUIRED
+from sumo_mcts.records.rows import LONGEST_LINE
 from sumo_mcts.records.statistics import pairs
 from sumo_mcts.reporting.results import gather
 
@@ -37,9 +39,7 @@ def reported(folder: Path) -> Report:
     return report([folder], folder / "report", (), lambda text: None)
 
 
-@pytest.mark.parametrize(
-    "key", [key for key in (*ROW_KEYS, "redrawn", "traffic_digest") if key not in WHOLE]
-)
+@pytest.mark.parametrize("key", [key for key in BY_KEY if key not in REQUIRED])
 def test_a_value_of_any_kind_under_any_key_costs_no_report(key: str, tmp_path: Path) -> None:
     rows = [
         {**made_row(variant=variant, seed=seed), key: value}
@@ -61,7 +61,7 @@ def test_texts_that_make_a_row_whole_may_hold_anything(tmp_path: Path) -> None:
             tmp_path,
             [
                 {**made_row(seed=seed), key: "a\nb\x1b[31m|<script>"}
-                for seed, key in enumerate(WHOLE)
+                for seed, key in enumerate(REQUIRED)
             ],
         )
     )

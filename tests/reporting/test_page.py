@@ -277,11 +277,11 @@ def test_a_measure_is_explained_to_pointer_and_keyboard(
 ) -> None:
     page, _ = visit(context, path)
     page.locator("#table-outcomes th", has_text="Collisions").hover()
-    assert "contact of the ego with anybody" in page.locator("#tip").inner_text()
+    assert "contact of the ego with another agent" in page.locator("#tip").inner_text()
     page.mouse.move(0, 0)
     page.locator("#table-outcomes th", has_text="At fault").get_by_role("button").focus()
     page.keyboard.press("Shift+Tab")
-    assert "contact of the ego with anybody" in page.locator("#tip").inner_text()
+    assert "contact of the ego with another agent" in page.locator("#tip").inner_text()
 
 
 def test_light_and_dark(browser: Browser, path: Path) -> None:

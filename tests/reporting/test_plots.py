@@ -1,5 +1,4 @@
-"""The figures show the numbers: axes keep the order, marks stand where they should, nobody is left
-out."""
+"""The figures show the numbers: axes keep the order, marks are in place, no variant is missing."""
 
 import re
 from importlib import resources
@@ -13,9 +12,11 @@ from hypothesis import strategies as st
 
 from sumo_mcts.records.statistics import Rate, wilson
 from sumo_mcts.reporting import plots
-from sumo_mcts.reporting.plots import FURTHER, KNOWN, Axis, Measure, colours, planner_style
+from sumo_mcts.reporting.plots import Distribution
+from sumo_mcts.reporting.svg import Axis, decades, ticks
+from sumo_mcts.reporting.variants import FURTHER, KNOWN, colours, planner_style
 
-TTC = Measure("min_ttc_s", "TTC", "s", logarithmic=True)
+TTC = Distribution("min_ttc_s", "TTC", logarithmic=True)
 
 
 def spread(rows: list[dict[str, Any]]) -> str:
@@ -24,7 +25,7 @@ def spread(rows: list[dict[str, Any]]) -> str:
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6))
 def test_ticks_are_round_within_and_neither_few_nor_many(low: float, width: float) -> None:
-    found = plots.ticks(low, low + width)
+    found = ticks(low, low + width)
     assert 2 <= len(found) <= 6
     slack = 1e-6 * (abs(low) + width)
     assert all(low - slack <= tick <= low + width + slack for tick in found)
@@ -33,8 +34,8 @@ def test_ticks_are_round_within_and_neither_few_nor_many(low: float, width: floa
 
 @given(st.floats(0.02, 1e4), st.floats(1.5, 1e5))
 def test_decades_lie_within(low: float, times: float) -> None:
-    assert all(low <= tick <= low * times for tick in plots.decades(low, low * times))
-    assert len(plots.decades(low, low * times)) < 16
+    assert all(low <= tick <= low * times for tick in decades(low, low * times))
+    assert len(decades(low, low * times)) < 16
 
 
 @given(st.lists(st.floats(0.02, 100.0), min_size=2, max_size=9), st.booleans())
@@ -152,7 +153,7 @@ def test_names_are_escaped(name: str) -> None:
     assert name in [text.text for text in root.iter("text")]
 
 
-def test_whoever_does_not_arrive_stands_on_the_edge() -> None:
+def test_a_drive_without_arrival_stands_on_the_edge() -> None:
     twins = [made_row(variant="sumo", seed=k, travel_time_s=30.0) for k in range(3)]
     rows = [made_row(seed=0), crashed(made_row(seed=1)), made_row(seed=2)]
     colour = colours([*rows, *twins])
