@@ -1,8 +1,12 @@
-"""The language between the rooms: plain tuples of arrays, no behaviour.
+"""The shared vocabulary: plain tuples of arrays, no behaviour.
 
-SI units; angles in radians, counter-clockwise from east; left is left, also where people drive on
+In order: the network, what a cycle knows (Scene), forecasts, decisions, what a driver carries on,
+what the referee sees (Frame).
+
+SI units; angles in radians, counter-clockwise from east; left is left, also where traffic drives on
 the left. Every index array uses -1 for "none". A lane position ``s`` is SUMO's: metres from the
-start of the lane in units of its SUMO length, which may differ from the length of its shape.
+start of the lane in units of its SUMO length, which may differ from the length of its shape. Traces
+store these fields under their names.
 """
 
 from typing import NamedTuple
@@ -12,33 +16,52 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Words = NDArray[np.uint64]
 
-# How a connection is entered (RoadMap.rule), in the order of growing duty.
+# Columns of a pose: centre of the box, m, cosine and sine of its heading.
+X, Y, COS, SIN = range(4)
+
+STANDING = 0.1  # m/s: slower counts as standing
+REFEREE_RANGE = 100.0  # m about the ego within which the referee sees agents
+
+
+# --- the network ---
+
+
+# Bit i of RoadMap.classes, and index i of `vclass`, is this class.
+VEHICLE_CLASSES = (
+    "passenger", "private", "emergency", "authority", "army", "vip", "hov", "taxi", "bus", "coach",
+    "delivery", "truck", "trailer",
+    "motorcycle", "moped", "bicycle", "evehicle", "pedestrian", "tram", "rail_urban", "rail",
+    "rail_electric", "rail_fast", "ship",
+    "custom1", "custom2", "subway", "cable_car", "container", "aircraft", "wheelchair", "scooter",
+    "drone",
+)  # fmt: skip
+IGNORING = -1  # the class of vehicles that may drive anywhere
+
+# How a connection is entered (RoadMap.rule), in the order of growing obligation to yield.
 PRIORITY, YIELD, ZIPPER, STOP, ALLWAY = range(5)
 
 # Where a connection leads (RoadMap.direction).
-STRAIGHT, LEFT, RIGHT, TURN = range(4)
-
-# What a signal shows to a link (Signals.state).
-GREEN, YELLOW, RED = range(3)
-
-# What an agent is taken to do (Intent.does).
-USUAL, TURNS, FORCES, BRAKES, STARTS = range(5)
+STRAIGHT, LEFT, RIGHT, TURN = range(4)  # TURN: it turns round
 
 
 class RoadMap(NamedTuple):
     """One network, lane by lane.
 
-    L lanes (internal ones too), P shape points, S successor entries, C conflict entries.
+    L lanes (internal ones too), P shape points, S successor entries, C conflict entries. Internal
+    lanes lie inside junctions; a connection leads over one or several of them.
     """
 
-    lane_ids: tuple[str, ...]
+    lane_ids: tuple[str, ...]  # [L]
     edge_ids: tuple[str, ...]
     junction_ids: tuple[str, ...]
     signal_ids: tuple[str, ...]
-    lefthand: bool  # people drive on the left: SUMO then counts lanes from the left
+    lefthand: bool  # traffic drives on the left: SUMO then counts lanes from the left
+
+    # Each lane.
     edge: Ints  # [L] index into edge_ids
     index: Ints  # type: ignore[assignment]  # [L] position within the edge from the right, 0 = rightmost (tuple.index is not missed)
     internal: Bools  # [L] inside a junction
@@ -47,38 +70,54 @@ class RoadMap(NamedTuple):
     width: Floats  # [L] m
     speed: Floats  # [L] limit, m/s
     classes: NDArray[np.uint64]  # [L] bit i set: vehicle class i (VEHICLE_CLASSES) may drive here
-    left: Ints  # [L] neighbour on the same edge
-    right: Ints  # [L]
+    left: Ints  # [L] neighbour on the same edge, -1 none
+    right: Ints  # [L] the same to the right
+
+    # Centre lines.
     point_offset: Ints  # [L+1] lane i owns points point_offset[i]:point_offset[i+1]
-    points: Floats  # [P, 2] m
+    points: Floats  # [P, 2] x and y, m
     point_s: Floats  # [P] arc length along the shape, m
-    successor_offset: Ints  # [L+1]
+
+    # How lanes go on.
+    successor_offset: Ints  # [L+1] lane i owns successor[successor_offset[i]:...[i+1]]
     successor: Ints  # [S] the lane driven next (internal where the connection has one)
     exit: Ints  # [L] internal lanes: the ordinary lane that they end in; others: themselves
     # [L] internal lanes: STRAIGHT, LEFT, RIGHT or TURN of their connection; others: STRAIGHT
     direction: Ints
-    junction: Ints  # [L] internal lanes: index into junction_ids
-    # [L] the knot (junctions with nothing but short lanes between them) that the lane lies in
-    knot: Ints
-    begins: Ints  # [L] the knot where it begins
-    ends: Ints  # [L] the knot where it ends
-    rule: Ints  # [L] internal lanes that start a connection: how it is entered; others: PRIORITY
-    signal: Ints  # [L] internal lanes that start a connection: index into signal_ids
-    link: Ints  # [L] ... and the link's index in that signal's state
-    conflict_offset: Ints  # [L+1]
+
+    # Junctions. A cluster is junctions with nothing but short lanes between them.
+    junction: Ints  # [L] internal lanes: index into junction_ids; others: -1
+    knot: Ints  # [L] the junction cluster that the lane lies in, -1 none
+    begins: Ints  # [L] the junction cluster where it begins, -1 none
+    ends: Ints  # [L] the junction cluster where it ends, -1 none
+
+    # Right of way, at internal lanes that start a connection.
+    rule: Ints  # [L] how it is entered, PRIORITY .. ALLWAY; others: PRIORITY
+    signal: Ints  # [L] index into signal_ids, -1 none
+    link: Ints  # [L] index of its link in that signal's state, -1 none
+
+    # Conflict areas: the stretches that two internal lanes share.
+    conflict_offset: Ints  # [L+1] lane i owns conflict_offset[i]:conflict_offset[i+1]
     conflict_lane: Ints  # [C] the other lane
     conflict_begin: Floats  # [C] the shared stretch, in positions of this lane, m
     conflict_end: Floats  # [C]
-    conflict_other_begin: Floats  # [C] the same stretch in positions of the other lane
+    conflict_other_begin: Floats  # [C] the same stretch in positions of the other lane, m
     conflict_other_end: Floats  # [C]
     conflict_merge: Bools  # [C] both lanes lead into the same lane
     conflict_yields: Bools  # [C] traffic on this lane must let the other pass
 
 
+# --- what a cycle knows ---
+
+
+# What a signal shows to a link (Signals.state).
+GREEN, YELLOW, RED = range(3)
+
+
 class Signals(NamedTuple):
     """What each signalled link shows, now and at its coming switches.
 
-    Q signals; K coming phases are broadcast.
+    Q signals; K phases, the present one first.
     """
 
     offset: Ints  # [Q+1] links of signal q: offset[q]:offset[q+1]
@@ -87,25 +126,25 @@ class Signals(NamedTuple):
 
 
 class Agents(NamedTuple):
-    """Everybody in sensor range but the ego. N agents, sorted by id."""
+    """The vehicles and persons in sensor range but the ego. N agents, sorted by id."""
 
-    ids: tuple[str, ...]
+    ids: tuple[str, ...]  # [N]
     x: Floats  # [N] centre of the box, m
-    y: Floats  # [N]
-    heading: Floats  # [N]
+    y: Floats  # [N] m
+    heading: Floats  # [N] rad
     v: Floats  # [N] m/s
     a: Floats  # [N] m/s2
-    # [N] its acceleration smoothed over about half a second, as far as it was seen, and since it
-    # last changed abruptly, m/s2
+    # [N] m/s2, its acceleration smoothed over about half a second, as far as it was seen, and since
+    # it last changed abruptly
     trend: Floats
     length: Floats  # [N] m
     width: Floats  # [N] m
-    lane: Ints  # [N] lane of the front; -1 for pedestrians and whoever is off the road
+    lane: Ints  # [N] lane of the front; -1 for persons and for vehicles off the road
     s: Floats  # [N] lane position of the front, m
     d: Floats  # [N] offset from the lane's centre line, m, left positive
-    blinker: Ints  # [N] -1 right, 0 none, +1 left
-    standing_s: Floats  # [N] for how long it has stood, as far as it was seen
-    person: Bools  # [N]
+    blinker: Ints  # [N] -1 right, 0 none, 1 left
+    standing_s: Floats  # [N] for how long it has stood, s, as far as it was seen; 0: it moves
+    person: Bools  # [N] on foot
     # [N] index into VEHICLE_CLASSES, or IGNORING: a car, a lorry, a tram or a bicycle looks like
     # one
     vclass: Ints
@@ -115,26 +154,27 @@ class EgoState(NamedTuple):
     """The ego vehicle as its own sensors and its owner know it."""
 
     id: str
-    x: float  # centre, m
-    y: float
-    heading: float
-    v: float
-    a: float
-    lane: int
-    s: float
-    d: float  # m, left positive
-    length: float
-    width: float
+    x: float  # centre of the box, m
+    y: float  # m
+    heading: float  # rad
+    v: float  # m/s
+    a: float  # m/s2
+    lane: int  # of the front, -1 none
+    s: float  # lane position of the front, m
+    d: float  # offset from the lane's centre line, m, left positive
+    length: float  # m
+    width: float  # m
     max_accel: float  # m/s2, of its vehicle type
     comfort_decel: float  # m/s2, positive
     emergency_decel: float  # m/s2, positive
-    max_speed: float
-    speed_factor: float
-    vclass: int  # index into VEHICLE_CLASSES
+    max_speed: float  # m/s
+    speed_factor: float  # its share of a speed limit
+    vclass: int  # index into VEHICLE_CLASSES, or IGNORING
     route: tuple[int, ...]  # edges, from the present one to the goal
     changing: float  # lane change under way: progress 0..1, 0 = none
-    change_to: int  # lane that it moves to; the same as `lane` in the second half of the change
-    change_from: int  # lane that it leaves
+    # lane that it moves to, -1 none; the same as `lane` in the second half of the change
+    change_to: int
+    change_from: int  # lane that it leaves, -1 none
 
 
 class Scene(NamedTuple):
@@ -147,15 +187,24 @@ class Scene(NamedTuple):
     signals: Signals
 
 
+# --- forecasts ---
+
+
+# What an agent is taken to do (Intent.does).
+USUAL = 0  # what is likeliest
+TURNS = 1  # takes the lanes Intent.way
+FORCES = 2  # does not let the ego pass
+BRAKES = 3  # hard, to a stand
+STARTS = 4  # though it has stood for a while
+
+
 class Intent(NamedTuple):
     """What one agent is taken to do, where it is not what is likeliest (see
-    model/intentions.py)."""
+    prediction/alternatives.py)."""
 
-    agent: int
-    # TURNS: takes `way`; FORCES: does not let the ego pass; BRAKES: hard, to a stand; STARTS:
-    # though it has stood for a while
-    does: int
-    way: tuple[int, ...] = ()  # lanes, the present one first
+    agent: int  # index, -1 none
+    does: int  # USUAL .. STARTS
+    way: tuple[int, ...] = ()  # lanes, the present one first; empty unless it TURNS
 
 
 class Forecast(NamedTuple):
@@ -166,37 +215,74 @@ class Forecast(NamedTuple):
 
     dt: float  # s between times
     weight: Floats  # [H] sums to 1
-    pose: Floats  # [H, T, N, 4] centre x, y, cos and sin of the heading
-    v: Floats  # [H, T, N]
-    lane: Ints  # [H, T, N] lane of the front
-    s: Floats  # [H, T, N]
+    pose: Floats  # [H, T, N, 4] columns X .. SIN: centre, m, and heading of the box
+    v: Floats  # [H, T, N] m/s
+    lane: Ints  # [H, T, N] lane of the front, -1 off the road
+    s: Floats  # [H, T, N] lane position of the front, m
     valid: Bools  # [H, T, N] False: not there (left the map)
-    half_length: Floats  # [N]
-    half_width: Floats  # [N]
+    half_length: Floats  # [N] m
+    half_width: Floats  # [N] m
     reacts: Bools  # [N] brakes for an ego in front of it: contact from behind is imposed braking
-    yields: (
-        Bools  # [H, N] has to let the ego pass where their paths meet, and can do so comfortably
-    )
-    intents: tuple[
-        Intent, ...
-    ] = ()  # [H] what each hypothesis is about; empty: everybody does what is likeliest
+    # [H, N] has to let the ego pass where their paths meet, and can do so comfortably
+    yields: Bools
+    # [H] what each hypothesis is about; empty: every agent does what is likeliest
+    intents: tuple[Intent, ...] = ()
+
+
+class Scripted(NamedTuple):
+    """The coming states of an agent, from its script or from a copy of the simulation.
+
+    K times, those of the forecast.
+    """
+
+    pose: Floats  # [K, 4] columns X .. SIN: centre, m, and heading of the box
+    v: Floats  # [K] m/s
+    lane: Ints  # [K] lane of the front, -1 off the road
+    s: Floats  # [K] lane position of the front, m
+    valid: Bools  # [K] False: not there
+
+
+class Answers(NamedTuple):
+    """What oracles told in one cycle: nothing, unless a scenario asks for one.
+
+    N agents of the scene; K agents whose coming T states were told.
+    """
+
+    # [N] the lanes that each agent is really going to take; empty: not asked
+    ways: tuple[Ints, ...] = ()
+    agent: Ints = np.zeros(0, np.int32)  # [K] index
+    # [K] it holds a script; False: the states are from a copy of the simulation
+    scripted: Bools = np.zeros(0, np.bool_)
+    pose: Floats = np.zeros((0, 0, 4))  # [K, T, 4] columns X .. SIN, at the times asked for
+    v: Floats = np.zeros((0, 0))  # [K, T] m/s
+    lane: Ints = np.zeros((0, 0), np.int32)  # [K, T]
+    s: Floats = np.zeros((0, 0))  # [K, T] m
+    valid: Bools = np.zeros((0, 0), np.bool_)  # [K, T]
+
+
+# --- decisions ---
+
+
+# Terms of the cost, in the order of RootChild.terms.
+SAFETY, COMFORT, PASSABILITY, OTHER, LOSS = range(5)
+TERMS = ("safety", "comfort", "passability", "other", "loss")
 
 
 class Plan(NamedTuple):
     """What the planner expects the ego to do. M steps of the simulation."""
 
     time: Floats  # [M] s from now
-    v: Floats  # [M] speed commanded for the step that ends then
+    v: Floats  # [M] m/s, the speed commanded for the step that ends then
     lane: Ints  # [M] lane of the front then
-    s: Floats  # [M]
-    pose: Floats  # [M, 4] centre x, y, cos, sin
+    s: Floats  # [M] lane position of the front, m
+    pose: Floats  # [M, 4] columns X .. SIN: centre, m, and heading of the box
 
 
 class Follow(NamedTuple):
     """Drive this profile; one speed a simulation step."""
 
     speeds: Floats  # [M] m/s
-    lane_change: int  # -1 right, 0 none, +1 left, at once
+    lane_change: int  # -1 right, 0 none, 1 left, at once
 
 
 class Release(NamedTuple):
@@ -207,7 +293,7 @@ class RootChild(NamedTuple):
     """One action at the root after the search."""
 
     accel: float  # m/s2 asked for
-    lane_change: int
+    lane_change: int  # -1 right, 0 none, 1 left
     visits: int
     mean: float  # mean total cost J
     # lowest total cost seen, or the risk where several hypotheses are weighed; inf: every
@@ -215,10 +301,9 @@ class RootChild(NamedTuple):
     best: float
     # [5] of the best in the likeliest hypothesis: safety, comfort, passability, other, loss
     terms: Floats
-    poses: Floats  # [M, 4] of its best continuation
-    hypotheses: Floats = np.zeros(
-        (0, 5)
-    )  # [H, 5] terms of the best in each hypothesis that was searched; empty: there is one
+    poses: Floats  # [M, 4] columns X .. SIN, of its best continuation
+    # [H, 5] terms of the best in each hypothesis that was searched; empty: there is one
+    hypotheses: Floats = np.zeros((0, 5))
 
 
 class Decision(NamedTuple):
@@ -229,8 +314,11 @@ class Decision(NamedTuple):
     children: tuple[RootChild, ...]
     chosen: int  # index into children, -1: none
     reason: str  # "search", "brake" (nothing is free), "release", ...
-    iterations: int
+    iterations: int  # passes of the search
     known: int  # passes that ended in a known terminal node
+
+
+# --- what a driver carries from one decision to the next ---
 
 
 class Manoeuvre(NamedTuple):
@@ -245,99 +333,46 @@ class PlannerMemory(NamedTuple):
     """What a planner carries from one decision to the next."""
 
     numbers: Floats = np.zeros(0)  # their meaning is the planner's own affair
-    generator: Words = np.zeros(
-        0, np.uint64
-    )  # the state of its random generator; empty: it draws nothing
+    # the state of its random generator; empty: it draws nothing
+    generator: Words = np.zeros(0, np.uint64)
 
 
 class Memory(NamedTuple):
     """What a driver carries from one decision to the next, beside that decision."""
 
-    edges: tuple[
-        int, ...
-    ] = ()  # the route as it was laid out, from where the ego was then; empty: not yet
-    stood: tuple[int, ...] = ()  # nodes of the route at whose stop sign the ego has stood ...
-    stood_since: tuple[float, ...] = ()  # ... and when, s
+    # the route as it was laid out, from where the ego was then; empty: not yet
+    edges: tuple[int, ...] = ()
+    stood: tuple[int, ...] = ()  # nodes of the route at whose stop sign the ego has stood,
+    stood_since: tuple[float, ...] = ()  # and since when, simulation time, s
     failures: int = 0  # of the planner, in a row
     ready: Manoeuvre | None = None  # the fail-safe's, verified last
     planner: PlannerMemory = PlannerMemory()
 
 
-class Answers(NamedTuple):
-    """What oracles told in one cycle: nothing, unless a scenario asks for one.
-
-    K agents whose coming T states were told.
-    """
-
-    ways: tuple[
-        Ints, ...
-    ] = ()  # [N] the lanes that each agent is really going to take; empty: it was not asked
-    agent: Ints = np.zeros(0, np.int32)  # [K] index
-    scripted: Bools = np.zeros(
-        0, np.bool_
-    )  # [K] holds a script; else from a copy of the simulation
-    pose: Floats = np.zeros((0, 0, 4))  # [K, T, 4] at the times that were asked for
-    v: Floats = np.zeros((0, 0))  # [K, T]
-    lane: Ints = np.zeros((0, 0), np.int32)  # [K, T]
-    s: Floats = np.zeros((0, 0))  # [K, T]
-    valid: Bools = np.zeros((0, 0), np.bool_)  # [K, T]
-
-
-SAFETY, COMFORT, PASSABILITY, OTHER, LOSS = range(5)
-TERMS = ("safety", "comfort", "passability", "other", "loss")
-VEHICLE_CLASSES = (
-    "passenger", "private", "emergency", "authority", "army", "vip", "hov", "taxi", "bus", "coach",
-    "delivery", "truck", "trailer",
-    "motorcycle", "moped", "bicycle", "evehicle", "pedestrian", "tram", "rail_urban", "rail",
-    "rail_electric", "rail_fast", "ship",
-    "custom1", "custom2", "subway", "cable_car", "container", "aircraft", "wheelchair", "scooter",
-    "drone",
-)  # fmt: skip
-IGNORING = -1  # the class of vehicles that may drive anywhere
+# --- what the referee sees ---
 
 
 class Frame(NamedTuple):
     """What SUMO reports of one ego after one simulation step.
 
-    For the referee alone: it may hold what no sensor sees.
+    For the referee alone: it may hold what no sensor sees. N agents.
     """
 
-    time: float  # s
+    time: float  # simulation time, s
     ego: EgoState  # the last known one where the ego is gone
     present: bool  # False: SUMO no longer has the ego
-    agents: Agents  # everybody within REFEREE_RANGE
+    agents: Agents  # all within REFEREE_RANGE of the ego
     signals: Signals  # K = 1
-    leader: tuple[
-        str, ...
-        # [N] the vehicle that SUMO names as each agent's leader; "" none or not asked (asked of
-        # those
-        # that brake)
-    ]
-    paths: tuple[
-        Ints, ...
-    ]  # [N] true next lanes of each agent, the present one first; empty where not asked
-    collisions: tuple[str, ...]  # whom SUMO reports in collision with the ego in this step
+    # [N] the vehicle that SUMO names as each agent's leader; "" none, or not asked (asked of those
+    # that brake)
+    leader: tuple[str, ...]
+    # [N] true next lanes of each agent, the present one first; empty where not asked
+    paths: tuple[Ints, ...]
+    collisions: tuple[str, ...]  # those that SUMO reports in collision with the ego in this step
     collision_type: str  # "", "collision" (lengthwise), "side" (lane change), "junction", ...
-    teleported: bool
+    teleported: bool  # SUMO began to move the ego elsewhere in this step
     arrived: bool  # SUMO took the ego out at the end of its route
-    ttc: float  # s, smallest of SUMO's surrogate safety device for the ego; nan undefined
-    pet: float  # s
-    drac: float  # m/s2
-
-
-REFEREE_RANGE = 100.0  # m
-STANDING = 0.1  # m/s: slower counts as standing
-
-
-class Scripted(NamedTuple):
-    """The coming states of an agent, known from its script or from a copy of the simulation, at the
-    forecast's times. K times."""
-
-    pose: Floats  # [K, 4]
-    v: Floats  # [K]
-    lane: Ints  # [K]
-    s: Floats  # [K]
-    valid: Bools  # [K]
-
-
-Indices = NDArray[np.int64]
+    # of SUMO's surrogate safety device for the ego at this moment; nan undefined
+    ttc: float  # s, time to collision
+    pet: float  # s, post-encroachment time
+    drac: float  # m/s2, deceleration to avoid a collision

@@ -16,8 +16,8 @@ from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.prediction.behaviour import TrafficParams
-from sumo_mcts.prediction.forecast import OracleData, predict
+from sumo_mcts.prediction.drivers import TrafficParams
+from sumo_mcts.prediction.forecast import OracleData, Question, predict
 from sumo_mcts.scene import EgoState, Forecast, RoadMap, Scene, Signals
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -125,15 +125,8 @@ def forecast_of(
     state = ego_state(task.route, scene.ego)
     assert state is not None
     lanes = np.array(ego_lanes(task.route, state), np.int32)
-    return predict(
-        task.road,
-        scene,
-        lanes,
-        np.zeros(0),
-        params or traffic_params(),
-        seconds,
-        told or OracleData(),
-    )
+    question = Question(scene, lanes, np.zeros(0), params or traffic_params(), seconds)
+    return predict(task.road, question, told or OracleData())
 
 
 def situation_of(

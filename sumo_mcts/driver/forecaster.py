@@ -11,7 +11,8 @@ from sumo_mcts.driver.sensor import room_m
 from sumo_mcts.errors import ConfigError, in_one_line
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.route import RouteMap
-from sumo_mcts.prediction.interface import Oracles, Predictor, Question, checked
+from sumo_mcts.prediction.forecast import Question
+from sumo_mcts.prediction.interface import Oracles, Predictor, checked
 from sumo_mcts.prediction.margins import inflate
 from sumo_mcts.prediction.paths import LANES
 from sumo_mcts.registry import PREDICTORS, asks

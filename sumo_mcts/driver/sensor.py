@@ -13,8 +13,8 @@ import numpy as np
 
 from sumo_mcts.config import SensorConfig
 from sumo_mcts.numerics.geometry import nearest
-from sumo_mcts.prediction.behaviour import TrafficParams
-from sumo_mcts.prediction.forecast import OracleData, predict
+from sumo_mcts.prediction.drivers import TrafficParams
+from sumo_mcts.prediction.forecast import Question, predict
 from sumo_mcts.prediction.paths import LEAVES_FROM
 from sumo_mcts.scene import STANDING, Agents, Bools, EgoState, Floats, RoadMap, Scene
 
@@ -317,7 +317,7 @@ def moved_on(road: RoadMap, scene: Scene, seconds: float, aside: float) -> Agent
         aside=aside,
     )
     forecast = predict(
-        road, scene, np.zeros(0, np.int32), np.zeros(0), keeps_speed, seconds, OracleData()
+        road, Question(scene, np.zeros(0, np.int32), np.zeros(0), keeps_speed, seconds)
     )
     pose, zero = forecast.pose[0, 1], np.zeros(len(agents.ids))
     moved = agents._replace(

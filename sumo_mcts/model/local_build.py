@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from sumo_mcts.model.local_map import CLAIM_SAMPLES, GONE, LATE, NEARBY, UPSTREAM, LocalMap, State
 from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap, Upstream, stop_ahead
 from sumo_mcts.numerics.kernel import entry, kernel
+from sumo_mcts.numerics.lanes import Ahead, Areas, ahead_of, areas_of, leads_to
 from sumo_mcts.numerics.signals import signal_states
-from sumo_mcts.prediction.paths import Ahead, Areas, ahead_of, areas_of, leads_to
 from sumo_mcts.prediction.poses import SIDEWAYS
 from sumo_mcts.scene import (
     GREEN,

@@ -1,11 +1,13 @@
-"""How to read a road map: which lanes follow a lane, and on which a vehicle may drive."""
+"""How to read a road map: which lanes follow a lane, which vehicles may drive there, and the tables
+of lanes that kernels read."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.scene import IGNORING, Ints, RoadMap
+from sumo_mcts.numerics.kernel import kernel
+from sumo_mcts.scene import ALLWAY, IGNORING, Bools, Floats, Ints, RoadMap
 
 
 def successors(road: RoadMap, lane: int) -> list[int]:
@@ -23,4 +25,89 @@ def usable(road: RoadMap, lanes: Ints | NDArray[np.int64] | slice, vclass: int) 
         np.ones(len(classes), np.bool_)
         if vclass == IGNORING
         else (classes >> np.uint64(vclass)) & np.uint64(1) == 1
+    )
+
+
+def of_class(vclass: Ints) -> NDArray[np.uint64]:
+    """[N] the bits of RoadMap.classes that a vehicle of this class [N] may drive on."""
+    return np.where(
+        vclass == IGNORING, ~np.uint64(0), np.uint64(1) << np.maximum(vclass, 0).astype(np.uint64)
+    )
+
+
+# --- tables for kernels ---
+
+
+class Ahead(NamedTuple):
+    """How lanes go on; all but `first` as in RoadMap.
+
+    The successors of lane i are successor[first[i]:first[i + 1]].
+    """
+
+    first: Ints  # [L+1]
+    successor: Ints  # [S]
+    direction: Ints  # [L]
+    length: Floats  # [L] m
+    internal: Bools  # [L]
+    edge: Ints  # [L]
+    exit: Ints  # [L]
+    classes: NDArray[np.uint64]  # [L]
+    left: Ints  # [L]
+    right: Ints  # [L]
+
+
+def ahead_of(road: RoadMap) -> Ahead:
+    """How the lanes of a network go on."""
+    return Ahead(
+        first=road.successor_offset,
+        successor=road.successor,
+        direction=road.direction,
+        length=road.length,
+        internal=road.internal,
+        edge=road.edge,
+        exit=road.exit,
+        classes=road.classes,
+        left=road.left,
+        right=road.right,
+    )
+
+
+@kernel
+def leads_to(ahead: Ahead, lane: int, other: int) -> bool:
+    """Whether a vehicle drives from a lane straight onto the other."""
+    found = False
+    for k in range(ahead.first[lane], ahead.first[lane + 1]):
+        found = found or ahead.successor[k] == other
+    return found
+
+
+class Areas(NamedTuple):
+    """Where lanes cross or merge: the conflict areas of lane i are first[i]:first[i + 1].
+
+    All but `first` and `allway` as the fields conflict_... of RoadMap.
+    """
+
+    first: Ints  # [L+1]
+    other: Ints  # [C] the other lane
+    begin: Floats  # [C] m, in positions of this lane
+    end: Floats  # [C]
+    other_begin: Floats  # [C] m, in positions of the other lane
+    other_end: Floats  # [C]
+    merge: Bools  # [C]
+    yields: Bools  # [C]
+    allway: Bools  # [L] the lane is entered as at an all-way stop
+
+
+def areas_of(road: RoadMap) -> Areas:
+    """The conflict areas of a network."""
+    return Areas(
+        first=road.conflict_offset,
+        other=road.conflict_lane,
+        begin=road.conflict_begin,
+        end=road.conflict_end,
+        other_begin=road.conflict_other_begin,
+        other_end=road.conflict_other_end,
+        merge=road.conflict_merge,
+        yields=road.conflict_yields,
+        allway=road.rule == ALLWAY,
     )

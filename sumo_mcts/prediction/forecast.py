@@ -1,9 +1,8 @@
 """How the others will move: the forward-predicted copy of the traffic.
 
-Every agent is led along its most likely lanes (`paths.py`). `constant_velocity` keeps its speed;
-`idm` drives there as SUMO's drivers do (`others.py`); `routes` does so along the lanes that the
-agents are going to take in truth; `script` reads what is scripted; `clone` reads what a copy of the
-simulation tells.
+Every agent is led along its most likely lanes (paths.py). `constant_velocity` keeps its speed.
+`idm` drives there as SUMO's drivers do (behaviour.py). `routes` does so along the lanes that the
+agents really take. `script` reads scripted states, `clone` those of a copy of the simulation.
 """
 
 import math
@@ -12,40 +11,60 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.prediction.behaviour import Drivers, TrafficParams, drive
+from sumo_mcts.prediction.behaviour import drive
+from sumo_mcts.prediction.drivers import Drivers, TrafficParams
 from sumo_mcts.prediction.paths import changing, likely_paths
 from sumo_mcts.prediction.poses import poses
 from sumo_mcts.scene import (
     TURNS,
     USUAL,
     Agents,
-    EgoState,
     Floats,
+    Follow,
     Forecast,
     Intent,
     Ints,
+    Release,
     RoadMap,
     Scene,
     Scripted,
 )
 
-# m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes
+# m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes,
 CRUISING = 0.5
-NOBODY = Intent(-1, USUAL)
+CRUISING_SPEED = 3.0  # m/s, where it is faster than this
+NO_INTENT = Intent(-1, USUAL)  # every agent does what is likeliest
+
+
+class Question(NamedTuple):
+    """What a predictor is asked each cycle."""
+
+    scene: Scene
+    # [K] the lanes that the ego is going to drive, the one it is on or moves to first
+    ego_lanes: Ints
+    # [K] m/s: what the ego is taken to do first, at multiples of params.step from now + params.step
+    # on; may be empty. Later it follows as the others do. The forecast is conditional on that.
+    nominal: Floats
+    # of the sections `prediction` and `sensor`; params.step: s between the times of the forecast
+    params: TrafficParams
+    seconds: float  # how far the forecast has to reach
+    # s since the ego came to a stand at the stop sign before it; -inf: it has not
+    stood_s: float = -math.inf
+    hypotheses: int = 1  # that the planner weighs at most
+    command: Follow | Release = Release()  # what is left of the ego's last command
 
 
 class OracleData(NamedTuple):
     """What oracles tell, by agent (index): nothing, unless a scenario asks for one."""
 
     scripts: Mapping[int, Scripted] = {}  # its coming states, whatever happens
-    copies: Mapping[
-        int, Scripted
-        # its coming states if the ego does what is nominal; it reacts and yields as it would
-        # otherwise
-    ] = {}
-    ways: Mapping[
-        int, Ints
-    ] = {}  # the lanes that it is really going to take from the one that it is in
+    # its coming states if the ego does what is nominal; it reacts and yields as it would otherwise
+    copies: Mapping[int, Scripted] = {}
+    # the lanes that it is really going to take, from the one that it is in
+    ways: Mapping[int, Ints] = {}
+
+
+NOTHING_TOLD = OracleData()
 
 
 def times_of(seconds: float, step: float) -> int:
@@ -54,76 +73,80 @@ def times_of(seconds: float, step: float) -> int:
 
 
 def predict(
-    road: RoadMap, scene: Scene, ego_lanes: Ints, nominal: Floats, params: TrafficParams,
-    seconds: float, told: OracleData, ego_stood_s: float = -math.inf,
-    intent: Intent = NOBODY,
-) -> Forecast:  # fmt: skip
-    """Every agent of the scene for `seconds`;
+    road: RoadMap,
+    question: Question,
+    told: OracleData = NOTHING_TOLD,
+    intent: Intent = NO_INTENT,
+) -> Forecast:
+    """A forecast of one hypothesis: one agent has the `intent`, the others react.
 
-    `ego_stood_s`: how long ago the ego came to a stand at the stop line before it.
-
-    The ego drives along `ego_lanes` (the present one first) with the speeds `nominal` [K] at
-    multiples of params.step, later by car following: the table is conditional on that. `told` is
-    what an oracle tells: Told() for what sensors see. One agent has the `intent`, the others react.
+    `told`: what an oracle tells; without it the forecast knows what sensors see.
     """
-    times = times_of(seconds, params.step)
-    agents, ego = changing(road, scene.agents, ego_lanes, params.aside), scene.ego
-    ways = (
-        {**told.ways, intent.agent: np.array(intent.way, np.int32)}
-        if intent.does == TURNS
-        else told.ways
-    )
-    paths = likely_paths(road, agents, ego, ego_lanes, ways, seconds)
-    of_ego = params._replace(accel=min(params.accel, ego.max_accel))
+    scene, params = question.scene, question.params
+    times = times_of(question.seconds, params.step)
+    agents = changing(road, scene.agents, question.ego_lanes, params.aside)
+    known = dict(told.ways)
+    if intent.does == TURNS:
+        known[intent.agent] = np.array(intent.way, np.int32)
+    paths = likely_paths(road, agents, scene.ego, question.ego_lanes, known, question.seconds)
     x, v, polite = drive(
-        road,
-        scene.signals,
-        paths,
-        _drivers(agents, ego, ego_stood_s, intent, params),
-        nominal,
-        params,
-        of_ego,
-        times,
+        road=road,
+        signals=scene.signals,
+        paths=paths,
+        drivers=_drivers(agents, question, intent),
+        nominal=question.nominal,
+        params=params,
+        of_ego=params._replace(accel=min(params.accel, scene.ego.max_accel)),
+        times=times,
     )
-    found, v, yields, reacts = (
-        poses(road, agents, paths, x, params.step),
-        v[:, 1:].copy(),
-        polite[1:],
-        ~agents.person,
+    found = poses(road, agents, paths, x, params.step)
+    forecast = Forecast(
+        dt=params.step,
+        weight=np.ones(1),
+        pose=found.pose[None],
+        v=v[:, 1:].copy()[None],
+        lane=found.lane[None],
+        s=found.s[None],
+        valid=found.valid[None],
+        half_length=agents.length / 2,
+        half_width=agents.width / 2,
+        reacts=~agents.person,
+        yields=polite[1:][None],
+        intents=(intent,),
     )
-    for i, known in (*told.copies.items(), *told.scripts.items()):
-        have = min(len(known.v), times)
-        found.pose[:have, i], v[:have, i], found.lane[:have, i], found.s[:have, i] = (
-            known.pose[:have],
-            known.v[:have],
-            known.lane[:have],
-            known.s[:have],
-        )
-        found.valid[:have, i], found.valid[have:, i] = known.valid[:have], False
-    for i in told.scripts:
-        reacts[i], yields[i] = False, False
-    return Forecast(
-        params.step, np.ones(1), found.pose[None], v[None], found.lane[None], found.s[None],
-        found.valid[None], agents.length / 2, agents.width / 2, reacts,
-        yields[None], (intent,),
-    )  # fmt: skip
+    _overwrite(forecast, told)
+    return forecast
 
 
-def _drivers(
-    agents: Agents, ego: EgoState, ego_stood_s: float, intent: Intent, params: TrafficParams
-) -> Drivers:
+def _drivers(agents: Agents, question: Question, intent: Intent) -> Drivers:
     """The ego (row 0) and the agents."""
+    ego, params = question.scene.ego, question.params
     does = np.full(len(agents.ids) + 1, USUAL)
     does[intent.agent + 1] = intent.does
+    cruises = (np.abs(agents.trend) < CRUISING) & (agents.v > CRUISING_SPEED)
+    stood = np.where(agents.standing_s > 0.0, -agents.standing_s, np.inf)
     return Drivers(
         x=np.concatenate([[ego.s], agents.s]),
         v=np.concatenate([[ego.v], agents.v]),
         length=np.concatenate([[ego.length], agents.length]),
         stays=np.concatenate([[False], agents.standing_s >= params.stays_after]),
-        cruises=np.concatenate([[False], (np.abs(agents.trend) < CRUISING) & (agents.v > 3.0)]),
-        stood=np.concatenate(
-            [[-ego_stood_s], np.where(agents.standing_s > 0.0, -agents.standing_s, np.inf)]
-        ),
+        cruises=np.concatenate([[False], cruises]),
+        stood=np.concatenate([[-question.stood_s], stood]),
         trend=np.concatenate([[0.0], agents.trend]),
         does=does,
     )
+
+
+def _overwrite(forecast: Forecast, told: OracleData) -> None:
+    """Write the states that an oracle tells into the only hypothesis of a forecast."""
+    times = forecast.v.shape[1]
+    for i, states in (*told.copies.items(), *told.scripts.items()):
+        have = min(len(states.v), times)
+        forecast.pose[0, :have, i] = states.pose[:have]
+        forecast.v[0, :have, i] = states.v[:have]
+        forecast.lane[0, :have, i] = states.lane[:have]
+        forecast.s[0, :have, i] = states.s[:have]
+        forecast.valid[0, :have, i] = states.valid[:have]
+        forecast.valid[0, have:, i] = False
+    for i in told.scripts:
+        forecast.reacts[i], forecast.yields[0, i] = False, False

@@ -5,11 +5,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from sumo_mcts.prediction.behaviour import TrafficParams
-from sumo_mcts.prediction.forecast import times_of
+from sumo_mcts.prediction.forecast import Question, times_of
 from sumo_mcts.scene import (
     Answers,
-    Floats,
     Follow,
     Forecast,
     Ints,
@@ -18,23 +16,6 @@ from sumo_mcts.scene import (
     Scene,
     Scripted,
 )
-
-
-class Question(NamedTuple):
-    """What a predictor is asked in one cycle: the arguments of prediction/forecast.py::predict, and
-    more."""
-
-    scene: Scene
-    ego_lanes: Ints  # [K] lanes that the ego is going to drive, first the one it is on or moves to
-    # [K] m/s: what the ego is taken to do first, at multiples of params.step from now + params.step
-    # on; may be empty
-    nominal: Floats
-    # of the sections `prediction` and `sensor`; params.step: s between the times of the forecast
-    params: TrafficParams
-    seconds: float  # how far the forecast has to reach
-    stood_s: float  # s since the ego came to a stand at the stop sign before it; -inf: it has not
-    hypotheses: int = 1  # that the planner weighs at most
-    command: Follow | Release = Release()  # what is left of the ego's last command
 
 
 class Oracles(NamedTuple):

@@ -8,39 +8,41 @@ import numpy as np
 from sumo_mcts.numerics.geometry import Lines, chord, lines_of, point_on, swung
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.prediction.paths import OPEN, Paths
-from sumo_mcts.scene import Agents, Bools, Floats, Ints, RoadMap
+from sumo_mcts.scene import COS, SIN, Agents, Bools, Floats, Ints, RoadMap, X, Y
 
-UNTURNED = 0.05  # rad between box and lane up to which it is a matter of how curves are drawn
+SIDEWAYS = 1.2  # m/s with which a vehicle moves to the centre line: a lane in 3 s
+UNTURNED = 0.05  # rad between body and lane up to which it is a matter of how curves are drawn
+GONE = 0.1  # m behind the end of the road from which on a vehicle has left the map
 
 
 class Poses(NamedTuple):
     """N agents at T times."""
 
-    pose: Floats  # [T, N, 4] x, y, cos, sin of the middle
-    lane: Ints  # [T, N] -1 off the road
-    s: Floats  # [T, N] on that lane
+    pose: Floats  # [T, N, 4] columns X .. SIN: the centre, m, and the heading
+    lane: Ints  # [T, N] lane of the front, -1 off the road
+    s: Floats  # [T, N] position of the front on that lane, m
     valid: Bools  # [T, N] not beyond the end of the road
 
 
 class _Bodies(NamedTuple):
     """The agents now, [N] each."""
 
-    x: Floats
+    x: Floats  # m, of the centre
     y: Floats
-    heading: Floats
-    length: Floats
-    aside: Floats
+    heading: Floats  # rad
+    length: Floats  # m
+    aside: Floats  # m off the centre line, left positive
 
 
 def poses(road: RoadMap, agents: Agents, paths: Paths, x: Floats, step: float) -> Poses:
-    """The agents at times `step` s apart, from their positions along the paths, x [T, N+1] (row 0
-    of which is the ego)."""
+    """The agents at times `step` s apart, from their positions along the paths, x [T, N+1] m; its
+    row 0 is the ego."""
     times, n = len(x), len(agents.ids)
     out = Poses(
-        np.zeros((times, n, 4)),
-        np.full((times, n), -1, np.int32),
-        np.zeros((times, n)),
-        np.ones((times, n), np.bool_),
+        pose=np.zeros((times, n, 4)),
+        lane=np.full((times, n), -1, np.int32),
+        s=np.zeros((times, n)),
+        valid=np.ones((times, n), np.bool_),
     )
     bodies = _Bodies(agents.x, agents.y, agents.heading, agents.length, agents.d)
     _place(out, paths, bodies, lines_of(road), x, step)
@@ -62,20 +64,17 @@ def _place_off_road(pose: Floats, bodies: _Bodies, x: Floats, i: int) -> None:
     cs, sn = math.cos(bodies.heading[i]), math.sin(bodies.heading[i])
     for t in range(len(x)):
         moved = x[t, i + 1] - x[0, i + 1]
-        pose[t, i, 0], pose[t, i, 1], pose[t, i, 2], pose[t, i, 3] = (
-            bodies.x[i] + moved * cs,
-            bodies.y[i] + moved * sn,
-            cs,
-            sn,
-        )
+        pose[t, i, X] = bodies.x[i] + moved * cs
+        pose[t, i, Y] = bodies.y[i] + moved * sn
+        pose[t, i, COS], pose[t, i, SIN] = cs, sn
 
 
 @kernel
 def _place_on_path(
     out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: Floats, i: int, step: float
 ) -> None:
-    """Front and rear on the path; what it is off the centre line, and aslant, now becomes less on
-    the way."""
+    """Front and rear on the path; what the body is off the centre line now, and aslant, becomes
+    less as it drives."""
     row, length = i + 1, bodies.length[i]
     cs, sn = math.cos(bodies.heading[i]), math.sin(bodies.heading[i])
     start, aside, turn = x[0, row], bodies.aside[i], 0.0
@@ -83,20 +82,15 @@ def _place_on_path(
     for t in range(len(x)):
         front, back = x[t, row], x[t, row] - length
         k = _lane_at(paths, row, k, front)
-        if front > paths.offset[row, paths.count[row]] + 0.1 and paths.ends[row] != OPEN:
+        if front > paths.offset[row, paths.count[row]] + GONE and paths.ends[row] != OPEN:
             out.valid[t, i] = False
         out.lane[t, i], out.s[t, i] = paths.lane[row, k], front - paths.offset[row, k]
         fx, fy = _point(paths, lines, row, k, front)
-        if (
-            back < 0.0
-            # its rear is where it has already been: on the line from the rear to the front it has
-            # now
-        ):
+        if back < 0.0:
+            # its rear is where it has already been: on the line from rear to front now
             moved = front - start
-            rx, ry = (
-                bodies.x[i] - 0.5 * length * cs + moved * cs,
-                bodies.y[i] - 0.5 * length * sn + moved * sn,
-            )
+            rx = bodies.x[i] - 0.5 * length * cs + moved * cs
+            ry = bodies.y[i] - 0.5 * length * sn + moved * sn
         else:
             kr = _lane_at(paths, row, kr, back)
             rx, ry = _point(paths, lines, row, kr, back)
@@ -104,21 +98,17 @@ def _place_on_path(
         if t == 0:
             turn = math.atan2(sn * pc - cs * ps, cs * pc + sn * ps)
             turn = turn if abs(turn) > UNTURNED else 0.0
-            out.pose[t, i, 0], out.pose[t, i, 1], out.pose[t, i, 2], out.pose[t, i, 3] = (
-                bodies.x[i],
-                bodies.y[i],
-                cs,
-                sn,
-            )
+            out.pose[t, i, X], out.pose[t, i, Y] = bodies.x[i], bodies.y[i]
+            out.pose[t, i, COS], out.pose[t, i, SIN] = cs, sn
             continue
         if turn != 0.0 or aside != 0.0:
             left = -math.copysign(min(SIDEWAYS * step, abs(aside)), aside)
             aside, turn = aside + left, swung(turn, x[t, row] - x[t - 1, row], left, length)
         ct, st = math.cos(turn), math.sin(turn)
         c, s = pc * ct - ps * st, ps * ct + pc * st
-        out.pose[t, i, 0] = px - aside * ps + 0.5 * length * (pc - c)
-        out.pose[t, i, 1] = py + aside * pc + 0.5 * length * (ps - s)
-        out.pose[t, i, 2], out.pose[t, i, 3] = c, s
+        out.pose[t, i, X] = px - aside * ps + 0.5 * length * (pc - c)
+        out.pose[t, i, Y] = py + aside * pc + 0.5 * length * (ps - s)
+        out.pose[t, i, COS], out.pose[t, i, SIN] = c, s
 
 
 @kernel
@@ -133,6 +123,3 @@ def _lane_at(paths: Paths, row: int, k: int, x: float) -> int:
 def _point(paths: Paths, lines: Lines, row: int, k: int, x: float) -> tuple[float, float]:
     """The centre line's point at a position on the k-th lane of a path."""
     return point_on(lines, paths.lane[row, k], x - paths.offset[row, k])
-
-
-SIDEWAYS = 1.2  # m/s with which a vehicle moves to the centre line: a lane in 3 s

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from sumo_mcts.prediction.forecast import OracleData, predict, times_of
+from sumo_mcts.prediction.forecast import OracleData, Question, predict, times_of
 from sumo_mcts.prediction.hypotheses import predict_hypotheses
-from sumo_mcts.prediction.interface import Oracles, Question
+from sumo_mcts.prediction.interface import Oracles
 from sumo_mcts.scene import Forecast, RoadMap, Scripted
 
 
@@ -29,7 +29,7 @@ class Idm(_BuiltIn):
 
     def predict(self, question: Question) -> Forecast:
         """The usual forecast first."""
-        return predict_hypotheses(self._road, **_known(question), most=question.hypotheses)
+        return predict_hypotheses(self._road, question, question.hypotheses)
 
 
 class ConstantVelocity(_BuiltIn):
@@ -38,7 +38,7 @@ class ConstantVelocity(_BuiltIn):
     def predict(self, question: Question) -> Forecast:
         """One hypothesis."""
         alone = question.params._replace(interacting=False)
-        return _predict(self._road, question._replace(params=alone), OracleData())
+        return predict(self._road, question._replace(params=alone))
 
 
 class Routes(_BuiltIn):
@@ -50,12 +50,12 @@ class Routes(_BuiltIn):
         """One hypothesis; without oracles along the likeliest lanes."""
         agents, ask = question.scene.agents, self._oracles
         if ask is None:
-            return _predict(self._road, question, OracleData())
+            return predict(self._road, question)
         lanes = {
             int(i): ask.way(agents.ids[i], int(agents.lane[i]))
             for i in np.flatnonzero(agents.lane >= 0)
         }
-        return _predict(self._road, question, OracleData(ways=lanes))
+        return predict(self._road, question, OracleData(ways=lanes))
 
 
 class Scripts(_BuiltIn):
@@ -66,8 +66,8 @@ class Scripts(_BuiltIn):
     def predict(self, question: Question) -> Forecast:
         """One hypothesis; without oracles all agents drive by car following."""
         if self._oracles is None:
-            return _predict(self._road, question, OracleData())
-        return _predict(self._road, question, OracleData(scripts=_scripts(self._oracles, question)))
+            return predict(self._road, question)
+        return predict(self._road, question, OracleData(scripts=_scripts(self._oracles, question)))
 
 
 class Clone(_BuiltIn):
@@ -78,32 +78,14 @@ class Clone(_BuiltIn):
     def predict(self, question: Question) -> Forecast:
         """One hypothesis; without oracles all agents drive by car following."""
         if self._oracles is None:
-            return _predict(self._road, question, OracleData())
+            return predict(self._road, question)
         scripted = _scripts(self._oracles, question)
         step = question.params.step
         copies = self._oracles.clone(
             question.scene, question.command, step, times_of(question.seconds, step)
         )
         told = OracleData(scripts={i: copies[i] for i in scripted}, copies=copies)
-        return _predict(self._road, question, told)
-
-
-def _predict(road: RoadMap, question: Question, told: OracleData) -> Forecast:
-    """The forecast of one hypothesis, with what an oracle tells."""
-    return predict(road, **_known(question), told=told)
-
-
-def _known(question: Question) -> dict[str, Any]:
-    """The arguments of predict and predict_hypotheses that a question holds."""
-    q = question
-    return {
-        "scene": q.scene,
-        "ego_lanes": q.ego_lanes,
-        "nominal": q.nominal,
-        "params": q.params,
-        "seconds": q.seconds,
-        "ego_stood_s": q.stood_s,
-    }
+        return predict(self._road, question, told)
 
 
 def _scripts(oracles: Oracles, question: Question) -> dict[int, Scripted]:

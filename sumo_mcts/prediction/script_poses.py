@@ -6,7 +6,7 @@ import numpy as np
 
 from sumo_mcts.numerics.geometry import Lines, chord, lines_of, point_at, point_on, swung
 from sumo_mcts.numerics.kernel import making_arrays
-from sumo_mcts.scene import Floats, Ints, RoadMap
+from sumo_mcts.scene import COS, SIN, Floats, Ints, RoadMap, X, Y
 
 TANGENT = 0.5  # m over which the direction of a lane is measured
 
@@ -14,8 +14,11 @@ TANGENT = 0.5  # m over which the direction of a lane is measured
 def script_poses(
     road: RoadMap, lane: Ints, s: Floats, d: Floats, v: Floats, step: float, length: float
 ) -> Floats:
-    """[M, 4] centre x, y, cos, sin of a vehicle that was on lane [M] at s [M] with offset d [M]
-    after each step with speed v [M]."""
+    """[M, 4] (columns X .. SIN) where a vehicle's box is after each step.
+
+    Its front is then on lane [M] at s [M] (m) with offset d [M] (m, left positive), after a step
+    (s) with speed v [M] (m/s); `length` m.
+    """
     driven = np.concatenate([[0.0], np.cumsum(v[1:] * step)])
     pose = np.zeros((len(lane), 4))
     _fill(pose, lane, s, d, driven, length, lines_of(road))
@@ -26,7 +29,10 @@ def script_poses(
 def _fill(
     pose: Floats, lane: Ints, s: Floats, d: Floats, driven: Floats, length: float, lines: Lines
 ) -> None:
-    shift = np.zeros((len(lane), 2))  # how far sideways the lanes lie that it has changed to, m
+    """The box from the front to where the rear drove before; `driven` [M]: m since the first
+    row."""
+    # how far sideways the lanes lie that it has changed to, in x and y, m
+    shift = np.zeros((len(lane), 2))
     rear, turned = 0, 0.0
     for m in range(len(lane)):
         here = lane[m]
@@ -46,20 +52,17 @@ def _fill(
             before = lane[m - 1]
             if here != before and abs(s[m] - s[m - 1] - forward) < 1e-6:
                 bx, by = point_on(lines, before, s[m])
-                shift[m, 0] += fx - bx
-                shift[m, 1] += fy - by
+                shift[m, X] += fx - bx
+                shift[m, Y] += fy - by
                 left += (fy - by) * tx - (fx - bx) * ty
         while rear < m and driven[rear + 1] <= driven[m] - length:
             rear += 1
         rx, ry = point_on(lines, lane[rear], s[rear] + driven[m] - length - driven[rear])
-        _, _, c, n = chord(
-            fx, fy, rx + shift[m, 0] - shift[rear, 0], ry + shift[m, 1] - shift[rear, 1], 1.0, 0.0
-        )
+        rx, ry = rx + shift[m, X] - shift[rear, X], ry + shift[m, Y] - shift[rear, Y]
+        _, _, c, n = chord(fx, fy, rx, ry, 1.0, 0.0)
         turned = swung(turned, forward, left, length)
         ct, nt = math.cos(turned), math.sin(turned)
         c, n = c * ct - n * nt, n * ct + c * nt
-        pose[m, 0], pose[m, 1] = (
-            fx - d[m] * ty - 0.5 * length * c,
-            fy + d[m] * tx - 0.5 * length * n,
-        )
-        pose[m, 2], pose[m, 3] = c, n
+        pose[m, X] = fx - d[m] * ty - 0.5 * length * c
+        pose[m, Y] = fy + d[m] * tx - 0.5 * length * n
+        pose[m, COS], pose[m, SIN] = c, n

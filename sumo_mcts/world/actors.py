@@ -1,5 +1,4 @@
-"""The actors of a scenario, drawn by the seed; the scripts that some of them hold; the events that
-vehicles are told.
+"""The actors of a scenario: drawn by the seed, led by their scripts, or told their events.
 
 Row m of a script is the state m steps after the vehicle appeared. SUMO moves first and inserts
 afterwards: a vehicle due at time t is there, not yet moved, at the end of the first step that
@@ -32,8 +31,7 @@ CHANGE_WISH_S = 5.0  # how long a vehicle driven by SUMO goes on looking for a g
 
 
 class Actors:
-    """Lets scripts be held and events happen: call `before_step` before every step of the running
-    simulation."""
+    """Plays scripts and events: call `before_step` before every step of the running simulation."""
 
     def __init__(
         self,
@@ -46,9 +44,9 @@ class Actors:
         change_s: float = 3.0,
         seconds: float = 600.0,
     ) -> None:
-        """`step` and `change_s` (SUMO's lanechange.duration) in s;
+        """`step` and `change_s` (SUMO's lanechange.duration) in s.
 
-        `egos` are driven by somebody else; scripts are compiled for `seconds`.
+        `egos` are driven by planners; scripts are compiled for `seconds`. Raises ConfigError.
         """
         self._libsumo: Any = import_libsumo()
         self._step, self._left = step, -1 if road.lefthand else 1
@@ -69,7 +67,7 @@ class Actors:
         }
         for event in events:
             self._events[event.vehicle] = (*self._events.get(event.vehicle, ()), event)
-        self._departed: dict[str, float] = {}
+        self._departed: dict[str, float] = {}  # simulation time, s
         self._orders: dict[str, _Orders] = {}  # of vehicles on the road that SUMO drives
         self._playing: set[str] = set()  # scripted vehicles on the road
 
@@ -83,13 +81,12 @@ class Actors:
         return tuple(self._scripts)
 
     def only_scripts_beside(self, ego: str) -> bool:
-        """Whether everybody else, on the road or to come, holds a script, and somebody does: nobody
+        """Whether all others, on the road or to come, hold scripts, and there are some: no vehicle
         reacts."""
         present = set(self._libsumo.vehicle.getIDList())
         known = present | (self._scripts.keys() - self._departed.keys())
-        expected = int(
-            self._libsumo.simulation.getMinExpectedNumber()
-        )  # persons and vehicles of the route files count too
+        # persons and vehicles of the route files count too
+        expected = int(self._libsumo.simulation.getMinExpectedNumber())
         return (
             bool(self._scripts)
             and present <= self._scripts.keys() | {ego}
@@ -106,7 +103,7 @@ class Actors:
         return float(sumo.vehicletype.getLength(kind)), float(sumo.vehicletype.getWidth(kind))
 
     def departure(self, vehicle: str) -> float | None:
-        """When row 0 of an actor holds, s: as it happened, or as it is due.
+        """When row 0 of an actor's script holds, s: as it happened, or as it is due.
 
         None for vehicles of the route files that are not there yet.
         """
@@ -152,6 +149,7 @@ class Actors:
             self._libsumo.vehicle.setMaxSpeed(vehicle, actor.max_speed_mps)
 
     def _begin(self, vehicle: str, time: float) -> None:
+        """A vehicle has departed."""
         self._departed[vehicle] = time
         self.limit(vehicle)
         if vehicle in self._scripts:
@@ -160,6 +158,68 @@ class Actors:
             self._playing.add(vehicle)
         elif vehicle in self._events:
             self._orders[vehicle] = _Orders(self._events[vehicle], Drive(None, 0.0, 0.0, None))
+
+
+def appears(due: float, step: float) -> float:
+    """When a vehicle that is due at `due` is first on the road, in a simulation that begins at 0;
+    s."""
+    return (math.ceil(due / step - EPS) + 1) * step
+
+
+# --- vehicles that hold scripts ---
+
+
+def _play(cars: Any, vehicle: str, script: Script, row: int, left: int) -> None:
+    """Have SUMO arrive at this row with its next step; after the last row the speed stays.
+
+    `cars`: libsumo's vehicle domain; `left`: what leads to the next lane on the left in SUMO's
+    count, 1 or -1.
+    """
+    if row >= len(script.v):
+        return
+    cars.setSpeed(vehicle, float(script.v[row]))
+    if script.change[row]:
+        cars.changeLane(vehicle, cars.getLaneIndex(vehicle) + left * int(script.change[row]), 0.0)
+
+
+# --- vehicles that SUMO drives ---
+
+
+class _Orders(NamedTuple):
+    """Events to come for a vehicle, and its last order about speed."""
+
+    waiting: tuple[Event, ...]
+    drive: Drive
+
+
+def _command(
+    cars: Any, vehicle: str, orders: _Orders, time: float, step: float, left: int
+) -> _Orders:
+    """Tell a vehicle what is due `time` s after its departure; its driver still keeps its
+    distance."""
+    due = [event for event in orders.waiting if is_due(event, time, cars.getDistance(vehicle))]
+    drive, v = orders.drive, cars.getSpeed(vehicle)
+    for event in due:
+        if event.change_lane is None:
+            drive = told(drive, event, drive.target)
+        else:
+            _ask_for_lane(cars, vehicle, left * SIDES[event.change_lane])
+    after = stood(drive, v, step)
+    if after.target is not None:
+        cars.setSpeed(vehicle, towards(after.target, v, after.accel * step))
+    elif orders.drive.target is not None:
+        cars.setSpeed(vehicle, -1.0)  # its driver again
+    return _Orders(tuple(event for event in orders.waiting if event not in due), after)
+
+
+def _ask_for_lane(cars: Any, vehicle: str, side: int) -> None:
+    """Change lanes as soon as there is a gap."""
+    index = cars.getLaneIndex(vehicle) + side
+    if 0 <= index < import_libsumo().edge.getLaneNumber(cars.getRoadID(vehicle)):
+        cars.changeLane(vehicle, index, CHANGE_WISH_S)
+
+
+# --- the actors of a seed ---
 
 
 def draw(traffic: TrafficConfig, rng: np.random.Generator) -> tuple[Actor, ...]:
@@ -174,15 +234,6 @@ def draw(traffic: TrafficConfig, rng: np.random.Generator) -> tuple[Actor, ...]:
     )
 
 
-def appears(due: float, step: float) -> float:
-    """When a vehicle that is due at `due` is first on the road, in a simulation that begins at 0;
-    s."""
-    return (math.ceil(due / step - EPS) + 1) * step
-
-
-# --- drawing ---
-
-
 def _drawn(actor: Actor, draws: Floats) -> Actor:
     """The actor shifted by its `vary` times `draws` [3 + events]: position, speeds, departure, then
     the time of each event."""
@@ -193,8 +244,8 @@ def _drawn(actor: Actor, draws: Floats) -> Actor:
     )
     depart = actor.depart.model_copy(
         update={
-            # who is there from the start stays: it would appear out of nothing in the middle of the
-            # scene
+            # an actor that is there from the start stays so: else it would appear out of nothing in
+            # the middle of the scene
             "time_s": _not_negative(actor.depart.time_s + time) if actor.depart.time_s > 0 else 0.0,
             "pos_m": _not_negative(actor.depart.pos_m + pos),
             "speed_mps": _faster(actor.depart.speed_mps, speed),
@@ -227,53 +278,3 @@ def _faster(v: float, by: float) -> float:
 def _not_negative(x: float) -> float:
     # libsumo and repr want Python's own floats
     return max(0.0, float(x))
-
-
-def _play(cars: Any, vehicle: str, script: Script, row: int, left: int) -> None:
-    """Have SUMO (its vehicle domain:
-
-    `cars`) arrive at this row with its next step; after the last one the speed stays. `left`: to
-    the next lane there.
-    """
-    if row >= len(script.v):
-        return
-    cars.setSpeed(vehicle, float(script.v[row]))
-    if script.change[row]:
-        cars.changeLane(vehicle, cars.getLaneIndex(vehicle) + left * int(script.change[row]), 0.0)
-
-
-# --- vehicles that SUMO drives ---
-
-
-class _Orders(NamedTuple):
-    """Events to come for a vehicle, and what it was told before."""
-
-    waiting: tuple[Event, ...]
-    drive: Drive
-
-
-def _command(
-    cars: Any, vehicle: str, orders: _Orders, time: float, step: float, left: int
-) -> _Orders:
-    """Tell a vehicle what is due `time` s after its departure; its driver still keeps its
-    distance."""
-    due = [event for event in orders.waiting if is_due(event, time, cars.getDistance(vehicle))]
-    drive, v = orders.drive, cars.getSpeed(vehicle)
-    for event in due:
-        if event.change_lane is None:
-            drive = told(drive, event, drive.target)
-        else:
-            _ask_for_lane(cars, vehicle, left * SIDES[event.change_lane])
-    after = stood(drive, v, step)
-    if after.target is not None:
-        cars.setSpeed(vehicle, towards(after.target, v, after.accel * step))
-    elif orders.drive.target is not None:
-        cars.setSpeed(vehicle, -1.0)  # its driver again
-    return _Orders(tuple(event for event in orders.waiting if event not in due), after)
-
-
-def _ask_for_lane(cars: Any, vehicle: str, side: int) -> None:
-    """Change lanes as soon as there is a gap."""
-    index = cars.getLaneIndex(vehicle) + side
-    if 0 <= index < import_libsumo().edge.getLaneNumber(cars.getRoadID(vehicle)):
-        cars.changeLane(vehicle, index, CHANGE_WISH_S)

@@ -22,35 +22,18 @@ REFEREE_OPTIONS = {
     "collision.mingap-factor": "0",
 }
 
-AFTER_DASHES = "options after --"
+AFTER_DASHES = "options after --"  # how messages call the user's further options
 
-_OURS = (
-    "configuration-file",
-    "net-file",
-    "error-log",
-)  # an option may set anything but these and the referee's
-_CONFIGURATIONS = (
-    "configuration",
-    "sumoConfiguration",
-    "sumo-configuration",
-)  # root elements of a .sumocfg
+# A user's option may set anything but these, the referee's and those of the SSM device.
+_OURS = ("configuration-file", "net-file", "error-log")
+# Root elements of a .sumocfg.
+_CONFIGURATIONS = ("configuration", "sumoConfiguration", "sumo-configuration")
 _MOST_BYTES = 10_000_000  # of a .sumocfg
 
-_UNWRITTEN = "/dev/null"  # SUMO's own word for it, on every system
-_UNSAVED = {"save-state.times": "", "save-state.period": "-1"}
+_UNWRITTEN = "/dev/null"  # SUMO's own word for no file, on every system
+_UNSAVED = {"save-state.times": "", "save-state.period": "-1"}  # SUMO then saves no states
 
 Options = dict[str, str]
-
-
-def is_sumocfg(name: str) -> bool:
-    """Whether a scenario is a configuration of SUMO: by its name, or by what the file holds, since
-    *.sumo.cfg and others are usual too."""
-    if name.endswith(".sumocfg"):
-        return True
-    try:
-        return files.xml_root(name) in _CONFIGURATIONS
-    except (OSError, ValueError):
-        return False
 
 
 def sumo_arguments(
@@ -63,9 +46,9 @@ def sumo_arguments(
 ) -> list[str]:
     """The command line, without the program's name.
 
-    Files that SUMO reads or writes for us lie in `folder`; `extra` is written by the user as it
-    stands. `measured`: vehicles whose TTC, DRAC and PET SUMO tells. A seed of SUMO's own choice is
-    never used: an episode can be driven again.
+    Files that SUMO reads or writes for us lie in `folder`; `extra` are the user's further options,
+    which go before ours. `measured`: vehicles whose TTC, DRAC and PET SUMO measures. SUMO never
+    chooses a seed itself: an episode can be driven again.
 
     Raises ConfigError where a file is missing or an option contradicts what the referee needs.
     """
@@ -87,8 +70,10 @@ def sumo_arguments(
 
 
 def sumocfg_arguments(sumocfg: str, seed: int | None, extra: Sequence[str]) -> list[str]:
-    """The command line of a look at a .sumocfg, with SUMO driving, that writes none of its
-    files."""
+    """The command line to look at a .sumocfg, with SUMO driving: it writes none of its files.
+
+    Raises ConfigError.
+    """
     sumo = SumoConfig(sumocfg=str(files.absolute(Path(sumocfg))))
     require_good(sumo, extra)
     extra = [*extra, *without_outputs(sumo, extra)]
@@ -97,15 +82,166 @@ def sumocfg_arguments(sumocfg: str, seed: int | None, extra: Sequence[str]) -> l
     return [*_flat({key: value for key, value in own.items() if key not in given}), *extra]
 
 
+def _seeding(sumo: SumoConfig, seed: int | None) -> Options:
+    """Options that set the seed, never to one of SUMO's choice; `seed` None: the file's."""
+    if seed is not None and seed > MOST_SEED:
+        raise ConfigError(f"seed: at most {MOST_SEED}, got {seed}")
+    return {
+        **({"random": "false"} if draws_seed(sumo) else {}),
+        **({} if seed is None else {"seed": str(seed)}),
+    }
+
+
+def _file_lists(sumo: SumoConfig, actors: list[str]) -> Options:
+    """Options that name route and additional files, those of the .sumocfg among them: else SUMO
+    would forget these. `actors`: route files of ours."""
+    result = {}
+    for name, paths in (
+        ("route-files", [*sumo.routes, *actors]),
+        ("additional-files", list(sumo.additional)),
+    ):
+        if paths:
+            result[name] = ",".join([*_named_in(sumo.sumocfg, name), *paths])
+    if any("," in path for path in (*sumo.routes, *sumo.additional, *actors)):
+        raise ConfigError("sumo.routes: SUMO splits file names at commas; rename the file")
+    return result
+
+
+def ssm_options(vehicles: Iterable[str], folder: Path) -> Options:
+    """Options that equip vehicles with SUMO's surrogate safety device, as the referee reads it.
+
+    In a process SUMO keeps to those that it was first given, whatever later simulations ask for.
+    """
+    named = ",".join(sorted(set(vehicles)))
+    if not named:
+        return {}
+    return {
+        "device.ssm.explicit": named,
+        "device.ssm.measures": "TTC DRAC PET",
+        "device.ssm.thresholds": "3.0 3.0 2.0",
+        "device.ssm.range": "60",
+        "device.ssm.extratime": "5",
+        "device.ssm.file": str(folder / "ssm.xml"),
+    }
+
+
+def without_outputs(sumo: SumoConfig, extra: Sequence[str] = ()) -> list[str]:
+    """Options with which SUMO writes no file that its configuration asks for; what `extra` sets
+    stays.
+
+    What additional files ask for (detectors) it does write. Raises ConfigError where the .sumocfg
+    is none.
+    """
+    asked = [given.name for given in _own_options(sumo)]
+    given = option_names(extra)
+    unwritten = {key: _UNWRITTEN for key in asked if sumo_options.writes(key)}
+    unsaved = {key: value for key, value in _UNSAVED.items() if key in asked}
+    return _flat(
+        {key: value for key, value in {**unwritten, **unsaved}.items() if key not in given}
+    )
+
+
+def _flat(options: Mapping[str, str]) -> list[str]:
+    """The words of a command line."""
+    return [part for name, value in options.items() for part in (f"--{name}", value)]
+
+
+# --- what a scenario says ---
+
+
+def is_sumocfg(name: str) -> bool:
+    """Whether a file is a configuration of SUMO: by its name, or by its root element, since
+    *.sumo.cfg and others are usual too."""
+    if name.endswith(".sumocfg"):
+        return True
+    try:
+        return files.xml_root(name) in _CONFIGURATIONS
+    except (OSError, ValueError):
+        return False
+
+
+def network_of(sumocfg: str | None, net: str | None) -> str:
+    """The network file that a .sumocfg names, or `net` where there is no .sumocfg.
+
+    Raises ConfigError where there is none.
+    """
+    named = [net] if sumocfg is None else _named_in(sumocfg, "net-file")
+    if not named or named[0] is None:
+        raise ConfigError(f"{sumocfg}: net-file: not given")
+    why = files.problem(named[0])
+    if why:
+        raise ConfigError(
+            f"{'sumo.net' if sumocfg is None else f'{sumocfg}: net-file'}: {named[0]}: {why}"
+        )
+    return named[0]
+
+
+def files_of(sumo: SumoConfig) -> list[str]:
+    """The files that decide what SUMO simulates: the scenario's, and those that its .sumocfg names.
+
+    Raises ConfigError where the .sumocfg is none.
+    """
+    named = [
+        path
+        for name in ("net-file", "route-files", "additional-files")
+        for path in _named_in(sumo.sumocfg, name)
+    ]
+    return [
+        path
+        for path in (sumo.sumocfg, sumo.net, *sumo.routes, *sumo.additional, *named)
+        if path is not None
+    ]
+
+
+def draws_seed(sumo: SumoConfig) -> bool:
+    """Whether a scenario asks SUMO to choose a seed anew each time."""
+    return any(
+        given.name == "random" and not sumo_options.is_off(given.value)
+        for given in _own_options(sumo)
+    )
+
+
+def window_delay_ms(sumo: SumoConfig) -> float:
+    """How long a simulated second is to take at least in SUMO's window, ms, by the scenario or its
+    .sumocfg."""
+    told = [
+        float(given.value)
+        for given in _own_options(sumo)
+        if given.name == "delay" and sumo_options.is_number(given.value)
+    ]
+    return told[-1] if told else WINDOW_DELAY_MS
+
+
+def key_of_value(sumocfg: str, value: str) -> str:
+    """The option that a .sumocfg gives this value, as " (key)"; "": there is none.
+
+    SUMO's messages leave it out.
+    """
+    try:
+        return next((f" ({given.name})" for given in _entries(sumocfg) if given.value == value), "")
+    except ConfigError:
+        return ""
+
+
+def sumo_home() -> str:
+    """The folder of the SUMO that this package comes with, whichever the environment names."""
+    import sumo  # type: ignore[import-untyped]
+
+    return str(Path(sumo.__file__).parent)
+
+
+# --- what is refused ---
+
+
 def require_good(sumo: SumoConfig, extra: Sequence[str] = ()) -> None:
     """Raise ConfigError where a file is missing or no file, or an option is not the user's to set,
-    or would have SUMO do something else than simulate: in the scenario, in its .sumocfg, or in
-    `extra` after the --."""
+    or would have SUMO do something else than simulate.
+
+    Looks at the scenario, its .sumocfg, and `extra`, the options after the --.
+    """
     require_files(sumo)
-    after, own = (
-        sumo_options.on_command_line(extra, AFTER_DASHES),
-        [Given(full_name(key), _text(value)) for key, value in sumo.options.items()],
-    )
+    after = sumo_options.on_command_line(extra, AFTER_DASHES)
+    own = [Given(full_name(key), _text(value)) for key, value in sumo.options.items()]
     _refuse("sumo.options", own)
     _refuse(AFTER_DASHES, after)
     sources = [(own, Path(), "sumo.options"), (after, Path(), AFTER_DASHES)]
@@ -119,7 +255,7 @@ def require_good(sumo: SumoConfig, extra: Sequence[str] = ()) -> None:
 
 
 def require_files(sumo: SumoConfig) -> None:
-    """Raise ConfigError, with a line for each, where files that a scenario names are none."""
+    """Raise ConfigError, with a line for each, where a scenario names files that are none."""
     lines = []
     for key, path in _named_files(sumo):
         try:
@@ -141,108 +277,8 @@ def _named_files(sumo: SumoConfig) -> list[tuple[str, str]]:
     return [(key, path) for key, paths in named.items() for path in paths if path is not None]
 
 
-def window_delay_ms(sumo: SumoConfig) -> float:
-    """How long a simulated second is to take at least in SUMO's window, ms, by the scenario or its
-    .sumocfg."""
-    told = [
-        float(given.value)
-        for given in _own_options(sumo)
-        if given.name == "delay" and sumo_options.is_number(given.value)
-    ]
-    return told[-1] if told else WINDOW_DELAY_MS
-
-
-def draws_seed(sumo: SumoConfig) -> bool:
-    """Whether a scenario asks SUMO to choose a seed anew each time."""
-    return any(
-        given.name == "random" and not sumo_options.is_off(given.value)
-        for given in _own_options(sumo)
-    )
-
-
-def _own_options(sumo: SumoConfig) -> list[Given]:
-    """The options of a scenario's .sumocfg, and those that the scenario adds.
-
-    Raises ConfigError where the .sumocfg is none.
-    """
-    of_file = _entries(sumo.sumocfg) if sumo.sumocfg is not None else []
-    return [*of_file, *(Given(full_name(key), _text(value)) for key, value in sumo.options.items())]
-
-
-def _seeding(sumo: SumoConfig, seed: int | None) -> Options:
-    """The seed is the one that is known, never one of SUMO's choice."""
-    if seed is not None and seed > MOST_SEED:
-        raise ConfigError(f"seed: at most {MOST_SEED}, got {seed}")
-    return {
-        **({"random": "false"} if draws_seed(sumo) else {}),
-        **({} if seed is None else {"seed": str(seed)}),
-    }
-
-
-def without_outputs(sumo: SumoConfig, extra: Sequence[str] = ()) -> list[str]:
-    """Options after which SUMO writes nothing of what its configuration asks for, `extra` left as
-    it is. What additional files ask for (detectors) it does write. Raises ConfigError where the
-    .sumocfg is none."""
-    asked = [given.name for given in _own_options(sumo)]
-    given = option_names(extra)
-    unwritten = {key: _UNWRITTEN for key in asked if sumo_options.writes(key)}
-    unsaved = {key: value for key, value in _UNSAVED.items() if key in asked}
-    return _flat(
-        {key: value for key, value in {**unwritten, **unsaved}.items() if key not in given}
-    )
-
-
-def network_of(sumocfg: str | None, net: str | None) -> str:
-    """The network file of a .sumocfg, or the one given. Raises ConfigError where there is none."""
-    named = [net] if sumocfg is None else _named_in(sumocfg, "net-file")
-    if not named or named[0] is None:
-        raise ConfigError(f"{sumocfg}: net-file: not given")
-    why = files.problem(named[0])
-    if why:
-        raise ConfigError(
-            f"{'sumo.net' if sumocfg is None else f'{sumocfg}: net-file'}: {named[0]}: {why}"
-        )
-    return named[0]
-
-
-def files_of(sumo: SumoConfig) -> list[str]:
-    """The files that decide what SUMO simulates: those of the scenario, and those that its .sumocfg
-    names. Raises ConfigError where that is none."""
-    named = [
-        path
-        for name in ("net-file", "route-files", "additional-files")
-        for path in _named_in(sumo.sumocfg, name)
-    ]
-    return [
-        path
-        for path in (sumo.sumocfg, sumo.net, *sumo.routes, *sumo.additional, *named)
-        if path is not None
-    ]
-
-
-def sumo_home() -> str:
-    """The folder of the SUMO that this package comes with, whatever another one the environment
-    names."""
-    import sumo  # type: ignore[import-untyped]
-
-    return str(Path(sumo.__file__).parent)
-
-
-def ssm_options(vehicles: Iterable[str], folder: Path) -> Options:
-    """Options that equip vehicles with SUMO's surrogate safety device, as the referee reads it;
-    none for none. In a process SUMO keeps to those that it was first given, whatever later
-    simulations ask for."""
-    named = ",".join(sorted(set(vehicles)))
-    return {} if not named else {
-        "device.ssm.explicit": named, "device.ssm.measures": "TTC DRAC PET",
-        "device.ssm.thresholds": "3.0 3.0 2.0",
-        "device.ssm.range": "60", "device.ssm.extratime": "5",
-        "device.ssm.file": str(folder / "ssm.xml"),
-    }  # fmt: skip
-
-
 def _refuse(where: str, given: Sequence[Given]) -> None:
-    """An option that is not the user's to set."""
+    """Raise ConfigError, with `where` in front, where an option is not the user's to set."""
     for name, value in sorted(given):
         if name in REFEREE_OPTIONS:
             raise ConfigError(
@@ -257,30 +293,16 @@ def _refuse(where: str, given: Sequence[Given]) -> None:
             )
 
 
-def _file_lists(sumo: SumoConfig, actors: list[str]) -> Options:
-    """Route and additional files.
+# --- reading options ---
 
-    SUMO would forget those that a .sumocfg names where it is given others.
+
+def _own_options(sumo: SumoConfig) -> list[Given]:
+    """The options of a scenario's .sumocfg, and those that the scenario adds.
+
+    Raises ConfigError where the .sumocfg is none.
     """
-    result = {}
-    for name, paths in (
-        ("route-files", [*sumo.routes, *actors]),
-        ("additional-files", list(sumo.additional)),
-    ):
-        if paths:
-            result[name] = ",".join([*_named_in(sumo.sumocfg, name), *paths])
-    if any("," in path for path in (*sumo.routes, *sumo.additional, *actors)):
-        raise ConfigError("sumo.routes: SUMO splits file names at commas; rename the file")
-    return result
-
-
-def key_of_value(sumocfg: str, value: str) -> str:
-    """ " (key)" of the option that a .sumocfg gives this value, which SUMO's complaints leave out;
-    "" where there is none."""
-    try:
-        return next((f" ({given.name})" for given in _entries(sumocfg) if given.value == value), "")
-    except ConfigError:
-        return ""
+    of_file = _entries(sumo.sumocfg) if sumo.sumocfg is not None else []
+    return [*of_file, *(Given(full_name(key), _text(value)) for key, value in sumo.options.items())]
 
 
 def _named_in(sumocfg: str | None, name: str) -> list[str]:
@@ -314,17 +336,10 @@ def _entries(sumocfg: str) -> list[Given]:
 
 def _entry(key: str, value: str) -> Given:
     name, value = full_name(key), sumo_options.expanded(value)
-    return Given(
-        name,
-        sumo_options.unescaped(value)
-        if sumo_options.reads(name) or sumo_options.writes(name)
-        else value,
-    )
+    is_file = sumo_options.reads(name) or sumo_options.writes(name)
+    return Given(name, sumo_options.unescaped(value) if is_file else value)
 
 
 def _text(value: str | float | bool) -> str:
+    """A value of a scenario's option as SUMO reads it."""
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _flat(options: Mapping[str, str]) -> list[str]:
-    return [part for name, value in options.items() for part in (f"--{name}", value)]

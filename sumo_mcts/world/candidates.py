@@ -1,5 +1,5 @@
-"""Which vehicles of a user's simulation an ego could be: found by running it for a while with SUMO
-alone. And which it cannot be, by its files."""
+"""Which vehicles of a user's simulation could be an ego: found by running it for a while with SUMO
+alone. And which names no file knows."""
 
 import math
 import re
@@ -24,17 +24,11 @@ PATIENCE_S = 60.0  # wall time spent on looking
 NAMED = 5  # vehicles that a message names
 MOST_READ = 200_000_000  # bytes of files that are looked through for a name: some 2 s
 
-_SOURCES = (
-    "route-files",
-    "additional-files",
-    "load-state",
-)  # options with the files that name vehicles
+# Options with the files that name vehicles.
+_SOURCES = ("route-files", "additional-files", "load-state")
 _ID = re.compile(rb"""\bid\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-_MADE = re.compile(
-    r"[._]"
-    # what SUMO puts between an id and the numbers of those that it makes of it: of a flow, of a
-    # person's car, by --scale
-)
+# What SUMO puts between an id and a number: for vehicles of a flow, a person's car, by --scale.
+_MADE = re.compile(r"[._]")
 
 
 class Candidate(NamedTuple):
@@ -54,9 +48,12 @@ def candidates(
     until: str | None = None, patience_s: float = PATIENCE_S,
     lasting_s: float = math.inf,
 ) -> list[Candidate]:  # fmt: skip
-    """The first `count` vehicles that depart, or fewer: all until one is `enough`, the traffic ends
-    or SUMO's option `end` comes, patience does (s of this clock), or so many seconds are simulated.
-    `until`: the edge that the way of a suitable one has to pass. Raises ConfigError."""
+    """The first `count` vehicles that depart, or fewer.
+
+    Fewer where one is `enough`, the traffic ends, SUMO's option `end` comes, `patience_s` of wall
+    time is over, or `lasting_s` are simulated. `until`: the edge that the route of a suitable one
+    has to pass. Raises ConfigError.
+    """
     found: list[Candidate] = []
     give_up = time.monotonic() + patience_s
     with Simulation(arguments) as simulation:
@@ -111,10 +108,8 @@ def near_ids(vehicle: str, others: Iterable[str]) -> list[str]:
 
 
 def _ids_in_files() -> frozenset[str] | None:
-    """Every id in the files that the running simulation reads;
-
-    None where these are too many, or not all.
-    """
+    """Every id in the files that the running simulation reads; None where these are too large, or
+    not all can be read."""
     paths = [path for name in _SOURCES for path in named_files(name)]
     if any(map(files.problem, paths)) or sum(path.stat().st_size for path in paths) > MOST_READ:
         return None
@@ -124,10 +119,10 @@ def _ids_in_files() -> frozenset[str] | None:
 
 @lru_cache(maxsize=32)
 def _ids_in(path: Path, changed: int) -> frozenset[str] | None:
-    """Every id in a file of SUMO's, whatever it names;
+    """Every id in a file of SUMO's, whatever it names; None where it is too large, or includes
+    another file.
 
-    None where another file is included, or there is too much to look through. `changed`: when the
-    file was, for the cache.
+    `changed`: when the file was, for the cache.
     """
     try:
         text = files.beginning(path, MOST_READ + 1)
@@ -141,11 +136,12 @@ def _ids_in(path: Path, changed: int) -> frozenset[str] | None:
 
 
 def not_passing(until: str) -> str:
-    """Why somebody is not suitable who does not come to an edge."""
+    """Why a vehicle is not suitable that does not come to an edge."""
     return f"its route does not pass edge {until}"
 
 
 def _look(vehicle: str, now: float, until: str | None) -> Candidate:
+    """The vehicle, which departed at `now` (s), as a candidate."""
     sumo = import_libsumo()
     vclass = str(sumo.vehicle.getVehicleClass(vehicle))
     route = sumo.vehicle.getRoute(vehicle)
@@ -159,4 +155,12 @@ def _look(vehicle: str, now: float, until: str | None) -> Candidate:
         why_not = "has stops to serve"
     elif length < LEAST_LENGTH:
         why_not = f"route shorter than {LEAST_LENGTH:g} m"
-    return Candidate(vehicle, vclass, now, len(route), length, not why_not, why_not)
+    return Candidate(
+        id=vehicle,
+        vclass=vclass,
+        depart_s=now,
+        edges=len(route),
+        length_m=length,
+        suitable=not why_not,
+        why_not=why_not,
+    )

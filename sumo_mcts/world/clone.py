@@ -1,8 +1,7 @@
-"""A forked, exact copy of this process and the simulation in it: it drives on, tells what came of
-it through a pipe, and is gone.
+"""A forked, exact copy of this process and the simulation in it: an oracle.
 
-The copy shares the state of every random generator: it knows what drivers and insertions are going
-to draw. An oracle.
+The copy drives on, writes what came of it into a pipe, and ends. It shares the state of every
+random generator, so it knows what drivers and insertions are going to draw.
 """
 
 import contextlib
@@ -42,8 +41,8 @@ def require_possible(gui: bool) -> None:
 def require_copyable() -> None:
     """Raise ConfigError where the running simulation cannot be copied.
 
-    Of several threads a copy would have one, and wait for the others for ever; and it would save
-    the states of a time to come.
+    With several threads a copy would have one, and wait for the others for ever. With saved states
+    it would save those of a time to come.
     """
     for name in ("threads", "device.rerouting.threads"):
         if int(option(name)) > 1:
@@ -65,9 +64,8 @@ def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:
     ours, theirs = os.pipe()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", DeprecationWarning
-            )  # other threads, if any, are not needed there
+            # Python warns of other threads: the copy does not need them
+            warnings.simplefilter("ignore", DeprecationWarning)
             child = os.fork()
     except OSError:  # a shortage of the machine
         os.close(ours)
@@ -82,10 +80,9 @@ def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:
         child = 0
     finally:
         os.close(ours)
-        if child:  # whatever happened: nobody is left behind
-            with contextlib.suppress(
-                ProcessLookupError, ChildProcessError
-            ):  # interrupted just after its end
+        if child:  # whatever happened, no process is left behind
+            # it may have ended just before
+            with contextlib.suppress(ProcessLookupError, ChildProcessError):
                 os.kill(child, signal.SIGKILL)
                 os.waitpid(child, 0)
     if status == 0 and len(answer) == 8 * int(np.prod(shape)):
@@ -98,8 +95,11 @@ def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:
 
 
 def at_times(states: Floats, every: float, dt: float, count: int) -> dict[int, Scripted]:
-    """The states [R, N, 8] (columns as in observe.py), `every` s apart, of each vehicle at `count`
-    times `dt` s apart; between two rows on a straight line."""
+    """The states of N agents at `count` times `dt` s apart, by index.
+
+    `states` [R, N, 8] (columns as in observe.py) are `every` s apart; between two rows an agent
+    moves on a straight line.
+    """
     place = np.arange(count) * dt / every
     low = np.minimum(np.floor(place + _EPS).astype(int), len(states) - 1)
     high = np.minimum(low + 1, len(states) - 1)
@@ -114,7 +114,13 @@ def at_times(states: Floats, every: float, dt: float, count: int) -> dict[int, S
     s = np.where(states[high, :, LANE] == lane, mixed[:, :, POSITION], states[low, :, POSITION])
     pose = mixed[:, :, POSE]
     return {
-        i: Scripted(pose[:, i].copy(), mixed[:, i, SPEED].copy(), lane[:, i], s[:, i], there[:, i])
+        i: Scripted(
+            pose=pose[:, i].copy(),
+            v=mixed[:, i, SPEED].copy(),
+            lane=lane[:, i],
+            s=s[:, i],
+            valid=there[:, i],
+        )
         for i in range(states.shape[1])
     }
 
@@ -129,7 +135,7 @@ def _live(work: Callable[[], Floats], pipe: int) -> NoReturn:
             die_with_parent()
             _let_go(pipe)
             answer, status = np.ascontiguousarray(work(), np.float64).tobytes(), 0
-        except BaseException as error:  # into the answer: nobody above may go on
+        except BaseException as error:  # into the answer: no code above may go on
             answer = f"{type(error).__name__}: {error}".encode()
         while answer:
             answer = answer[os.write(pipe, answer) :]
@@ -138,8 +144,11 @@ def _live(work: Callable[[], Floats], pipe: int) -> NoReturn:
 
 
 def _let_go(pipe: int) -> None:
-    """What the copy writes goes nowhere but into the pipe, files that are being read it reads by
-    itself, and it opens no others."""
+    """Cut the copy off from the files of the original.
+
+    What it writes goes into the pipe alone. Files that are being read it reads with a position of
+    its own. It can open no others.
+    """
     import fcntl  # not on Windows
     import resource
 
@@ -150,15 +159,12 @@ def _let_go(pipe: int) -> None:
         try:
             mode = os.fstat(number).st_mode
         except OSError:
-            continue  # the list's own
+            continue  # that of the listing itself
         if fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE != os.O_RDONLY:
             os.dup2(nowhere, number)
-        elif stat.S_ISREG(
-            mode
-            # SUMO reads route files bit by bit: a shared position would make the original miss what
-            # the
-            # copy has read
-        ):
+        elif stat.S_ISREG(mode):
+            # SUMO reads route files bit by bit: with a shared position the original would miss what
+            # the copy has read
             own = os.open(_FDS / str(number), os.O_RDONLY)
             os.lseek(own, os.lseek(number, 0, os.SEEK_CUR), os.SEEK_SET)
             os.dup2(own, number)

@@ -1,5 +1,5 @@
-"""From a Command to SUMO: a speed every step, lane changes, and the vehicle's own driver back at
-the end."""
+"""From a command to SUMO: a speed every step, lane changes, and SUMO's own driver again at the
+end."""
 
 import math
 from collections.abc import Mapping
@@ -17,17 +17,17 @@ _ALIGNED = 1e-3  # m off the centre line that are no lane change
 
 
 class Bounds(NamedTuple):
-    """What a vehicle may be told at all; SI units, the deceleration positive."""
+    """The bounds of every command to a vehicle."""
 
     step: float  # s
     change_duration: float  # s that a lane change takes, 0: SUMO jumps
-    accel: float
-    decel: float
-    jerk: float
+    accel: float  # m/s2
+    decel: float  # m/s2, positive
+    jerk: float  # m/s3
 
 
 class _Own(NamedTuple):
-    """What a vehicle was taken over with."""
+    """The settings that a vehicle had before it was taken over."""
 
     departure: float  # s; another vehicle of the same id has another one
     speed_mode: int
@@ -77,23 +77,18 @@ class Commander:
             self._get.getSpeedMode(self._vehicle) != 0
             or self._get.getLaneChangeMode(self._vehicle) != 0
         ):
-            self._own = (
-                self._taken_over()
-            )  # a state was loaded, or somebody set modes, which are those to give back then
-        v, a = (
-            float(self._get.getSpeed(self._vehicle)),
-            float(self._get.getAcceleration(self._vehicle)),
-        )
+            # a state was loaded, or the user set modes: those are to be given back then
+            self._own = self._taken_over()
+        v = float(self._get.getSpeed(self._vehicle))
+        a = float(self._get.getAcceleration(self._vehicle))
         self._get.setSpeed(self._vehicle, bounded(self._wanted(v, a), v, a, self._bounds))
         self._at += 1
         if self.change.target >= 0:
             self._go_on_changing()
 
     def skip(self, steps: int) -> None:
-        """So many steps were made without a command:
-
-        SUMO held the speed, and went on changing lanes.
-        """
+        """So many steps were made without a command: SUMO held the speed, and went on changing
+        lanes."""
         self._at += steps
         if self.change.target >= 0:
             self._go_on_changing(steps)
@@ -110,13 +105,13 @@ class Commander:
             self._act_every(own.action_step, own)
 
     def _taken_over(self) -> _Own:
-        """Take the vehicle from its own driver; what to give back."""
+        """Take the vehicle from SUMO's driver; returns what to give back."""
         get, vehicle = self._get, self._vehicle
         own = _Own(
-            get.getDeparture(vehicle),
-            get.getSpeedMode(vehicle),
-            get.getLaneChangeMode(vehicle),
-            get.getActionStepLength(vehicle),
+            departure=get.getDeparture(vehicle),
+            speed_mode=get.getSpeedMode(vehicle),
+            lane_change_mode=get.getLaneChangeMode(vehicle),
+            action_step=get.getActionStepLength(vehicle),
         )
         if self._own is not None and own.action_step <= self._bounds.step + _SLACK:
             own = own._replace(action_step=self._own.action_step)
@@ -126,13 +121,12 @@ class Commander:
         return own
 
     def _act_every(self, seconds: float, own: _Own) -> None:
-        """How often SUMO lets a vehicle act that acts seldom; what it does in between, it makes
-        up."""
+        """Set how often SUMO lets a vehicle act that acts less often than every step."""
         if own.action_step > self._bounds.step + _SLACK:
             self._get.setActionStepLength(self._vehicle, seconds)
 
     def _wanted(self, v: float, a: float) -> float:
-        """What the profile says.
+        """The speed of the profile, m/s.
 
         Past its end braking goes on, else the speed is kept; no profile at all means stop.
         """
@@ -141,6 +135,7 @@ class Commander:
         return v + min(a, 0.0) * self._bounds.step if len(self._profile) else 0.0
 
     def _begin_change(self, side: int) -> None:
+        """Begin a lane change to the left (1) or right (-1), where there is a lane."""
         source = self._lanes.get(self._get.getLaneID(self._vehicle), -1)
         target = (
             int((self._road.left if side > 0 else self._road.right)[source]) if source >= 0 else -1
@@ -166,10 +161,9 @@ class Commander:
 
 
 def bounded(wanted: float, v: float, a: float, bounds: Bounds) -> float:
-    """The speed to command, m/s:
+    """The speed to command, m/s: `wanted` within what the present speed and acceleration allow.
 
-    `wanted` within what the present speed and acceleration allow; 0 is wanted where it is no
-    number.
+    A `wanted` that is no number counts as 0.
     """
     low = min(max(a - bounds.jerk * bounds.step, -bounds.decel), bounds.accel) - _SLACK
     high = max(min(a + bounds.jerk * bounds.step, bounds.accel), low) + _SLACK

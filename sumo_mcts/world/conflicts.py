@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 from sumo_mcts.scene import Bools, Floats
 from sumo_mcts.world.links import Link
 
-REACH = 2.2  # m: foes whose centre lines come closer than this share the road
-TOUCH = 1.9  # m: the same where SUMO sees no foes: two cars of 1.8 m just pass
-# ... but never more than this share of the distance at which the two lanes would lie next to each
-# other
+# Two paths share the road where their centre lines come closer than this, m:
+REACH = 2.2  # where SUMO sees foes
+TOUCH = 1.9  # where it sees none: two cars of 1.8 m just pass
+# but never more than this share of the distance at which the two lanes lie next to each other.
 SIDE_BY_SIDE = 0.75
+
 APART = 5.0  # m: two meetings of the same two paths count as one when less lies between them
-SAMPLING = 0.5  # m between the points at which two centre lines are compared
+SAMPLING = 0.5  # m between the points at which two centre lines are compared,
+MOST_POINTS = 2000  # of which an internal lane has at most so many
+TINY = 0.01  # m: the length given to a lane whose shape has none, so that it has a heading
 
 
 class LanePath(NamedTuple):
@@ -33,32 +36,16 @@ class LanePath(NamedTuple):
 
 
 class Conflict(NamedTuple):
-    """Where path `lane` meets path `other`; the field names of RoadMap without their prefix."""
+    """Where lane `lane` meets lane `other`: the fields conflict_... of RoadMap."""
 
     lane: int
     other: int
-    begin: float
+    begin: float  # m, in positions of `lane`
     end: float
-    other_begin: float
+    other_begin: float  # m, in positions of `other`
     other_end: float
     merge: bool
     yields: bool
-
-
-def distinct(shape: Floats) -> Floats:
-    keep = np.ones(len(shape), dtype=np.bool_)
-    keep[1:] = np.any(shape[1:] != shape[:-1], axis=1)
-    return shape[keep]
-
-
-def stretched(point: Floats, after: Sequence[Floats]) -> Floats:
-    """A very short line from the only point of a lane, in the direction in which the road goes on;
-    east where nothing tells."""
-    way = next((shape[1] - shape[0] for shape in after if len(shape) > 1), np.array([1.0, 0.0]))
-    return np.concatenate((point, point + TINY * way / np.linalg.norm(way)))
-
-
-# --- where paths meet ---
 
 
 def lane_path(lane: int, link: Link, width: float, length: float, shape: Floats) -> LanePath:
@@ -68,14 +55,14 @@ def lane_path(lane: int, link: Link, width: float, length: float, shape: Floats)
     at = np.linspace(0.0, arc[-1], min(int(np.ceil(arc[-1] / SAMPLING)), MOST_POINTS) + 1)
     points = np.column_stack((np.interp(at, arc, shape[:, 0]), np.interp(at, arc, shape[:, 1])))
     return LanePath(
-        lane,
-        link,
-        lane == link.chain[-1],
-        width,
-        points,
-        at * (length / arc[-1]),
-        points.min(axis=0),
-        points.max(axis=0),
+        lane=lane,
+        link=link,
+        last=lane == link.chain[-1],
+        width=width,
+        points=points,
+        s=at * (length / arc[-1]),
+        low=points.min(axis=0),
+        high=points.max(axis=0),
     )
 
 
@@ -111,7 +98,7 @@ def _has(bits: int, number: int) -> bool:
 
 
 def _meet(a: LanePath, b: LanePath) -> Iterable[Conflict]:
-    """The stretches that two paths share, from either side; nothing where they keep clear of each
+    """The stretches that two paths share, from either side; none where they keep clear of each
     other."""
     merge = a.link.exit == b.link.exit
     if not merge and _abreast(a, b):
@@ -125,17 +112,37 @@ def _meet(a: LanePath, b: LanePath) -> Iterable[Conflict]:
     for rows in _runs(close.any(axis=1), a.s):
         a_begin, a_end = _extent(rows, a.s)
         b_begin, b_end = _extent(np.flatnonzero(close[rows].any(axis=0)), b.s)
-        yield Conflict(
-            a.lane, b.lane, a_begin, a_end, b_begin, b_end, merge, _has(a.link.duty, b.link.number)
+        conflict = Conflict(
+            lane=a.lane,
+            other=b.lane,
+            begin=a_begin,
+            end=a_end,
+            other_begin=b_begin,
+            other_end=b_end,
+            merge=merge,
+            yields=_has(a.link.duty, b.link.number),
         )
-        yield Conflict(
-            b.lane, a.lane, b_begin, b_end, a_begin, a_end, merge, _has(b.link.duty, a.link.number)
-        )
+        yield conflict
+        yield _from_other_side(conflict, _has(b.link.duty, a.link.number))
+
+
+def _from_other_side(conflict: Conflict, yields: bool) -> Conflict:
+    """The same conflict for traffic on the other lane."""
+    return Conflict(
+        lane=conflict.other,
+        other=conflict.lane,
+        begin=conflict.other_begin,
+        end=conflict.other_end,
+        other_begin=conflict.begin,
+        other_end=conflict.end,
+        merge=conflict.merge,
+        yields=yields,
+    )
 
 
 def _abreast(a: LanePath, b: LanePath) -> bool:
-    """Whether two paths lead from one edge to another without changing sides: lanes beside each
-    other, however closely they are drawn."""
+    """Whether two paths lead from one edge to another without changing sides: their lanes lie
+    beside each other, however closely they are drawn."""
     origin, target = a.link.origin - b.link.origin, a.link.exit - b.link.exit
     return a.link.edges == b.link.edges and origin * target > 0
 
@@ -154,5 +161,18 @@ def _extent(rows: NDArray[np.intp], s: Floats) -> tuple[float, float]:
     return max(0.0, float(s[rows[0]]) - half), min(float(s[-1]), float(s[rows[-1]]) + half)
 
 
-TINY = 0.01  # m: the length given to a lane whose shape has none, so that it has a heading
-MOST_POINTS = 2000  # at which an internal lane is sampled
+# --- shapes ---
+
+
+def distinct(shape: Floats) -> Floats:
+    """A line [n, 2] without points that equal the one before."""
+    keep = np.ones(len(shape), dtype=np.bool_)
+    keep[1:] = np.any(shape[1:] != shape[:-1], axis=1)
+    return shape[keep]
+
+
+def stretched(point: Floats, after: Sequence[Floats]) -> Floats:
+    """A very short line from the only point of a lane, in the direction in which the road goes on;
+    east where nothing tells."""
+    along = next((shape[1] - shape[0] for shape in after if len(shape) > 1), np.array([1.0, 0.0]))
+    return np.concatenate((point, point + TINY * along / np.linalg.norm(along)))

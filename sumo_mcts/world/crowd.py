@@ -1,5 +1,7 @@
-"""Who is in a scene, drawn by the seed: the actors, a crowd of further vehicles, and the kinds of
-drivers that SUMO gives them."""
+"""The vehicles that a scenario adds, drawn by the seed.
+
+They are actors and a crowd of further vehicles, each with one of the kinds of drivers.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,15 +23,13 @@ from sumo_mcts.scene import RoadMap
 from sumo_mcts.world.actors import draw
 from sumo_mcts.world.scripts import check_way
 
-ROOM_M, ROOM_S = (
-    10.0,
-    1.5,
-)  # between fronts at the start: so many m, and what is driven in so many s
+# Between fronts at the start: so many m, and what is driven in so many s.
+ROOM_M, ROOM_S = 10.0, 1.5
 TRIES = 20  # places that are tried for a vehicle before it has to come later
 
 # Attributes of SUMO's vehicle types, uniform between two numbers. Krauss' car following, LC2013,
-# and the junction model. Everybody may overtake on the right: SUMO's rule against it has drivers
-# brake as hard as they can for moments, far from anybody.
+# and the junction model. All may overtake on the right: SUMO's rule against it has drivers brake as
+# hard as they can for moments, with no other vehicle near.
 _ANY = {
     "length": (4.0, 5.2), "width": (1.7, 2.0), "accel": (1.8, 3.0), "decel": (3.8, 5.0),
     "emergencyDecel": (8.0, 9.0), "maxSpeed": (25.0, 50.0),
@@ -55,25 +55,24 @@ Attributes = dict[str, str]
 
 
 class Cast(NamedTuple):
-    """Everybody whom a scenario adds to the traffic."""
+    """All vehicles that a scenario adds to the traffic."""
 
     actors: tuple[Actor, ...] = ()  # the crowd among them
-    types: Mapping[
-        str, Attributes
-    ] = {}  # the vehicle type that a vehicle has to itself, where its driver was drawn
-    late: frozenset[str] = (
-        frozenset()
-    )  # who waits for room to enter; all others appear where they should, whoever stands there
+    # vehicle -> the vehicle type that it has to itself, where its driver was drawn
+    types: Mapping[str, Attributes] = {}
+    # the vehicles that wait for free space to enter; the others appear where they should, even
+    # where a vehicle stands
+    late: frozenset[str] = frozenset()
 
 
 def cast(
     traffic: TrafficConfig, egos: Sequence[str], road: RoadMap, rng: np.random.Generator
 ) -> Cast:
-    """Everybody of one seed.
+    """The cast of one seed.
 
-    The actors are the same with and without a crowd and kinds of drivers, but that nobody enters
-    faster than its driver goes there; the `egos` keep their vehicle types. Raises ConfigError where
-    a stream leads nowhere.
+    The actors are the same with and without a crowd and kinds of drivers, but that none enters
+    faster than its driver goes there. The `egos` keep their vehicle types. Raises ConfigError where
+    SUMO could not insert a vehicle of a stream.
     """
     for k, stream in enumerate(traffic.crowd.streams):
         check_stream(k, stream, road)
@@ -95,16 +94,16 @@ def crowd_ids(crowd: CrowdConfig) -> list[str]:
     return [f"{CROWD_ID}{number}" for number in range(1, crowd.count[1] + 1)]
 
 
-def write_routes(who: Cast, folder: Path) -> Path:
-    """Write a SUMO route file with everybody. Returns its path."""
+def write_routes(members: Cast, folder: Path) -> Path:
+    """Write a SUMO route file with the cast. Returns its path."""
     root = ElementTree.Element("routes")
-    for vehicle, attributes in who.types.items():
+    for vehicle, attributes in members.types.items():
         ElementTree.SubElement(
             root,
             "vType",
             {"id": _type_id(vehicle), "vClass": "passenger", "speedDev": "0", **attributes},
         )
-    for actor in sorted(who.actors, key=lambda actor: actor.depart.time_s):
+    for actor in sorted(members.actors, key=lambda actor: actor.depart.time_s):
         at = {
             "depart": repr(actor.depart.time_s),
             "departLane": str(actor.depart.lane),
@@ -112,10 +111,10 @@ def write_routes(who: Cast, folder: Path) -> Path:
         }
         speed = (
             {"departSpeed": "avg"}
-            if actor.id in who.late
+            if actor.id in members.late
             else {"departSpeed": repr(actor.depart.speed_mps), "insertionChecks": "none"}
         )
-        name = _type_id(actor.id) if actor.id in who.types else actor.vtype
+        name = _type_id(actor.id) if actor.id in members.types else actor.vtype
         entry = ElementTree.SubElement(
             root, "vehicle", {"id": actor.id, "type": name, **at, **speed}
         )
@@ -127,9 +126,9 @@ def write_routes(who: Cast, folder: Path) -> Path:
 
 
 def check_stream(number: int, stream: Stream, road: RoadMap) -> None:
-    """Raise ConfigError where SUMO could not insert a vehicle of a stream, whatever is drawn;
+    """Raise ConfigError where SUMO could not insert a vehicle of a stream, whatever is drawn.
 
-    `number`: where it stands among them, from 0.
+    `number`: of the stream, from 0.
     """
     for lane in stream.lanes:
         depart = Depart(lane=lane, pos_m=stream.pos_m[1], speed_mps=stream.speed_mps[1])
@@ -139,7 +138,7 @@ def check_stream(number: int, stream: Stream, road: RoadMap) -> None:
 def _crowd(
     crowd: CrowdConfig, actors: Sequence[Actor], rng: np.random.Generator
 ) -> tuple[tuple[Actor, ...], frozenset[str]]:
-    """The crowd, and who of it enters later."""
+    """The crowd, and the ids of those that enter later."""
     if crowd.count[1] == 0:
         return (), frozenset()
     there, late = list(actors), []
@@ -169,7 +168,7 @@ def _crowd(
 
 
 def _has_room(stream: Stream, lane: int, pos: float, speed: float, there: Sequence[Actor]) -> bool:
-    """Whether nobody who is there from the start is too near in the same lane."""
+    """Whether no vehicle that is there from the start is too near in the same lane."""
     same = [
         a.depart
         for a in there

@@ -1,5 +1,4 @@
-"""Flows of vehicles in SUMO's files that SUMO begins and never ends: so many vehicles at once that
-no step is ever over."""
+"""Flows in SUMO's files with so many vehicles at once that no step of SUMO is ever over."""
 
 import re
 from pathlib import Path
@@ -16,8 +15,8 @@ _EXPONENTIAL = re.compile(r"\s*exp\(([^)]*)\)?\s*")
 
 
 def problem(path: Path) -> str:
-    """What is wrong with the first flow of a file that no simulation can take, in a few words; ""
-    where there is none such. Raises OSError."""
+    """What is wrong with the first flow of a file that no simulation can take, in a few words; "":
+    nothing. Raises OSError."""
     for flow in _FLOW.finditer(files.beginning(path, WITHIN)):
         attributes = {
             key.decode(): value.decode(errors="replace")
@@ -30,10 +29,9 @@ def problem(path: Path) -> str:
 
 
 def _endless(attributes: dict[str, str]) -> str:
-    number, rate = (
-        _number(attributes.get("number", "")),
-        _EXPONENTIAL.fullmatch(attributes.get("period", "")),
-    )
+    """Why a flow has too many vehicles; "": it has not."""
+    number = _number(attributes.get("number", ""))
+    rate = _EXPONENTIAL.fullmatch(attributes.get("period", ""))
     if number is not None and not number <= MOST_NUMBER:
         return f"number: has to be at most {MOST_NUMBER}, got {attributes['number']}"
     if rate is not None and _number(rate[1]) is not None and not 0.0 < float(rate[1]) <= MOST_RATE:
@@ -47,5 +45,5 @@ def _endless(attributes: dict[str, str]) -> str:
 def _number(text: str) -> float | None:
     try:
         return float(text)
-    except ValueError:  # which SUMO tells
+    except ValueError:  # SUMO itself says so
         return None

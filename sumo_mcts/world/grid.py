@@ -60,7 +60,7 @@ def _streets(net: Path) -> list[str]:
 
 
 def _write_trips(path: Path, streets: list[str], vehicles: int, ego_departs: float) -> None:
-    """Everybody between two streets drawn at random; the ego from the outside through the
+    """Each vehicle drives between two streets drawn at random, the ego from the outside through the
     middle."""
     rng = random.Random(1)
     root = ElementTree.Element("routes")

@@ -1,4 +1,4 @@
-"""Connections between lanes: direction, right of way, signal."""
+"""Connections between lanes: direction, right of way, signal; and which junctions are one."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -22,82 +22,39 @@ from sumo_mcts.scene import (
 )
 from sumo_mcts.world.net_file import ON_FOOT
 
-KNOT = 25.0  # m: junctions with shorter lanes between them are one place
-MOST_IN_CHAIN = 20  # internal lanes of one way across a junction
+CLUSTER = 25.0  # m: junctions with shorter lanes between them are one cluster
+MOST_IN_CHAIN = 20  # internal lanes of one connection
+# SUMO's letters for the direction and the state of a connection.
 _DIRECTIONS = {"s": STRAIGHT, "l": LEFT, "L": LEFT, "r": RIGHT, "R": RIGHT, "t": TURN, "T": TURN}
 _RULES = {"m": YIELD, "=": YIELD, "o": YIELD, "s": STOP, "w": ALLWAY, "Z": ZIPPER}
 
 
 class Link(NamedTuple):
-    """One way across a junction: ordinary lane `origin` to ordinary lane `exit` along the internal
-    lanes of `chain`."""
+    """One connection across a junction, from ordinary lane `origin` to ordinary lane `exit` along
+    the internal lanes of `chain`."""
 
-    origin: int
-    exit: int
+    origin: int  # lane
+    exit: int  # lane
     chain: tuple[int, ...]  # empty where the network has no internal lanes
     edges: tuple[str, str]  # those of origin and exit
-    junction: int
-    duty: int  # bit k set: lets link k of the junction pass
+    junction: int  # index
+    duty: int  # bit k set: it has to let link k of the junction pass
     foes: int  # bit k set: SUMO holds that it meets link k
-    number: int  # its own bit in the duties of the others, -1 unknown
-    direction: int
-    rule: int
-    signal: int
-    signal_link: int
+    number: int  # its own bit in `duty` and `foes` of the others, -1 unknown
+    direction: int  # STRAIGHT .. TURN
+    rule: int  # PRIORITY .. ALLWAY
+    signal: int  # index, -1: none
+    signal_link: int  # index in that signal's state, -1: none
     classes: int  # bit mask over VEHICLE_CLASSES
-
-
-def _connections(lane: Any) -> list[Any]:
-    """The ways on from a lane that vehicles may take."""
-    if lane.getEdge().getFunction() in ON_FOOT:
-        return []
-    return [
-        connection
-        for connection in lane.getOutgoing()
-        if connection.getTo().getFunction() not in ON_FOOT
-    ]
-
-
-def _next_id(connection: Any) -> str:
-    """The lane driven next: the internal one where there is one."""
-    return str(connection.getViaLaneID() or connection.getToLane().getID())
-
-
-def following_lane(lane: Any, number: dict[str, int]) -> list[int]:
-    return [number[_next_id(connection)] for connection in _connections(lane)]
-
-
-# --- connections and right of way ---
-
-
-def junction_clusters(internal: Bools, length: Floats, begins: Ints, ends: Ints) -> dict[str, Ints]:
-    """RoadMap.knot, begins and ends, from the junctions [L] where lanes begin and end (-1: nowhere;
-    of internal lanes that which they lie in)."""
-    inside = internal | (length < KNOT)
-    name = np.arange(
-        max(begins.max(initial=-1), ends.max(initial=-1)) + 2
-    )  # the last one is that of nowhere
-    joins = np.unique(
-        np.column_stack([begins, ends])[inside & (begins >= 0) & (ends >= 0) & (begins != ends)],
-        axis=0,
-    )
-    for a, b in joins:  # once for an edge, not for each of its lanes
-        name[name == name[b]] = name[a]
-    name[-1] = -1
-    return {
-        key: values.astype(np.int32)
-        for key, values in (
-            ("knot", np.where(inside, name[begins], -1)),
-            ("begins", name[begins]),
-            ("ends", name[ends]),
-        )
-    }
 
 
 def read_links(
     net: Any, number: dict[str, int], junction_number: dict[str, int]
 ) -> tuple[tuple[str, ...], list[Link]]:
-    """Signal ids in the order of their first link, and every way across a junction."""
+    """Signal ids in the order of their first link, and every connection across a junction.
+
+    `number`: lane id -> index; `junction_number`: junction id -> index. Raises ValueError.
+    """
     signals: dict[str, int] = {}
     links: list[Link] = []
     for edge in net.getEdges(withInternal=False):
@@ -152,14 +109,35 @@ def _chain(net: Any, connection: Any) -> tuple[str, ...]:
 def _rule(connection: Any, duty: int) -> int:
     """How the connection is entered.
 
-    Under a signal its letter says little: what counts is whether it has anybody to let pass.
+    Under a signal its letter says little: what counts is whether it has to let any other pass.
     """
     if connection.getTLSID():
         return YIELD if duty else PRIORITY
     return _RULES.get(connection.getState(), PRIORITY)
 
 
-# --- lanes ---
+# --- lanes and their connections ---
+
+
+def following_lane(lane: Any, number: dict[str, int]) -> list[int]:
+    """The lanes driven next from a lane; `number`: lane id -> index."""
+    return [number[_next_id(connection)] for connection in _connections(lane)]
+
+
+def _connections(lane: Any) -> list[Any]:
+    """The connections from a lane that vehicles may take."""
+    if lane.getEdge().getFunction() in ON_FOOT:
+        return []
+    return [
+        connection
+        for connection in lane.getOutgoing()
+        if connection.getTo().getFunction() not in ON_FOOT
+    ]
+
+
+def _next_id(connection: Any) -> str:
+    """The lane driven next: the internal one where there is one."""
+    return str(connection.getViaLaneID() or connection.getToLane().getID())
 
 
 @cache
@@ -168,3 +146,32 @@ def mask_of(allowed: frozenset[str]) -> int:
     return sum(
         1 << i for i, name in enumerate(VEHICLE_CLASSES) if name in allowed or "all" in allowed
     )
+
+
+# --- junction clusters ---
+
+
+def junction_clusters(internal: Bools, length: Floats, begins: Ints, ends: Ints) -> dict[str, Ints]:
+    """RoadMap.knot, begins and ends: the junction cluster in which each lane [L] lies, begins and
+    ends; -1: none.
+
+    `begins` and `ends` [L]: the junctions; of internal lanes both are that which they lie in.
+    """
+    inside = internal | (length < CLUSTER)
+    # the last name stands for "no junction"
+    name = np.arange(max(begins.max(initial=-1), ends.max(initial=-1)) + 2)
+    joins = np.unique(
+        np.column_stack([begins, ends])[inside & (begins >= 0) & (ends >= 0) & (begins != ends)],
+        axis=0,
+    )
+    for a, b in joins:  # once for an edge, not for each of its lanes
+        name[name == name[b]] = name[a]
+    name[-1] = -1
+    return {
+        key: values.astype(np.int32)
+        for key, values in (
+            ("knot", np.where(inside, name[begins], -1)),
+            ("begins", name[begins]),
+            ("ends", name[ends]),
+        )
+    }

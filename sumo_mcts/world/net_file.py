@@ -1,4 +1,4 @@
-"""Reads a SUMO network file with sumolib, and refuses what is none."""
+"""Reads a SUMO network file with sumolib, and refuses a file that is none."""
 
 import zlib
 from typing import Any
@@ -10,13 +10,10 @@ import sumolib  # type: ignore[import-untyped]
 from sumo_mcts import files
 
 MOST_UNPACKED = 1 << 30  # bytes of a network
-_PARENTS = {
-    "lane": "edge",
-    "request": "junction",
-    "phase": "tlLogic",
-    **dict.fromkeys(("edge", "junction", "connection", "tlLogic", "location"), "net"),
-}
-ON_FOOT = ("walkingarea", "crossing")
+MOST_DURATION = 1e9  # s, of a phase of a signal
+ON_FOOT = ("walkingarea", "crossing")  # functions of edges that no vehicle drives on
+
+# What sumolib and its parser raise on a file that is not what they expect.
 BROKEN = (
     OSError,
     EOFError,
@@ -27,6 +24,13 @@ BROKEN = (
     AttributeError,
     TypeError,
 )
+# The element in which each element has to be.
+_PARENTS = {
+    "lane": "edge",
+    "request": "junction",
+    "phase": "tlLogic",
+    **dict.fromkeys(("edge", "junction", "connection", "tlLogic", "location"), "net"),
+}
 
 
 class NoInternalLanesError(Exception):
@@ -34,10 +38,7 @@ class NoInternalLanesError(Exception):
 
 
 def read_net(net_file: str) -> Any:
-    """The network as sumolib has it.
-
-    Raises OSError, ValueError, and what sumolib and its parser do, with the line.
-    """
+    """The network as sumolib has it. Raises BROKEN, most of it as ValueError with the line."""
     root = files.xml_root(net_file)
     if root != "net":
         raise ValueError(f"its root element is {root}, that of a network is net")
@@ -61,7 +62,7 @@ def read_net(net_file: str) -> Any:
 
 class _Reader(sumolib.net.NetReader):  # type: ignore[misc]  # sumolib has no types
     """Refuses what sumolib lets pass and SUMO does not survive: elements out of place, and lanes
-    that are not counted through."""
+    that are not numbered one by one."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
@@ -94,9 +95,7 @@ class _Reader(sumolib.net.NetReader):  # type: ignore[misc]  # sumolib has no ty
         super().endElement(name)
 
 
-MOST_DURATION = 1e9  # s, of a phase of a signal
-
-
 def require_within(what: str, value: float, low: float, high: float) -> None:
+    """Raise ValueError where a value is not a number from `low` to `high`."""
     if not low <= value <= high:
         raise ValueError(f"{what}: has to be from {low:g} to {high:g}, got {value:g}")

@@ -1,6 +1,6 @@
-"""SUMO's options as people give them: on a command line, in a scenario, in a .sumocfg.
+"""SUMO's options as users give them: on a command line, in a scenario, in a .sumocfg.
 
-Which an episode does not bear, and the bounds of others.
+What they are called in full, which ones no episode can run with, and the bounds of others.
 """
 
 import os
@@ -15,6 +15,7 @@ from sumo_mcts import files
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.world import flows
 
+# Short and old names -> the name in full.
 _SYNONYMS = {
     "a": "additional-files", "additional": "additional-files", "abs-rand": "random", "b": "begin",
     "B": "breakpoints", "c": "configuration-file",
@@ -36,13 +37,13 @@ _SYNONYMS = {
     "vehroutes": "vehroute-output", "w": "weight-files",
     "W": "no-warnings", "weights": "weight-files", "X": "xml-validation", "?": "help",
 }  # fmt: skip
-_SWITCHES = frozenset(
-    "DGHQSTVWtv?"
-)  # letters that need no value, so that others may follow in the same word
+# Letters that need no value, so that others may follow in the same word.
+_SWITCHES = frozenset("DGHQSTVWtv?")
 
 _TELLS = "SUMO would write that and end"
 _WAITS = "SUMO would wait for another program"
 _GAME = "SUMO's window would wait for a person"
+# Options that no episode can run with, and why.
 _UNBEARABLE = {
     **dict.fromkeys(("help", "version", "save-configuration", "save-configuration.relative",
     "save-template", "save-schema", "save-commented"), _TELLS),
@@ -54,13 +55,11 @@ _UNBEARABLE = {
     "ignore-accidents": "the referee needs collisions",
 }  # fmt: skip
 _OFF = {"", "0", "no", "false", "off", "f", "-"}  # SUMO's words for it
-_HARMLESS = {
-    "num-clients": ("1",),
-    "game.mode": ("tls",),
-}  # as long as the option beside them is off
+# Values of unbearable options that do nothing as long as the option beside them is off.
+_HARMLESS = {"num-clients": ("1",), "game.mode": ("tls",)}
 
-# Lowest and highest value where SUMO takes any and then needs all memory or time, or more threads
-# than there are.
+# Lowest and highest value. SUMO takes any, and then needs all memory or time, or more threads than
+# there are.
 _BOUNDS = {
     "begin": (0.0, 1e9), "end": (0.0, 1e9), "step-length": (0.001, 10.0),
     "default.action-step-length": (0.0, 10.0), "lanechange.duration": (0.0, 60.0),
@@ -70,13 +69,10 @@ _BOUNDS = {
     "pedestrian.striping.stripe-width": (0.1, 10.0),
     "pedestrian.striping.walkingarea-detail": (0.0, 1000.0), "delay": (0.0, 60_000.0),
 }  # fmt: skip
-_OFF_BELOW_ZERO = ("end", "lateral-resolution")
+_OFF_BELOW_ZERO = ("end", "lateral-resolution")  # these are off at 0 and below
 
-_XML = (
-    "net-file",
-    "route-files",
-    "additional-files",
-)  # options with files that SUMO reads, which have to be XML
+# Options with files that SUMO reads; those of the first have to be XML.
+_XML = ("net-file", "route-files", "additional-files")
 _READ = (
     *_XML, "weight-files", "load-state", "fcd-output.filter-edges.input-file",
     "device.ssm.filter-edges.input-file",
@@ -84,24 +80,17 @@ _READ = (
     "device.fcd-replay.file", "gui-settings-file", "edgedata-files",
     "alternative-net-file", "selection-file",
 )  # fmt: skip
-_WRITES = re.compile(
-    r".*[-.]output|netstate-dump|log|message-log|device\.toc\.file"
-)  # options by which SUMO writes a file, in full
+# Options by which SUMO writes a file, in full.
+_WRITES = re.compile(r".*[-.]output|netstate-dump|log|message-log|device\.toc\.file")
+# Values of theirs that name no file.
 _NO_FILE = {
-    "",
-    "-",
-    "stdout",
-    "stderr",
-    "nul",
-    "null",
-    os.devnull,
-    "/dev/stdout",
-    "/dev/stderr",
-}  # where SUMO writes else
+    "", "-", "stdout", "stderr", "nul", "null", os.devnull, "/dev/stdout", "/dev/stderr",
+}  # fmt: skip
 _SOCKET = re.compile(r"[^/\\]{2,}:\d+")
+_VARIABLE = re.compile(r"\$\{(.+?)\}")
+
 LEAST_UNPACKED = 1 << 28  # bytes to which any packed file may grow,
 MOST_PACKED = 200  # and how many times its size a large one may: XML shrinks to a tenth
-_VARIABLE = re.compile(r"\$\{(.+?)\}")
 
 
 class Given(NamedTuple):
@@ -122,9 +111,11 @@ def option_names(arguments: Sequence[str]) -> set[str]:
 
 
 def on_command_line(words: Sequence[str], where: str) -> list[Given]:
-    """The options in the words of a command line, read as SUMO does: -e 5, -e5, -e=5, -ve 5, --end
-    5, --end=5. Raises ConfigError, with `where` in front, where a word is neither an option nor a
-    value."""
+    """The options in the words of a command line, read as SUMO does.
+
+    SUMO knows -e 5, -e5, -e=5, -ve 5, --end 5, --end=5. Raises ConfigError, with `where` in front,
+    where a word is neither an option nor a value.
+    """
     found: list[Given] = []
     left = list(words)
     while left:
@@ -157,8 +148,8 @@ def require_bearable(given: Iterable[Given], where: str) -> None:
 
 
 def require_readable(given: Iterable[Given], folder: Path, where: str) -> None:
-    """Raise ConfigError where a file that SUMO would read or write is none: it would wait for ever
-    for what comes out of a pipe. `folder`: to which names of files are relative."""
+    """Raise ConfigError where SUMO would read or write what is no file: it would wait for ever at a
+    pipe. `folder`: names of files are relative to it."""
     for name, value in given:
         if reads(name):
             for path in paths_in(expanded(value), folder):
@@ -194,8 +185,10 @@ def paths_in(value: str, folder: Path) -> list[Path]:
 
 
 def expanded(value: str) -> str:
-    """A value of a .sumocfg with the variables in it replaced as SUMO does: ${NAME} by the
-    environment's, nothing where there is none, and ~ at the beginning of a file's name by the home.
+    """A value of a .sumocfg with its variables replaced as SUMO does.
+
+    ${NAME} by the environment's, by nothing where there is none; ~ at the beginning of a file's
+    name by the home folder.
     """
     value = re.sub(r"(^|,)~", r"\1${HOME}", value)
     return _VARIABLE.sub(lambda found: _variable(found[1]), value)
@@ -210,7 +203,7 @@ def _variable(name: str) -> str:
     if name == "SUMO_HOME":
         from sumo_mcts.world.library import import_libsumo
 
-        import_libsumo()  # it sets the variable where nobody did
+        import_libsumo()  # it sets the variable where it is not set
     return str(os.getpid()) if name == "PID" else os.environ.get(name, "")
 
 
@@ -226,8 +219,10 @@ def require_file(path: Path, where: str, *, xml: bool) -> None:
 
 @lru_cache(maxsize=256)
 def _unbearable(path: Path, changed: int, size: int) -> str:
-    """Why a file, packed or not, is no XML, is damaged or cut off, holds nothing but repetitions,
-    or a flow without end; "" where nothing is wrong. `changed` and `size` (bytes): for the cache.
+    """Why SUMO cannot read a file, packed or not; "": it can.
+
+    It is no XML, damaged, cut off, holds nothing but repetitions, or a flow without end. `changed`
+    and `size` (bytes) are for the cache.
     """
     try:
         files.xml_root(path)
@@ -248,9 +243,8 @@ def _split(word: str) -> tuple[list[str], str | None]:
     for k, letter in enumerate(letters):
         if letter not in _SWITCHES:
             rest = letters[k + 1 :]
-            return [full_name(each) for each in letters[: k + 1]], rest.removeprefix(
-                "="
-            ) if rest else None
+            names = [full_name(each) for each in letters[: k + 1]]
+            return names, rest.removeprefix("=") if rest else None
     return [full_name(each) for each in letters], None
 
 

@@ -25,17 +25,20 @@ from sumo_mcts.world.net_file import BROKEN, NoInternalLanesError, read_net, req
 
 NAMED = 6  # edges that a message names
 LEAST_SPEED = 0.1  # m/s: a lane with a lower limit cannot be driven
-MOST_SPEED, MOST_LENGTH, MOST_WIDTH, FARTHEST = (
-    1000.0,
-    1e6,
-    100.0,
-    1e8,
-)  # m/s, m, m, m: beyond them a number is taken for damage
+
+# Beyond these a number is taken for damage.
+MOST_SPEED = 1000.0  # m/s
+MOST_LENGTH = 1e6  # m, of a lane
+MOST_WIDTH = 100.0  # m
+FARTHEST = 1e8  # m, of a coordinate from the origin
 
 
 def read_roadmap(net_file: str) -> RoadMap:
-    """The network in `net_file` (.net.xml or .net.xml.gz) as arrays; lanes in the order of the
-    file. ConfigError where it cannot be read."""
+    """The network in `net_file` (.net.xml or .net.xml.gz) as arrays, lanes in the order of the
+    file.
+
+    Raises ConfigError where it cannot be read.
+    """
     why = files.problem(net_file)
     if why:
         raise ConfigError(f"{net_file}: {why.replace('such file', 'such network file')}")
@@ -57,11 +60,11 @@ def read_roadmap(net_file: str) -> RoadMap:
     return road
 
 
-_known: dict[str, RoadMap] = {}  # read once in a process
+_known: dict[str, RoadMap] = {}  # path and time of change -> network
 
 
 def known_roadmap(net_file: str) -> RoadMap:
-    """As read_roadmap, from memory where the file is still the same."""
+    """The same, read once in a process as long as the file does not change."""
     path = files.absolute(Path(net_file))
     key = "" if files.problem(path) else f"{path}:{path.stat().st_mtime_ns}"
     if key not in _known:
@@ -90,7 +93,17 @@ def lane_shape(road: RoadMap, lane: int) -> Floats:
     return road.points[road.point_offset[lane] : road.point_offset[lane + 1]]
 
 
+def sumo_lane(road: RoadMap, lane: int) -> int:
+    """The number that SUMO gives a lane of its edge: counted from the left where traffic drives on
+    the left."""
+    return int(road.lane_ids[lane].rsplit("_", 1)[1])
+
+
+# --- from sumolib's objects to arrays ---
+
+
 def _convert(net: Any) -> RoadMap:
+    """The network of sumolib as arrays. Raises ValueError, KeyError, NoInternalLanesError."""
     edges = list(net.getEdges())
     for edge in edges:
         _require_sound(edge)
@@ -137,6 +150,30 @@ def _convert(net: Any) -> RoadMap:
     )
 
 
+def _shapes(lanes: Sequence[Any], following: Sequence[Sequence[int]]) -> list[Floats]:
+    """Centre line of each lane, [n >= 2, 2] m, no two consecutive points equal."""
+    shapes = [
+        distinct(np.array(lane.getShape(), dtype=np.float64).reshape(-1, 2)) for lane in lanes
+    ]
+    return [
+        shape if len(shape) > 1 else stretched(shape, [shapes[i] for i in after])
+        for shape, after in zip(shapes, following, strict=True)
+    ]
+
+
+def _flatten(shapes: Sequence[Floats]) -> tuple[Ints, Floats, Floats]:
+    """Offsets [L+1], points [P, 2] and arc length of each point along its lane [P], m."""
+    arcs = [
+        np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))))
+        for shape in shapes
+    ]
+    return (
+        _offsets([len(shape) for shape in shapes]),
+        np.concatenate(shapes or [np.zeros((0, 2))]),
+        np.concatenate(arcs or [np.zeros(0)]),
+    )
+
+
 def _lane_fields(
     edges: Sequence[Any],
     lanes: Sequence[Any],
@@ -144,7 +181,7 @@ def _lane_fields(
     offset: Ints,
     points: Floats,
 ) -> dict[str, Any]:
-    """What a RoadMap says of each lane alone."""
+    """The fields of a RoadMap that concern each lane alone; `offset` and `points` as there."""
     edge = np.repeat(
         np.arange(len(edges), dtype=np.int32), [len(each.getLanes()) for each in edges]
     )
@@ -182,10 +219,32 @@ def _lane_fields(
     }
 
 
-def _link_fields(classes: NDArray[np.uint64], links: Sequence[Link]) -> dict[str, Any]:
-    """What it says of the lanes inside junctions, by the ways across that they belong to;
+def _neighbours(edge: Ints, step: int) -> Ints:
+    """[L] the lane `step` places further on the same edge, or -1; the lanes of an edge are
+    neighbours in the file."""
+    there = np.arange(len(edge), dtype=np.int32) + step
+    inside = (there >= 0) & (there < len(edge))
+    there[~inside] = 0
+    return np.where(inside & (edge[there] == edge), there, -1).astype(np.int32)
 
-    `classes` [L]: who may drive where, as the lanes say.
+
+def _is_lefthand(edge: Ints, internal: Bools, offset: Ints, points: Floats) -> bool:
+    """Whether the second lane of an edge lies to the right of the first one.
+
+    The network file says it too, but sumolib does not read it.
+    """
+    pairs = np.flatnonzero((edge[1:] == edge[:-1]) & ~internal[1:])
+    if not len(pairs):
+        return False
+    along = points[offset[pairs] + 1] - points[offset[pairs]]
+    aside = points[offset[pairs + 1]] - points[offset[pairs]]
+    return bool(np.median(along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]) < 0.0)
+
+
+def _link_fields(classes: NDArray[np.uint64], links: Sequence[Link]) -> dict[str, Any]:
+    """The fields that lanes inside junctions have from the connection that they belong to.
+
+    `classes` [L]: the vehicle classes that each lane allows, as its own attributes say.
     """
     count, classes = len(classes), classes.copy()
     exit_lane = np.arange(count, dtype=np.int32)
@@ -210,7 +269,7 @@ def _link_fields(classes: NDArray[np.uint64], links: Sequence[Link]) -> dict[str
 
 
 def _conflict_fields(paths: Sequence[LanePath], lanes: int) -> dict[str, Any]:
-    """Where the paths through a junction meet."""
+    """The fields conflict_...: where the paths through a junction meet."""
     conflicts = sorted(conflicts_between(paths))
     columns: Any = zip(*conflicts, strict=True) if conflicts else ([],) * len(Conflict._fields)
     field = Conflict(*columns)
@@ -228,11 +287,16 @@ def _conflict_fields(paths: Sequence[LanePath], lanes: int) -> dict[str, Any]:
     }
 
 
-# --- what cannot be computed with ---
+def _offsets(counts: Sequence[int]) -> Ints:
+    """[n] counts -> [n+1] where each part begins, and where the last ends."""
+    return np.concatenate(([0], np.cumsum(counts))).astype(np.int32)
+
+
+# --- what is refused ---
 
 
 def _require_sound(edge: Any) -> None:
-    """Raise ValueError that names the lane where an edge holds what is no road."""
+    """Raise ValueError, which names the lane, where an edge holds what is no road."""
     if None in (edge.getFromNode(), edge.getToNode()):
         raise ValueError(f"edge {edge.getID()}: from and to: have to be junctions")
     if not edge.getLanes():
@@ -249,10 +313,8 @@ def _require_sound(edge: Any) -> None:
 
 
 def _require_reached(edges: Sequence[Any]) -> None:
-    """Raise ValueError where no way leads over a lane inside a junction:
-
-    SUMO does not survive that.
-    """
+    """Raise ValueError where a lane inside a junction belongs to no connection: SUMO does not
+    survive that."""
     reached = {
         connection.getViaLaneID()
         for edge in edges
@@ -271,60 +333,3 @@ def _require_reached(edges: Sequence[Any]) -> None:
     )
     if lost is not None:
         raise ValueError(f"lane {lost}, inside a junction, belongs to no connection")
-
-
-def _offsets(counts: Sequence[int]) -> Ints:
-    """[n] counts -> [n+1] where each share begins and the last ends."""
-    return np.concatenate(([0], np.cumsum(counts))).astype(np.int32)
-
-
-def _neighbours(edge: Ints, step: int) -> Ints:
-    """[L] the lane `step` places further on the same edge, or -1; lanes of an edge stand
-    together."""
-    there = np.arange(len(edge), dtype=np.int32) + step
-    inside = (there >= 0) & (there < len(edge))
-    there[~inside] = 0
-    return np.where(inside & (edge[there] == edge), there, -1).astype(np.int32)
-
-
-def _is_lefthand(edge: Ints, internal: Bools, offset: Ints, points: Floats) -> bool:
-    """Whether the second lane of an edge lies to the right of the first one.
-
-    The network file says it too, but sumolib does not read it.
-    """
-    pairs = np.flatnonzero((edge[1:] == edge[:-1]) & ~internal[1:])
-    if not len(pairs):
-        return False
-    along = points[offset[pairs] + 1] - points[offset[pairs]]
-    aside = points[offset[pairs + 1]] - points[offset[pairs]]
-    return bool(np.median(along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]) < 0.0)
-
-
-def sumo_lane(road: RoadMap, lane: int) -> int:
-    """The number that SUMO gives a lane of its edge: counted from the left where people drive on
-    the left."""
-    return int(road.lane_ids[lane].rsplit("_", 1)[1])
-
-
-def _shapes(lanes: Sequence[Any], following: Sequence[Sequence[int]]) -> list[Floats]:
-    """Centre line of each lane, [n >= 2, 2] m, no two consecutive points equal."""
-    shapes = [
-        distinct(np.array(lane.getShape(), dtype=np.float64).reshape(-1, 2)) for lane in lanes
-    ]
-    return [
-        shape if len(shape) > 1 else stretched(shape, [shapes[i] for i in after])
-        for shape, after in zip(shapes, following, strict=True)
-    ]
-
-
-def _flatten(shapes: Sequence[Floats]) -> tuple[Ints, Floats, Floats]:
-    """Offsets [L+1], points [P, 2] and arc length of each point along its lane [P], m."""
-    arcs = [
-        np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))))
-        for shape in shapes
-    ]
-    return (
-        _offsets([len(shape) for shape in shapes]),
-        np.concatenate(shapes or [np.zeros((0, 2))]),
-        np.concatenate(arcs or [np.zeros(0)]),
-    )

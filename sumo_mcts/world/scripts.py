@@ -1,4 +1,5 @@
-"""Scripted vehicles: their events compiled to a position at each step."""
+"""Scripted vehicles: their events compiled to a position at each step; and what SUMO would refuse
+of a route."""
 
 import math
 from collections.abc import Sequence
@@ -30,9 +31,8 @@ class Script(NamedTuple):
     lane: Ints  # [M] lane of the front
     s: Floats  # [M] lane position of the front, m
     d: Floats  # [M] offset from the lane's centre line, m, left positive
-    change: (
-        Ints  # [M] a lane change that begins in the step that ends then: -1 right, 0 none, +1 left
-    )
+    # [M] a lane change that begins in the step that ends then: -1 right, 0 none, 1 left
+    change: Ints
 
 
 def compile_script(
@@ -40,9 +40,8 @@ def compile_script(
 ) -> Script:
     """What a scripted actor does until it leaves the map, at most `seconds`.
 
-    A lane change takes `change_s` (SUMO's lanechange.duration), s.
-
-    Raises ConfigError where its lane leads nowhere or a lane change has no lane to go to.
+    `step` in s; a lane change takes `change_s` (SUMO's lanechange.duration), s. Raises ConfigError
+    where its lane does not lead on along its route, or a lane change has no lane to go to.
     """
     check(actor, road)
     state = _start(actor, road)
@@ -56,74 +55,44 @@ def compile_script(
         rows.append((state.v, state.lane, state.s, d, begun))
     v, lane, s, offset, change = zip(*rows, strict=True)
     return Script(
-        np.array(v),
-        np.array(lane, dtype=np.int32),
-        np.array(s),
-        np.array(offset),
-        np.array(change, dtype=np.int32),
+        v=np.array(v),
+        lane=np.array(lane, dtype=np.int32),
+        s=np.array(s),
+        d=np.array(offset),
+        change=np.array(change, dtype=np.int32),
     )
 
 
-# --- speeds ---
-
-
-class Drive(NamedTuple):
-    """What a vehicle was last told about its speed."""
-
-    target: float | None  # m/s, to be reached and kept; None: its driver decides
-    accel: float  # m/s2, on the way there
-    stand: float  # s that it still has to stand
-    resume: float | None  # target after that
-
-
-def told(drive: Drive, event: Event, speed: float | None) -> Drive:
-    """After a speed event; `speed` is the target to go back to after a stop."""
-    if event.stop_for_s is not None:
-        return Drive(
-            0.0,
-            event.accel_mps2,
-            drive.stand + event.stop_for_s,
-            drive.resume if drive.stand > 0 else speed,
-        )
-    if drive.stand > 0:
-        return drive._replace(resume=event.slow_to_mps)
-    return Drive(event.slow_to_mps, event.accel_mps2, 0.0, None)
-
-
-def stood(drive: Drive, v: float, step: float) -> Drive:
-    """At the end of its stop it gets its old target back."""
-    if drive.stand <= 0 or v > AT_REST:
-        return drive
-    left = drive.stand - step
-    return drive._replace(stand=left) if left > EPS else Drive(drive.resume, drive.accel, 0.0, None)
-
-
-def towards(target: float, v: float, by: float) -> float:
-    return min(max(target, v - by), v + by)
-
-
-# --- scripts ---
+# --- one step ---
 
 
 class _State(NamedTuple):
     """A scripted vehicle between two steps."""
 
-    v: float
+    v: float  # m/s
     lane: int
-    s: float
+    s: float  # m
     edge: int  # position in its route of the edge that it is on or heads for
     driven: float  # m
-    drive: Drive
-    waiting: tuple[Event, ...]
-    side: int  # of the lane change under way, 0 none
-    progress: float  # of it, 0..1
+    drive: "Drive"
+    waiting: tuple[Event, ...]  # events to come
+    side: int  # of the lane change under way: -1 right, 0 none, 1 left
+    progress: float  # of that lane change, 0..1
 
 
 def _start(actor: Actor, road: RoadMap) -> _State:
     lane = int(np.flatnonzero(road.edge == road.edge_ids.index(actor.route[0]))[actor.depart.lane])
     speed = actor.depart.speed_mps
     return _State(
-        speed, lane, actor.depart.pos_m, 0, 0.0, Drive(speed, 0.0, 0.0, None), actor.events, 0, 0.0
+        v=speed,
+        lane=lane,
+        s=actor.depart.pos_m,
+        edge=0,
+        driven=0.0,
+        drive=Drive(speed, 0.0, 0.0, None),
+        waiting=actor.events,
+        side=0,
+        progress=0.0,
     )
 
 
@@ -145,16 +114,9 @@ def _obey(state: _State, actor: Actor, road: RoadMap, time: float) -> tuple[_Sta
     return state._replace(waiting=tuple(kept)), begun
 
 
-def is_due(event: Event, time: float, driven: float) -> bool:
-    """Whether its moment has come, `time` s and `driven` m after departure."""
-    return time >= event.at_s - EPS if event.at_s is not None else driven >= (event.at_m or 0.0)
-
-
 def _moved(state: _State, actor: Actor, road: RoadMap, step: float) -> _State | None:
-    """One step along the route, with the new speed as SUMO's Euler step does;
-
-    None once it has left the map.
-    """
+    """One step along the route with the new speed, as SUMO's Euler step does; None once it has left
+    the map."""
     drive = stood(state.drive, state.v, step)
     v = towards(drive.target or 0.0, state.v, drive.accel * step)
     lane, s, edge = state.lane, state.s + v * step, state.edge
@@ -211,9 +173,8 @@ def _shifted(
     if not state.side:
         return state, 0.0
     before, lane = state.progress, state.lane
-    if (
-        before >= 0.5 and (road.right if state.side > 0 else road.left)[lane] < 0
-    ):  # on a turn of one lane SUMO breaks it off: there is nothing to leave
+    if before >= 0.5 and (road.right if state.side > 0 else road.left)[lane] < 0:
+        # on a turn of one lane SUMO breaks it off: there is no lane to leave
         return state._replace(side=0, progress=0.0), 0.0
     other = _beside(road, lane, -state.side if before >= 0.5 else state.side, actor)
     apart = float(road.width[lane] + road.width[other]) / 2
@@ -221,7 +182,7 @@ def _shifted(
     progress = before + (
         min(step / change_s, (LATERAL_STANDING + state.v) * step / apart) if change_s > 0 else 1.0
     )
-    if before < 0.5 <= progress:  # here SUMO counts it to the new lane
+    if before < 0.5 <= progress:  # from here on SUMO counts the vehicle to the new lane
         lane = other
     if progress >= 1.0 - EPS:
         return state._replace(lane=lane, side=0, progress=0.0), 0.0
@@ -241,15 +202,62 @@ def _beside(road: RoadMap, lane: int, side: int, actor: Actor) -> int:
     return lane_there
 
 
+# --- events about speed, also of vehicles that SUMO drives ---
+
+
+class Drive(NamedTuple):
+    """The last order that a vehicle has about its speed."""
+
+    target: float | None  # m/s, to be reached and kept; None: its driver decides
+    accel: float  # m/s2, on the way there
+    stand: float  # s that it still has to stand
+    resume: float | None  # target after that
+
+
+def told(drive: Drive, event: Event, speed: float | None) -> Drive:
+    """After a speed event; `speed` is the target to go back to after a stop."""
+    if event.stop_for_s is not None:
+        return Drive(
+            0.0,
+            event.accel_mps2,
+            drive.stand + event.stop_for_s,
+            drive.resume if drive.stand > 0 else speed,
+        )
+    if drive.stand > 0:
+        return drive._replace(resume=event.slow_to_mps)
+    return Drive(event.slow_to_mps, event.accel_mps2, 0.0, None)
+
+
+def stood(drive: Drive, v: float, step: float) -> Drive:
+    """At the end of its stop it gets its old target back."""
+    if drive.stand <= 0 or v > AT_REST:
+        return drive
+    left = drive.stand - step
+    return drive._replace(stand=left) if left > EPS else Drive(drive.resume, drive.accel, 0.0, None)
+
+
+def towards(target: float, v: float, by: float) -> float:
+    """The speed `v` moved to `target` by at most `by`, m/s."""
+    return min(max(target, v - by), v + by)
+
+
+def is_due(event: Event, time: float, driven: float) -> bool:
+    """Whether its moment has come, `time` s and `driven` m after departure."""
+    return time >= event.at_s - EPS if event.at_s is not None else driven >= (event.at_m or 0.0)
+
+
+# --- what SUMO would refuse ---
+
+
 def check(actor: Actor, road: RoadMap) -> None:
     """Raise ConfigError where SUMO would refuse the actor or, worse, wait for ever in silence."""
     check_way(f"traffic.actors: {actor.id}", actor.route, actor.depart, road)
 
 
 def check_way(where: str, route: Sequence[str], depart: Depart, road: RoadMap) -> None:
-    """Raise ConfigError where SUMO could insert no vehicle there for this route;
+    """Raise ConfigError where SUMO could insert no vehicle there for this route.
 
-    `where` in the scenario file that is written.
+    `where`: the place in the scenario file that the message names.
     """
     for edge in route:
         has_edge(road, edge, f"{where}: route")
@@ -276,10 +284,8 @@ def check_way(where: str, route: Sequence[str], depart: Depart, road: RoadMap) -
 
 def _connected(road: RoadMap, edge: str, following: str) -> bool:
     """Whether a lane of an edge leads onto another edge."""
-    lanes, onto = (
-        np.flatnonzero(road.edge == road.edge_ids.index(edge)),
-        road.edge_ids.index(following),
-    )
+    lanes = np.flatnonzero(road.edge == road.edge_ids.index(edge))
+    onto = road.edge_ids.index(following)
     return any(
         road.edge[road.exit[i]] == onto for lane in lanes for i in successors(road, int(lane))
     )

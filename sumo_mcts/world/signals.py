@@ -1,4 +1,4 @@
-"""Reads what SUMO's signals show and will show."""
+"""Reads what SUMO's signals show, and what they will show."""
 
 import math
 from functools import lru_cache
@@ -11,16 +11,11 @@ from sumo_mcts.scene import GREEN, RED, YELLOW, Floats, Ints, RoadMap, Signals
 PHASES = 8  # coming phases that are broadcast
 STATIC = 0  # SUMO's type of signals whose phases last as long as their program says
 SIGNAL_RANGE = 500.0  # m within which signals are read
+# SUMO's letters; any other one counts as green.
 _SHOWS = {
-    "G": GREEN,
-    "g": GREEN,
-    "o": GREEN,
-    "O": GREEN,
-    "s": GREEN,
-    "y": YELLOW,
-    "Y": YELLOW,
-    "r": RED,
-    "u": RED,
+    **dict.fromkeys("GgoOs", GREEN),
+    **dict.fromkeys("yY", YELLOW),
+    **dict.fromkeys("ru", RED),
 }
 
 
@@ -36,34 +31,32 @@ class SignalReader:
             for q in range(len(road.signal_ids))
         ]
         self._offset = np.concatenate([[0], np.cumsum(links)]).astype(np.int32)
-        where = [
+        starts = [
             road.points[road.point_offset[np.flatnonzero(road.signal == q)]]
             for q in range(len(road.signal_ids))
-        ]  # the beginnings of its links
-        self._low = np.array([places.min(axis=0, initial=math.inf) for places in where]).reshape(
-            -1, 2
-        )
-        self._high = np.array([places.max(axis=0, initial=-math.inf) for places in where]).reshape(
-            -1, 2
-        )
+        ]  # the first points of its links
+        low = [points.min(axis=0, initial=math.inf) for points in starts]
+        high = [points.max(axis=0, initial=-math.inf) for points in starts]
+        self._low, self._high = np.array(low).reshape(-1, 2), np.array(high).reshape(-1, 2)
         self._known = np.array([name in known for name in road.signal_ids], np.bool_)
         self._programs: dict[tuple[int, str], list[_Phase]] = {}
 
     def read(self, x: float, y: float, time: float, phases: int) -> Signals:
-        """Signals with a link within SIGNAL_RANGE of a place (or between two, where they are far
-        apart); those further away read as green."""
+        """The signals at a place (m) and time (s), with so many phases.
+
+        Signals whose links' bounding box is further away than SIGNAL_RANGE read as green.
+        """
         state = np.full((int(self._offset[-1]), phases), GREEN, np.int32)
         until = np.full((len(self._ids), phases), np.inf)
         away = np.maximum(np.maximum(self._low - (x, y), (x, y) - self._high), 0.0)
-        for q in np.flatnonzero(
-            self._known & ((away * away).sum(axis=1) < SIGNAL_RANGE**2)
-        ).tolist():
-            self._fill(
-                q, self._ids[q], time, state[self._offset[q] : self._offset[q + 1]], until[q]
-            )
+        near = self._known & ((away * away).sum(axis=1) < SIGNAL_RANGE**2)
+        for q in np.flatnonzero(near).tolist():
+            links = slice(self._offset[q], self._offset[q + 1])
+            self._fill(q, self._ids[q], time, state[links], until[q])
         return Signals(self._offset, state, until)
 
     def _fill(self, q: int, name: str, time: float, state: Ints, until: Floats) -> None:
+        """The rows of one signal: `state` [links, K] and `until` [K], as in Signals."""
         _show(self._get.getRedYellowGreenState(name), state[:, 0])
         if len(until) == 1:
             return
@@ -79,6 +72,7 @@ class SignalReader:
             until[k] = until[k - 1] + program[index].duration
 
     def _program(self, q: int, name: str) -> list["_Phase"]:
+        """The phases of the program that runs; empty where SUMO does not tell them."""
         current = self._get.getProgram(name)
         if (q, current) not in self._programs:
             logics = {
@@ -93,20 +87,19 @@ class _Phase(NamedTuple):
 
     state: str
     duration: float  # s
-    following: int  # the phase after it
-    open_ended: (
-        bool  # traffic decides when it ends: SUMO's next switch is but the next time that it asks
-    )
+    following: int  # index of the phase after it
+    # traffic decides when it ends: SUMO's next switch is but the next time that it asks
+    open_ended: bool
 
 
 def _phases(logic: Any) -> list[_Phase]:
     found = list(logic.phases)
     return [
         _Phase(
-            p.state,
-            p.duration,
-            p.next[0] if p.next and p.next[0] >= 0 else (k + 1) % len(found),
-            logic.type != STATIC and p.minDur < p.maxDur,
+            state=p.state,
+            duration=p.duration,
+            following=p.next[0] if p.next and p.next[0] >= 0 else (k + 1) % len(found),
+            open_ended=logic.type != STATIC and p.minDur < p.maxDur,
         )
         for k, p in enumerate(found)
     ]

@@ -27,6 +27,13 @@ from sumo_mcts.world.options import (
     unescaped,
 )
 
+# Wall time for each simulated second with a window, as SUMO's option `delay` means it: four times
+# real time. And the most that a user may ask for.
+WINDOW_DELAY_MS = 250.0
+WINDOW_DELAY_MOST_MS = 60_000.0
+WAKING_STEPS = 3  # before a window is closed
+
+# Options that we give, unless the arguments do: always, and with a window.
 _QUIET = {
     "verbose": "false",
     "no-step-log": "true",
@@ -34,16 +41,13 @@ _QUIET = {
     "no-warnings": "true",
 }
 _WINDOW = {"start": "true", "quit-on-end": "true", "window-size": "1200,800"}
-WINDOW_DELAY_MS = (
-    250.0  # for each simulated second, as SUMO's option `delay` means it: four times real time
-)
-WINDOW_DELAY_MOST_MS = 60_000.0
-WAKING_STEPS = 3
+_WITHOUT_DISPLAY = "leave --gui out, or start a virtual one: xvfb-run -a sumo-mcts run ... --gui"
+
 TYPES_WITHIN = 1 << 24  # bytes of a file in which types of vehicles are looked for
 _ACTION_STEP = re.compile(rb"""actionStepLength\s*=\s*["']([0-9]+\.?[0-9]*|\.[0-9]+)["']""")
-_END_OF_ERROR = re.compile(r"\n(?=\S)|\nQuitting")  # what belongs to an error is indented
-_WITHOUT_DISPLAY = "leave --gui out, or start a virtual one: xvfb-run -a sumo-mcts run ... --gui"
-# a parameter of a lane: no output shows it, no state keeps it, and it goes with its simulation
+_END_OF_ERROR = re.compile(r"\n(?=\S)|\nQuitting")  # further lines of an error are indented
+# A parameter of a lane that bears the simulation's number: no output shows it, no state keeps it,
+# and it goes with its simulation.
 _MARK = "sumo_mcts.simulation"
 
 
@@ -58,15 +62,15 @@ class Simulation:
     def __init__(
         self, arguments: Sequence[str], *, gui: bool = False, delay_ms: float = WINDOW_DELAY_MS
     ) -> None:
-        """`arguments` as on SUMO's command line, without the program's name;
+        """`arguments` as on SUMO's command line, without the program's name.
 
         `delay_ms`: with a window, how long a simulated second takes at least, unless the arguments
-        tell. Raises ConfigError with SUMO's own message.
+        say so. Raises ConfigError with SUMO's own message.
         """
         self._libsumo, self._gui = import_libsumo(), gui
         self._log = _temporary_file()
-        # With a delay of its own SUMO's window never closes (seen with 10 ms and more, SUMO 1.28):
-        # we wait in its place.
+        # With a delay of its own SUMO's window never closes (seen with 10 ms and more, SUMO 1.28).
+        # So `step` waits instead.
         arguments, delay_ms = (
             delay_taken_out(arguments, delay_ms) if gui else (list(arguments), 0.0)
         )
@@ -127,9 +131,9 @@ class Simulation:
 
     @property
     def end(self) -> float:
-        """When the configuration says that the traffic ends, s;
+        """When the configuration says that the traffic ends, s; inf: it does not say.
 
-        SUMO itself does not stop there where somebody else tells it to step.
+        SUMO itself does not stop there where a program tells it to step.
         """
         end = float(self._libsumo.simulation.getEndTime())
         return end if end > 0 else math.inf
@@ -148,8 +152,8 @@ class Simulation:
         doing("")
 
     def _wake_window(self) -> None:
-        """Steps right before the closing, through which the window's thread would sleep otherwise
-        (SUMO 1.28): it waits for the thread for ever."""
+        """Step right before closing: SUMO waits for the window's thread, which otherwise sleeps for
+        ever (SUMO 1.28)."""
         with contextlib.suppress(Exception):  # libsumo's exceptions share no base
             for _ in range(WAKING_STEPS):
                 self._libsumo.simulationStep()
@@ -181,14 +185,8 @@ class _Pace:
         if self._per_second <= 0.0:
             return
         if not math.isnan(self._wall):
-            time.sleep(
-                max(
-                    0.0,
-                    self._wall
-                    + (simulated - self._simulated) * self._per_second
-                    - time.monotonic(),
-                )
-            )
+            due = self._wall + (simulated - self._simulated) * self._per_second
+            time.sleep(max(0.0, due - time.monotonic()))
         self._simulated, self._wall = simulated, time.monotonic()
 
 
@@ -225,6 +223,52 @@ def _temporary_file() -> Path:
     return Path(name)
 
 
+@contextlib.contextmanager
+def _display_open() -> Iterator[None]:
+    """Look for a display first: sumo-gui ends the whole process where it finds none.
+
+    Ours stays open until SUMO's window is: a virtual display starts anew when its last client
+    leaves, and refuses clients that come meanwhile. Raises ConfigError.
+    """
+    if os.name == "posix" and "DISPLAY" not in os.environ:
+        raise ConfigError(f"--gui: no display (DISPLAY is not set); {_WITHOUT_DISPLAY}")
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError:
+        yield  # without the library we cannot look
+        return
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
+    display = x11.XOpenDisplay(None)
+    if not display:
+        raise ConfigError(
+            f"--gui: the display {os.environ['DISPLAY']} cannot be opened; {_WITHOUT_DISPLAY}"
+        )
+    try:
+        yield
+    finally:
+        x11.XCloseDisplay(display)
+
+
+@contextlib.contextmanager
+def _muted(into: Path = Path(os.devnull)) -> Iterator[None]:
+    """Sends what SUMO prints on standard output and error into a file."""
+    kept = [os.dup(1), os.dup(2)]
+    file = os.open(into, os.O_WRONLY | os.O_APPEND)
+    try:
+        os.dup2(file, 1)
+        os.dup2(file, 2)
+        yield
+    finally:
+        for number, before in zip((1, 2), kept, strict=True):
+            os.dup2(before, number)
+            os.close(before)
+        os.close(file)
+
+
+# --- the running simulation, ours or the user's ---
+
+
 def is_running() -> bool:
     """Whether a simulation runs in this process."""
     return bool(import_libsumo().simulation.isLoaded())
@@ -240,8 +284,8 @@ def require_running() -> None:
 
 
 def number() -> int:
-    """A number that the running simulation keeps until it is closed or another one is loaded, and
-    that no other one has; 0: none runs."""
+    """A number that the running simulation alone has, until it is closed or another one is loaded;
+    0: none runs."""
     if not is_running():
         return 0
     lanes = import_libsumo().lane
@@ -299,7 +343,7 @@ def option(name: str) -> str:
 
 
 def named_files(name: str) -> list[Path]:
-    """The files that an option of the running simulation names, which is told as it was given."""
+    """The files that an option of the running simulation names; SUMO tells it as it was given."""
     return paths_in(unescaped(expanded(option(name))), Path())
 
 
@@ -309,12 +353,12 @@ def step_length() -> float:
 
 
 def is_ballistic() -> bool:
-    """Whether positions follow the mean speed of a step: asked for, or what SUMO changes to without
-    telling where a type of vehicle acts less often than every step (and nobody asked for the
-    opposite, which cannot be seen).
+    """Whether positions follow the mean speed of a step.
 
-    The files tell, since asking SUMO for a type draws from its random numbers where that is a
-    distribution, and so changes the traffic.
+    That is asked for, or SUMO changes to it silently where a type of vehicle acts less often than
+    every step. (An option that asks for the opposite cannot be seen.) The types are read from the
+    files: asking SUMO for a type draws from its random numbers where that is a distribution, and so
+    changes the traffic.
     """
     named = [
         path
@@ -333,53 +377,13 @@ def is_ballistic() -> bool:
 
 @lru_cache(maxsize=32)
 def _longest_action_step(path: Path, changed: int) -> float:
-    """The longest actionStepLength in a file of routes or types, s; of large files the beginning
-    counts, where types stand. `changed`: when the file was, for the cache."""
+    """The longest actionStepLength in a file of routes or types, s.
+
+    Of large files only the beginning counts, where types stand. `changed`: when the file was, for
+    the cache.
+    """
     try:
         text = files.beginning(path, TYPES_WITHIN)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     return max((float(found) for found in _ACTION_STEP.findall(text)), default=0.0)
-
-
-@contextlib.contextmanager
-def _display_open() -> Iterator[None]:
-    """sumo-gui ends the whole process where it finds no display: look first. Raises ConfigError.
-
-    Ours stays open until SUMO's window is: a virtual display starts anew when its last client
-    leaves, and refuses whoever comes meanwhile.
-    """
-    if os.name == "posix" and "DISPLAY" not in os.environ:
-        raise ConfigError(f"--gui: no display (DISPLAY is not set); {_WITHOUT_DISPLAY}")
-    try:
-        x11 = ctypes.CDLL("libX11.so.6")
-    except OSError:
-        yield  # without the library we cannot look
-        return
-    x11.XOpenDisplay.restype = ctypes.c_void_p
-    x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
-    display = x11.XOpenDisplay(None)
-    if not display:
-        raise ConfigError(
-            f"--gui: the display {os.environ['DISPLAY']} cannot be opened; {_WITHOUT_DISPLAY}"
-        )
-    try:
-        yield
-    finally:
-        x11.XCloseDisplay(display)
-
-
-@contextlib.contextmanager
-def _muted(into: Path = Path(os.devnull)) -> Iterator[None]:
-    """Sends what SUMO prints on standard output and error into a file."""
-    kept = [os.dup(1), os.dup(2)]
-    file = os.open(into, os.O_WRONLY | os.O_APPEND)
-    try:
-        os.dup2(file, 1)
-        os.dup2(file, 2)
-        yield
-    finally:
-        for number, before in zip((1, 2), kept, strict=True):
-            os.dup2(before, number)
-            os.close(before)
-        os.close(file)

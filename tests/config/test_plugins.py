@@ -236,8 +236,7 @@ class Idm:
         self.asked += 1
         lane = q.scene.agents.lane
         ways = {} if self.oracles is None else {i: self.oracles.way(name, int(lane[i])) for i, name in enumerate(q.scene.agents.ids)}
-        told = OracleData(ways=ways)
-        forecast = predict(self.road, q.scene, q.ego_lanes, q.nominal, q.params, q.seconds, told, q.stood_s)
+        forecast = predict(self.road, q, OracleData(ways=ways))
         return forecast if self.asked % 3 else wrong(forecast, self.wrong)
 
 class Knowing(Idm):

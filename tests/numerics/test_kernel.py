@@ -444,8 +444,12 @@ NEEDED = {
         _fill_ahead _fill_upstream _find_duties _followers apart chain_gap follows index_at keep_state
         kept_state
     """,
-    "others": "_follow _free _halt _leader _rank _red_accel _step_all _to_sign _yield_accel",
-    "paths": "_agreement _beside _find_conflicts _leading_on _likely _turn_worth",
+    "behaviour": "_driving_accel _step_all",
+    "conflicts": "_find_conflicts",
+    "course": "to_sign",
+    "following": "follow_accel free_accel leader_of",
+    "paths": "_agreement _beside _best_successor _extend _leading_on _turn_score",
+    "yielding": "halt_accel line_accel rank_of yield_accel",
     "poses": "_lane_at _place _place_on_path _point",
     "route": "_fill_caps _fill_poses lane_pose",
     "tree": """

@@ -17,7 +17,7 @@ from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.episode import run_episode
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.risk import risk, shares
-from sumo_mcts.prediction.forecast import OracleData, predict
+from sumo_mcts.prediction.forecast import Question, predict
 from sumo_mcts.prediction.hypotheses import together
 from sumo_mcts.records import load_trace, save_trace
 from sumo_mcts.reporting.storyboard import storyboard
@@ -78,11 +78,9 @@ def test_effort(weights: list[float], iterations: int, actions: int) -> None:
 def uncertain(task: Task, scene: Any, odds: float) -> Situation:
     """A car that has to let the ego pass does (odds 1), or does not."""
     lanes = np.array([lane(ROAD, name) for name in ("wi_0", ":we_0", "eo_0")], np.int32)
+    question = Question(scene, lanes, np.zeros(0), traffic_params(), 10.0)
     forecasts = [
-        predict(
-            ROAD, scene, lanes, np.zeros(0), traffic_params(), 10.0, OracleData(), intent=intent
-        )
-        for intent in (Intent(0, 0), Intent(0, FORCES))
+        predict(ROAD, question, intent=intent) for intent in (Intent(0, 0), Intent(0, FORCES))
     ]
     return situation_of(task, scene)._replace(forecast=together(forecasts, [1.0, odds]))
 

@@ -26,8 +26,9 @@ from sumo_mcts.config import load
 from sumo_mcts.config.builtin import root, scenario_path
 from sumo_mcts.episode import run_episode
 from sumo_mcts.numerics.signals import signal_states
-from sumo_mcts.prediction.behaviour import HARD, MOST_HABIT, _Course, _stop_place
-from sumo_mcts.prediction.forecast import CRUISING, OracleData, predict
+from sumo_mcts.prediction.behaviour import HARD, MOST_HABIT
+from sumo_mcts.prediction.course import Course, waiting_place
+from sumo_mcts.prediction.forecast import CRUISING, OracleData, Question, predict
 from sumo_mcts.scene import (
     ALLWAY,
     BRAKES,
@@ -106,9 +107,8 @@ def test_who_brakes_comes_as_far_as_in_sumo_with_its_steps(step: float) -> None:
         scene_of(ego_at(road, "a_0", 10.0, 0.0), road, Agent("a", "a_2", 100.0, 12.0)),
         np.zeros(0, np.int32),
     )
-    forecast = predict(
-        road, scene, nowhere, np.zeros(0), params, 8.0, OracleData(), intent=Intent(0, BRAKES)
-    )
+    question = Question(scene, nowhere, np.zeros(0), params, 8.0)
+    forecast = predict(road, question, intent=Intent(0, BRAKES))
     s, v = 100.0, 12.0
     while v > 0.0:
         v = max(0.0, v - HARD * step)
@@ -327,7 +327,7 @@ def test_a_follower_stops_behind_a_standing_ego() -> None:
     standing = forecast_of(task, scene, 10.0)
     # the nominal ego drives off by car following; one that is known to stand is stopped for
     waited = predict(
-        road, scene, np.array([0], np.int32), np.zeros(100), traffic_params(), 10.0, OracleData()
+        road, Question(scene, np.array([0], np.int32), np.zeros(100), traffic_params(), 10.0)
     )
     assert standing.s[0, -1, 0] > 200.0
     assert 188.0 < waited.s[0, -1, 0] < 195.0
@@ -383,15 +383,8 @@ def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
                 (libsumo.vehicle.getLanePosition("other"), libsumo.vehicle.getSpeed("other"))
             )
             libsumo.simulationStep()
-    forecast = predict(
-        road,
-        scene,
-        np.array([scene.ego.lane], np.int32),
-        np.zeros(0),
-        traffic_params(),
-        19.8,
-        OracleData(),
-    )
+    lanes = np.array([scene.ego.lane], np.int32)
+    forecast = predict(road, Question(scene, lanes, np.zeros(0), traffic_params(), 19.8))
     theirs = np.array(driven)[::2]
     assert np.abs(forecast.s[0, : len(theirs), 0] - theirs[:, 0]).max() < 1.0
     assert theirs[-1, 1] == pytest.approx(0.0, abs=0.01) and forecast.v[0, len(theirs) - 1, 0] < 0.1
@@ -422,7 +415,7 @@ def test_the_place_to_wait_is_in_the_junction_of_the_stretch(begin: float, waits
         np.zeros((1, 7), np.bool_),
         np.full((1, 1), -1, np.int32),
     )
-    course = _Course(
+    course = Course(
         path,
         offset,
         np.array([7], np.int32),
@@ -435,7 +428,7 @@ def test_the_place_to_wait_is_in_the_junction_of_the_stretch(begin: float, waits
         nobody,
         np.zeros((1, 1, 4)),
     )
-    assert _stop_place(course, 0, 0, begin) == waits
+    assert waiting_place(course, 0, 0, begin) == waits
 
 
 def test_who_turns_left_waits_inside_the_junction_where_it_waits_in_sumo(tmp_path: Path) -> None:
@@ -464,15 +457,8 @@ def test_who_turns_left_waits_inside_the_junction_where_it_waits_in_sumo(tmp_pat
             libsumo.simulationStep()
         waits = libsumo.vehicle.getSpeed("other")
     i = scene.agents.ids.index("other")
-    forecast = predict(
-        road,
-        scene,
-        np.array([scene.ego.lane], np.int32),
-        np.zeros(0),
-        traffic_params(),
-        8.0,
-        OracleData(),
-    )
+    lanes = np.array([scene.ego.lane], np.int32)
+    forecast = predict(road, Question(scene, lanes, np.zeros(0), traffic_params(), 8.0))
     assert waits < 0.1 and driven[-1][0] == ":centre_3_0" == road.lane_ids[forecast.lane[0, -1, i]]
     centre = forecast.pose[0, -1, i, :2]
     assert (

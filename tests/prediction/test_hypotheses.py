@@ -10,23 +10,22 @@ from helpers_model import scene_of, traffic_params
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.prediction.behaviour import HARD
-from sumo_mcts.prediction.forecast import OracleData, predict
-from sumo_mcts.prediction.hypotheses import (
+from sumo_mcts.prediction.alternatives import (
     COMES_OVER,
     HALTING,
     LEAST,
     STAYING,
     alternatives,
     braking_odds,
+    distance_to_path,
     forcing_odds,
-    from_way,
-    likeliest,
-    predict_hypotheses,
-    signal_worth,
+    signal_likelihood,
     starting_odds,
-    way_worth,
+    turn_likelihood,
 )
+from sumo_mcts.prediction.behaviour import HARD
+from sumo_mcts.prediction.forecast import Question, predict
+from sumo_mcts.prediction.hypotheses import likeliest, predict_hypotheses
 from sumo_mcts.prediction.paths import likely_paths
 from sumo_mcts.scene import (
     BRAKES,
@@ -72,49 +71,30 @@ def ego_lanes(road: RoadMap, ego: EgoState) -> np.ndarray:
     )
 
 
+def question(scene: Scene, road: RoadMap = ROAD) -> Question:
+    return Question(scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params(), 10.0)
+
+
 def foreseen(scene: Scene, most: int, road: RoadMap = ROAD) -> Forecast:
-    return predict_hypotheses(
-        road, scene, ego_lanes(road, scene.ego), np.zeros(0), traffic_params(), 10.0, -np.inf, most
-    )
+    return predict_hypotheses(road, question(scene, road), most)
 
 
 def usual(scene: Scene, intent: Intent | None = None, road: RoadMap = ROAD) -> Forecast:
     more = {} if intent is None else {"intent": intent}
-    return predict(
-        road,
-        scene,
-        ego_lanes(road, scene.ego),
-        np.zeros(0),
-        traffic_params(),
-        10.0,
-        OracleData(),
-        **more,
-    )
+    return predict(road, question(scene, road), **more)
 
 
 def expected(scene: Scene, road: RoadMap = ROAD) -> np.ndarray:
     """What the agents would do now, whatever they did of late, m/s2."""
-    plain = predict(
-        road,
-        scene,
-        ego_lanes(road, scene.ego),
-        np.zeros(0),
-        traffic_params()._replace(persistence=0.0),
-        10.0,
-        OracleData(),
-    )
+    params = traffic_params()._replace(persistence=0.0)
+    plain = predict(road, question(scene, road)._replace(params=params))
     return (plain.v[0, 1] - plain.v[0, 0]) / plain.dt
 
 
 def others(scene: Scene, road: RoadMap = ROAD) -> dict[tuple[int, int], float]:
     """Odds of every alternative, by agent and what it does."""
     found = alternatives(
-        road,
-        scene,
-        ego_lanes(road, scene.ego),
-        usual(scene, road=road),
-        expected(scene, road),
-        traffic_params(),
+        road, question(scene, road), usual(scene, road=road), expected(scene, road)
     )
     return {(each.intent.agent, each.intent.does): each.odds for each in found}
 
@@ -221,16 +201,8 @@ def test_no_more_than_asked_for_and_the_likeliest_of_them() -> None:
 
 def test_constant_velocity_has_no_alternatives() -> None:
     scene = may_turn()
-    forecast = predict_hypotheses(
-        ROAD,
-        scene,
-        ego_lanes(ROAD, scene.ego),
-        np.zeros(0),
-        traffic_params(interacting=False),
-        5.0,
-        -np.inf,
-        4,
-    )
+    params = traffic_params(interacting=False)
+    forecast = predict_hypotheses(ROAD, question(scene)._replace(params=params, seconds=5.0), 4)
     assert forecast.weight.tolist() == [1.0]
 
 
@@ -249,7 +221,7 @@ def test_the_turn_signal_tells_the_way() -> None:
         others(seen(may_turn(), blinker=[-1]))[0, TURNS] > plain
     )  # something is going to happen, and there is no way to the right
     for turn in (STRAIGHT, LEFT, RIGHT):
-        assert sum(signal_worth(turn, side) for side in (-1, 0, 1)) == pytest.approx(1.0)
+        assert sum(signal_likelihood(turn, side) for side in (-1, 0, 1)) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
@@ -262,7 +234,8 @@ def test_the_turn_signal_of_who_comes_over_from_the_next_lane_tells_little(
     middle."""
     agents = seen(may_turn(), blinker=[blinker], d=[d]).agents
     straight, left = (
-        way_worth(ROAD, agents, 0, lane(ROAD, name), 30.0, 0.0, 2.5) for name in (":we_0", ":wn_0")
+        turn_likelihood(ROAD, agents, 0, lane(ROAD, name), 30.0, 0.0, 2.5)
+        for name in (":we_0", ":wn_0")
     )
     if blinker > 0:
         assert (left / straight > 20.0) == tells
@@ -302,7 +275,9 @@ def test_only_ways_that_cars_may_take() -> None:
 def test_only_ways_that_meet_the_egos() -> None:
     scene = may_turn()
     past = np.array([lane(ROAD, "eo_0")], np.int32)  # the ego's lanes, past the junction
-    found = alternatives(ROAD, scene, past, usual(scene), expected(scene), traffic_params())
+    found = alternatives(
+        ROAD, question(scene)._replace(ego_lanes=past), usual(scene), expected(scene)
+    )
     assert all(each.intent.does != TURNS for each in found)
 
 
@@ -457,16 +432,16 @@ def test_distance_from_the_way_against_points_on_it(x: float, y: float) -> None:
     ego = ego_at(ROAD, "wi_0", 70.0, 8.0, route=EASTBOUND)
     paths = likely_paths(ROAD, agents_at(ROAD), ego, ego_lanes(ROAD, ego), {}, 10.0)
     on_it = np.linspace(-30.0, 100.0, 2601)
-    assert from_way(ROAD, paths, 70.0, x, y) == pytest.approx(
+    assert distance_to_path(ROAD, paths, 70.0, x, y) == pytest.approx(
         np.hypot(on_it - x, y - MIDDLE).min(), abs=0.06
     )
 
 
 def test_worth_of_a_way_is_that_of_its_evidence() -> None:
     scene, straight, left = may_turn(), lane(ROAD, ":we_0"), lane(ROAD, ":wn_0")
-    against = way_worth(ROAD, scene.agents, 0, straight, 30.0, 0.0, 2.5)
+    against = turn_likelihood(ROAD, scene.agents, 0, straight, 30.0, 0.0, 2.5)
     assert others(scene)[0, TURNS] == pytest.approx(
-        way_worth(ROAD, scene.agents, 0, left, 30.0, 0.0, 2.5) / against
+        turn_likelihood(ROAD, scene.agents, 0, left, 30.0, 0.0, 2.5) / against
     )
 
 

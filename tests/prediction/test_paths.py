@@ -8,7 +8,8 @@ import pytest
 from helpers import ALL_CLASSES, Agent, Conflict, Lane, build, ego_at
 from helpers_model import forecast_of, lanes_east, predicted, scene_of, task_of, traffic_params
 
-from sumo_mcts.prediction.hypotheses import alternatives
+from sumo_mcts.prediction.alternatives import alternatives
+from sumo_mcts.prediction.forecast import Question
 from sumo_mcts.prediction.paths import LANES, NARROWS, PATH, likely_paths
 from sumo_mcts.scene import TURNS, VEHICLE_CLASSES, Forecast, RoadMap
 
@@ -131,9 +132,9 @@ def test_no_hypothesis_has_a_car_on_a_cycle_track() -> None:
         scene = scene_of(ego, road, Agent("x", "a_0", 80.0, 8.0))
         scene = scene._replace(agents=scene.agents._replace(vclass=np.array([vclass], np.int32)))
         usual = forecast_of(task_of(road, ego), scene)
-        found = alternatives(
-            road, scene, np.array([0, 2], np.int32), usual, np.zeros(1), traffic_params()
-        )
+        lanes = np.array([0, 2], np.int32)
+        question = Question(scene, lanes, np.zeros(0), traffic_params(), 10.0)
+        found = alternatives(road, question, usual, np.zeros(1))
         assert all(one.intent.does != TURNS for one in found)
 
 

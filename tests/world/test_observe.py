@@ -12,7 +12,8 @@ from helpers import Lane, build
 from helpers_networks import netconvert, simulation
 
 from sumo_mcts.scene import GREEN, RED, YELLOW
-from sumo_mcts.world.observe import CHANGED, TREND_S, Change, Observer
+from sumo_mcts.world.agents import CHANGED, TREND_S
+from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import read_roadmap
 from sumo_mcts.world.signals import PHASES, SignalReader
 

@@ -1,0 +1,173 @@
+"""Where a driver stops or lets others pass: red lights, stop signs, ends of lanes, right of way."""
+
+import math
+
+from sumo_mcts.numerics.kernel import inlined, kernel
+from sumo_mcts.numerics.krauss import safe_speed
+from sumo_mcts.prediction.conflicts import (
+    FOE_BEGIN,
+    FOE_END,
+    IN_TURN,
+    MERGES,
+    MUTUAL,
+    OWN_BEGIN,
+    OWN_END,
+)
+from sumo_mcts.prediction.course import Course, red_ahead, to_sign, waiting_place
+from sumo_mcts.prediction.drivers import Drivers, Progress, TrafficParams
+from sumo_mcts.prediction.following import follow_accel
+from sumo_mcts.scene import FORCES, Bools, Floats, Ints
+
+# Stopping.
+BEFORE = 1.0  # m before a line at which a driver stops, as late as possible,
+CLOSER = 0.5  # m nearer where it waits for others: SUMO's drivers do so 0.1 m before the line
+# m/s2 beyond which no driver stops for a red light or a vehicle that has the right of way: a little
+# more than they brake with
+STOPS = 5.0
+AT_SIGN = 9.0  # m/s2, likewise at a stop sign and at the end of a lane, where every driver stops
+RED_VIEW = 80.0  # m before a red light from which on a driver heeds it
+
+# Stop signs.
+INSIDE = -1e9  # Progress.rank of a vehicle inside a junction
+AT_LINE = 4.0  # m before a stop sign within which standing counts
+SLOW = 0.5  # m/s below which a vehicle at a stop sign counts as standing
+
+# Right of way.
+OWN_VIEW = 60.0  # m before a shared stretch from which on a driver yields
+FOE_VIEW = 90.0  # m before it within which a foe matters,
+MERGE_VIEW = 30.0  # and where lanes merge
+WAITS = 0.3  # m/s below which a foe waits itself
+
+
+@kernel
+def halt_accel(q: TrafficParams, v: float, distance: float, most: float) -> float:
+    """Acceleration that stops `distance` m ahead, at the last moment, m/s2; inf where that takes
+    more than `most` m/s2.
+
+    It leads to the safe speed of a driver with a step to react in: fitted to SUMO's drivers.
+    """
+    if v * v > 2.0 * most * max(distance, 0.1):
+        return math.inf
+    return max((safe_speed(max(distance - BEFORE, 0.0), 0.0, q.step) - v) / q.step, -most)
+
+
+@kernel
+def line_accel(
+    q: TrafficParams, c: Course, i: int, k: int, t: int, x: float, v: float, rank: float
+) -> float:
+    """Acceleration for the red light, the stop sign and the end of the lane ahead of vehicle i, on
+    the k-th lane of its path at the t-th time, m/s2; inf: nothing to stop for."""
+    a = math.inf
+    for m in range(k + 1, c.lanes[i]):
+        distance = c.offset[i, m] - x
+        if distance > RED_VIEW:
+            break
+        if c.red[i, m, t]:
+            a = halt_accel(q, v, distance, STOPS)
+            break
+    if math.isinf(rank):
+        a = min(a, halt_accel(q, v, to_sign(c, i, k, x), AT_SIGN))
+    if not math.isinf(c.end[i]):
+        a = min(a, halt_accel(q, v, c.end[i] - x, AT_SIGN))
+    return a
+
+
+@kernel
+def rank_of(c: Course, i: int, k: int, rank: float, x: float, v: float, now: float) -> float:
+    """The time (s from now, negative: ago) since when vehicle i has its turn at the stop sign
+    ahead; inf before it has stood, INSIDE a junction.
+
+    `rank`: the same one time before; `now`: s.
+    """
+    if c.lanes[i] == 0:
+        return math.inf
+    if c.internal[i, k]:
+        return INSIDE
+    if rank == INSIDE:
+        return math.inf
+    if math.isinf(rank) and v < SLOW and to_sign(c, i, k, x) < AT_LINE:
+        return now
+    return rank
+
+
+@inlined
+def yield_accel(
+    q: TrafficParams,
+    c: Course,
+    d: Drivers,
+    polite: Bools,
+    progress: Progress,
+    x: Floats,
+    v: Floats,
+    i: int,
+    t: int,
+) -> float:
+    """Acceleration with which vehicle i stops before a stretch that a foe with the right of way
+    will use, or falls in behind the foe that merges first, m/s2; inf: neither.
+
+    `polite` [N]: set where it lets the ego pass.
+    """
+    a = math.inf
+    for u in range(c.foe.shape[1]):
+        j = c.foe[i, u]
+        if j < 0:
+            break
+        to_begin, to_end = c.place[i, u, OWN_BEGIN] - x[i], c.place[i, u, OWN_END] - x[i]
+        foe_begin, foe_end = c.place[i, u, FOE_BEGIN] - x[j], c.place[i, u, FOE_END] - x[j]
+        if (
+            to_begin < 0.0
+            or to_begin > OWN_VIEW
+            or foe_end + d.length[j] < 0.0
+            or foe_begin > FOE_VIEW
+        ):
+            continue
+        if c.kind[i, u] == MERGES:
+            if to_end > foe_end and foe_begin < MERGE_VIEW:  # the foe is nearer: the leader
+                gap = max(to_end - foe_end - d.length[j], 0.5)
+                a = min(a, follow_accel(q, v[i], gap, v[j], q.accel))
+            continue
+        if j == 0 and d.does[i] == FORCES:
+            continue
+        if not _comes_first(q, c, d.length[i], progress.at, progress.rank, x, v, i, u, t):
+            continue
+        wait = waiting_place(c, i, progress.at[i], c.place[i, u, OWN_BEGIN])
+        stop = halt_accel(q, v[i], wait - x[i] + CLOSER, STOPS)
+        if math.isinf(stop):
+            continue
+        if j == 0:
+            if not polite[i] and v[i] * v[i] > 2.0 * q.yield_decel * max(to_begin - 2.0, 0.1):
+                # it could not let the ego pass in comfort when that came up: do not count on it
+                continue
+            polite[i] = True
+        a = min(a, stop)
+    return a
+
+
+@kernel
+def _comes_first(
+    q: TrafficParams,
+    c: Course,
+    length: float,
+    at: Ints,
+    rank: Floats,
+    x: Floats,
+    v: Floats,
+    i: int,
+    u: int,
+    t: int,
+) -> bool:
+    """Whether vehicle i, `length` m long, has to let the foe of its u-th conflict pass now."""
+    j, kind = c.foe[i, u], c.kind[i, u]
+    foe_begin = c.place[i, u, FOE_BEGIN] - x[j]
+    mine = (c.place[i, u, OWN_BEGIN] - x[i]) / max(v[i], 3.0)
+    theirs = max(foe_begin, 0.0) / max(v[j], 1.0)
+    if kind == MUTUAL and (mine < theirs or (mine == theirs and i < j)):
+        return False
+    if kind == IN_TURN and (rank[i] < rank[j] or (rank[i] == rank[j] and i < j)):
+        return False
+    if v[j] < WAITS and foe_begin > 1.0 and kind != IN_TURN:
+        return False
+    leaves = (c.place[i, u, OWN_END] - x[i] + length) / max(v[i], 3.0)
+    return bool(theirs <= leaves + q.yield_gap) and not red_ahead(
+        c, j, at[j], t, c.place[i, u, FOE_BEGIN]
+    )
