@@ -10,11 +10,11 @@ from sumo_mcts import config as configuration
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver import params
 from sumo_mcts.driver.params import Physics, cost_params, ego_params
-from sumo_mcts.model.local_build import build_local
 from sumo_mcts.model.local_map import LocalMap, State, ego_state
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.numerics.kernel import entry
+from sumo_mcts.planners import base
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.prediction.drivers import TrafficParams
 from sumo_mcts.prediction.forecast import OracleData, Question, predict
@@ -24,7 +24,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 PHYSICS = Physics(0.1, False, 3.0)
 WIDTH = 3.2  # m, of a lane
-STOP_DECEL = 3.0  # m/s2, as the planners hand it to build_local
 
 
 def scenario(*sets: str, **keys: Any) -> ScenarioConfig:
@@ -147,18 +146,7 @@ def local_of(
 ) -> tuple[LocalMap, State]:
     """What compiled code reads, and the ego's state in it."""
     situation = situation_of(task, scene, cleared, seconds)
-    return build_local(
-        task.road,
-        task.route,
-        situation.state,
-        scene,
-        situation.forecast,
-        0,
-        cleared,
-        STOP_DECEL,
-        task.cost.claim_s,
-        reactive,
-    ), situation.state
+    return base.local_of(task, situation, reactive), situation.state
 
 
 def half(params: EgoParams) -> float:

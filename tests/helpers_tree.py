@@ -28,7 +28,8 @@ from sumo_mcts.model.reactions import at_rest
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.mcts import actions_of, in_steps, mcts_params
 from sumo_mcts.planners.rollout import SearchParams
-from sumo_mcts.planners.tree import Tree, new_tree, search
+from sumo_mcts.planners.search import search
+from sumo_mcts.planners.tree import Tree, new_tree
 from sumo_mcts.scene import RED, Decision, EgoState, Floats, RoadMap, Scene
 
 GOLDEN = Path(__file__).parent / "planners" / "golden_tree.json"
@@ -117,7 +118,7 @@ TOYS = {
 def grow(toy: Toy, iterations: int, seed: int = 1, *, each: bool = False) -> Grown:
     """The tree after a number of passes;
 
-    `each`: with the best of every root action (see tree.SearchParams).
+    `each`: with the best of every root action (see rollout.SearchParams).
     """
     config = scenario(*toy.sets)
     task = task_of(toy.road, toy.scene.ego, config)
@@ -162,7 +163,7 @@ def plain(grown: Grown) -> dict[str, Any]:
         "passes": [grown.done, grown.known],
         "parent": tree.parent[:used].tolist(),
         "visits": tree.visits[:used].tolist(),
-        "dead": tree.dead[:used].astype(int).tolist(),
+        "closed": tree.closed[:used].astype(int).tolist(),
         "best": [float(best).hex() for best in tree.best[:used]],
     }
 

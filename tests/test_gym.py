@@ -24,7 +24,7 @@ from sumo_mcts.driver.observation import EGO, Actions, Shown, bounds
 from sumo_mcts.episode import run_episode
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.gym import ENVIRONMENT, REWARD, DriveEnv
-from sumo_mcts.model.motion import FOLLOW
+from sumo_mcts.planners.actions import FOLLOW
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.records import ROW_KEYS
 from sumo_mcts.scenarios import load_scenario

@@ -24,7 +24,8 @@ from sumo_mcts.model.route import RouteMap, is_rest_of, route_map
 from sumo_mcts.numerics.kernel import Stopwatch
 from sumo_mcts.planners.base import Planner, Remembering, Situation, Task
 from sumo_mcts.planners.budget import Timekeeper
-from sumo_mcts.planners.failsafe import FailSafe, nonsense
+from sumo_mcts.planners.failsafe import FailSafe
+from sumo_mcts.planners.validity import why_invalid
 from sumo_mcts.prediction.interface import OracleRecorder, Oracles
 from sumo_mcts.scene import (
     STANDING,
@@ -216,7 +217,7 @@ class Driver:
             failed = "planner"
             try:
                 decision = self._planner.plan(situation)
-                why = nonsense(self._task, situation.state, decision)
+                why = why_invalid(self._task, situation.state, decision)
             except Exception as error:  # whatever a planner may do
                 why = f"{type(error).__name__}: {error}"
         self._failures = self._failures + 1 if why else 0

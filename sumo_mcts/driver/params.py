@@ -13,7 +13,7 @@ from sumo_mcts.driver.sensor import aside_m
 from sumo_mcts.errors import ConfigError, in_one_line
 from sumo_mcts.model.cost_params import CostParams, Term, compiled_term
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.planners.failsafe import Assumed
+from sumo_mcts.planners.failsafe_reach import Assumed
 from sumo_mcts.prediction.drivers import TrafficParams
 from sumo_mcts.scene import EgoState
 

@@ -13,18 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.evaluation.goal import Goal
-from sumo_mcts.model.local_build import build_local
+from sumo_mcts.model.local_build import Rules, build_local
 from sumo_mcts.model.local_map import (
-    COS,
     GONE,
     HALF_LENGTH,
     HALF_WIDTH,
     NODE,
-    SIN,
     LocalMap,
     State,
-    X,
-    Y,
     apart,
     ego_state,
 )
@@ -38,7 +34,7 @@ from sumo_mcts.model.motion import (
     within_step,
 )
 from sumo_mcts.model.route import RouteMap, route_map
-from sumo_mcts.numerics.geometry import Box, boxes_touch
+from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
 from sumo_mcts.numerics.kernel import kernel, lengthy
 from sumo_mcts.scene import (
     Agents,
@@ -140,17 +136,8 @@ class Hindsight:
         forecast = _forecast(self._futures(scene.time, ply * plies + 1), p.step, ply * plies + 1)
         # a stop sign does not hold an ego that has to escape
         served = frozenset(np.flatnonzero(self._route.sign).tolist())
-        local = build_local(
-            self._road,
-            self._route,
-            state,
-            scene,
-            forecast,
-            hypothesis=0,
-            cleared=served,
-            stop_decel=p.comfort_decel,
-            claim_s=0.0,
-        )
+        rules = Rules(served, p.comfort_decel, claim_s=0.0)
+        local = build_local(self._road, self._route, state, scene, forecast, rules)
         grain = Grain(ply, plies, max(1, round(p.step / CHECK_S)), CELL)
         return len(escape(local, p, state, actions(p), self._home, grain)) == 0
 

@@ -13,14 +13,13 @@ from sumo_mcts.numerics.kernel import kernel
 
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
-SLOW = 1.0  # m/s below which the ego stands in somebody's way
-ASTRIDE = (
-    0.2  # rad between box and lane from which the rear is still in the lane that the ego leaves
-)
+SLOW = 1.0  # m/s below which the ego stands in the way of others
+# rad between box and lane from which the rear is still in the lane that the ego leaves
+STRADDLING = 0.2
 STANDS_BEFORE = 2.0  # m before the line of a stop sign: the place to stand
 NEAR_SIGN = 5.0  # m before that place within which less and less of a second counts as lost,
 ROLLS = 0.3  # m/s below which, there, likewise
-UP_TO_SIGN = 30.0  # m before that place within which the way to it counts at the horizon,
+UP_TO_SIGN = 30.0  # m before that place within which the distance to it counts at the horizon,
 MOVE_UP = 4.0  # m/s as if driven with this
 # by how much dearer, at the horizon, a lane is that the route leaves if the ego cannot get as fast
 # any more as those it has to move between
@@ -43,16 +42,15 @@ def step_comfort(p: EgoParams, c: CostParams, before: State, after: State) -> fl
 @kernel
 def step_passability(local: LocalMap, p: EgoParams, c: CostParams, after: State) -> float:
     """C_p of one simulation step: time lost against the limit or before a stop sign, a lane that
-    the route leaves, standing in a junction or across lanes."""
+    the route leaves, standing in a junction or straddling lanes."""
     limit = local.node[after.node, LIMIT]
     rate = c.progress * (1.0 - min(after.v, limit) / limit + _before_sign(local, after))
     rate += c.route * _urgent(local, after.node)
     if after.v < SLOW:
         if local.node[after.node, INTERNAL] > 0.0:
             rate += c.blocking
-        if abs(after.turn) > ASTRIDE and not leads_nowhere(
-            local, after.node
-        ):  # who is held at a dead end leaves it as it can
+        # an ego that is held at a dead end leaves it as it can
+        if abs(after.turn) > STRADDLING and not leads_nowhere(local, after.node):
             rate += c.astride
     return rate * p.step
 
@@ -106,7 +104,7 @@ def terminal(local: LocalMap, c: CostParams, state: State, gap: float, leader_v:
 
     Nothing here may fall by more than 1 / limit for a metre less driven, the time that is gained by
     driving it, or it would pay to stand. So speed counts behind a leader only as far as there is
-    room for it, before a red light or a dead end not at all (Local.free), and the limit is that of
+    room for it, before a red light or a dead end not at all (LocalMap.free). The limit is that of
     the lane where the ego is now, the same for all.
     """
     useful = min(state.v, leader_v + gap / local.limit)
@@ -128,13 +126,15 @@ def terminal(local: LocalMap, c: CostParams, state: State, gap: float, leader_v:
 @kernel
 def _too_slow(local: LocalMap, state: State) -> float:
     """Share of the speed of those it has to move between that the ego cannot reach any more before
-    its lane ends: who stands there finds no gap."""
+    its lane ends: an ego that stands there finds no gap."""
     room = local.node[state.node, REACH] - state.s
     if math.isinf(room):
         return 0.0
     return max(
         0.0,
-        1.0 - math.sqrt(state.v * state.v + 2.0 * PICK_UP * max(room, 0.0)) / max(local.pace, 1.0),
+        1.0
+        - math.sqrt(state.v * state.v + 2.0 * PICK_UP * max(room, 0.0))
+        / max(local.target_lane_speed, 1.0),
     )
 
 
@@ -157,7 +157,7 @@ def _to_sign(local: LocalMap, state: State) -> float:
 
 @kernel
 def _behind(local: LocalMap, c: CostParams, gap: float, leader_v: float) -> float:
-    """Share of the coming tail_s that is lost behind somebody, or something that stands."""
+    """Share of the coming tail_s that is lost behind a slower vehicle, or something that stands."""
     return (1.0 - min(leader_v, local.limit) / local.limit) * max(
         0.0, 1.0 - TAIL_SLOPE * gap / (c.tail_s * local.limit + 1e-9)
     )
@@ -166,5 +166,5 @@ def _behind(local: LocalMap, c: CostParams, gap: float, leader_v: float) -> floa
 @kernel
 def contact_cost(c: CostParams, state: State, time: float, horizon: float) -> float:
     """The loss of a contact: the later and the slower, the better, since there is time to find
-    another way."""
+    another path."""
     return c.contact * (1.0 - 0.5 * min(time / horizon, 1.0)) + c.speed_at_contact * state.v

@@ -6,10 +6,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.model.local_map import CLAIM_SAMPLES, GONE, LATE, NEARBY, UPSTREAM, LocalMap, State
+from sumo_mcts.model.local_map import (
+    ELSEWHERE,
+    GONE,
+    LATE,
+    NEARBY,
+    OCCUPANCY_SAMPLES,
+    UPSTREAM,
+    LocalMap,
+    State,
+)
+from sumo_mcts.model.obligations import Coming, obligations
 from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap, Upstream, stop_ahead
-from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.numerics.lanes import Ahead, Areas, ahead_of, areas_of, leads_to
+from sumo_mcts.numerics.geometry import Y
+from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.numerics.signals import signal_states
 from sumo_mcts.prediction.poses import SIDEWAYS
 from sumo_mcts.scene import (
@@ -24,15 +34,13 @@ from sumo_mcts.scene import (
     Ints,
     RoadMap,
     Scene,
-    Signals,
 )
 
 # m of the route behind the ego where followers are seen: as far as on the lanes that lead into it
 BACK = UPSTREAM_VIEW
 VIEW = 400.0  # m of the route ahead that a search may see
-JUNCTION_VIEW = 120.0  # m of the route within which the duties at junctions are looked at
-# m/s2 beyond which nobody stops for red: whoever has to, since yellow was short or it departs
-# before a red light
+# m/s2 beyond which the ego does not stop for red, where yellow was short or it departs before a red
+# light
 RED_DECEL = 6.0
 # s of driving before a lane is lost at which a lane change that the route needs begins to be
 # urgent,
@@ -40,8 +48,8 @@ AHEAD_S = 14.4
 GROWS_S = 9.0  # and in which it becomes so altogether,
 URBAN = 13.9  # m/s at the limit, or this: 200 m in town
 # m before and behind the ego in which the speed of those that it has to move between is looked at
-PACE_VIEW = 100.0
-# m kept clear aside by a lane change yet to begin, half of it by one that is under way: else every
+TARGET_LANE_VIEW = 100.0
+# m kept clear aside by a lane change yet to begin, half of it by one that has begun: else every
 # inaccuracy would stop it half-way
 ASIDE = 0.2
 FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
@@ -60,65 +68,91 @@ def window(route: RouteMap, here: float) -> tuple[int, int]:
     return first, int(begins[beyond]) if beyond < len(begins) else len(route.lane)
 
 
-def build_local(
-    road: RoadMap, route: RouteMap, state: State, scene: Scene, forecast: Forecast,
-    hypothesis: int, cleared: frozenset[int], stop_decel: float,
-    claim_s: float, reactive: int = 0,
-) -> LocalMap:  # fmt: skip
-    """The search's view of this cycle, with at most `reactive` agents that the search is to move.
+class Rules(NamedTuple):
+    """What the local map of a cycle takes for granted."""
 
-    `cleared` holds the nodes at whose stop sign the ego has stood; `stop_decel` (m/s2) is the
-    braking beyond which a yellow light is passed. An agent's way ahead belongs to it for `claim_s`.
-    """
-    here = route.station[state.node] + state.s
+    cleared: frozenset[int]  # nodes at whose stop sign the ego has stood
+    stop_decel: float  # m/s2 of braking beyond which a yellow light is passed
+    claim_s: float  # s for which the path ahead of an agent counts as occupied by it
+    reactive: int = 0  # agents at most that the search is to move
+
+
+def build_local(
+    road: RoadMap,
+    route: RouteMap,
+    state: State,
+    scene: Scene,
+    forecast: Forecast,
+    rules: Rules,
+    hypothesis: int = 0,
+) -> LocalMap:
+    """The search's view of this cycle, in one hypothesis of the forecast."""
+    here = float(route.station[state.node] + state.s)
     first, last = window(route, here)
-    w = last - first
-    times = forecast.pose.shape[1]
     view = slice(first, last)
+    lane, s, v = forecast.lane[hypothesis], forecast.s[hypothesis], forecast.v[hypothesis]
     lane_node = np.full(len(road.lane_ids), -1, np.int64)
     lane_node[route.lane[view][::-1]] = np.arange(last - 1, first - 1, -1, dtype=np.int64)
-    lane = forecast.lane[hypothesis]
-    node = np.where(lane >= 0, lane_node[lane], -1).astype(np.int64)
-    ahead = np.full((w, w), np.inf)
-    _fill_ahead(ahead, route.next, route.length, first)
-    node[~forecast.valid[hypothesis]] = GONE
-    s, v = forecast.s[hypothesis], forecast.v[hypothesis]
-    position = s.copy()  # those upstream count from their node
-    _fill_upstream(
-        node, position, lane, lane_node, route.upstream, np.full(len(lane_node), -1, np.int64)
-    )
+    node, position = _places(route, forecast, lane, s, lane_node, hypothesis)
     driven = np.zeros_like(v)
-    driven[1:] = np.cumsum(
-        np.where(lane[1:] == lane[:-1], s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * forecast.dt),
-        axis=0,
-    )
+    same_lane = lane[1:] == lane[:-1]
+    moved = np.where(same_lane, s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * forecast.dt)
+    driven[1:] = np.cumsum(moved, axis=0)
+    ahead = np.full((last - first, last - first), np.inf)
+    _fill_ahead(ahead, route.next, route.length, first)
     level, place = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
-    closed = _closed(
-        route, first, w, scene.signals, times, forecast.dt, state, here, cleared, stop_decel
-    )
+    closed = _closed(route, view, scene, forecast, state, rules)
     bits = _bits(forecast, node, scene.ego)
     followers = _followers(node[0], s[0], forecast.reacts, bits, ahead, state, first)
     behind = (bits >= 0) & ((followers >> np.maximum(bits, 0)) & 1 > 0)
+    # an agent that follows the ego cannot come before the ego has gone on
+    lets_pass = forecast.yields[hypothesis] | behind
+    coming = Coming(lane, s, driven, forecast.valid[hypothesis], lets_pass)
+    limit, times = float(route.limit[state.node]), forecast.pose.shape[1]
+    beside, until = _reaching_in(
+        road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt
+    )
     return LocalMap(
-        route.table, route.rows, closed, level, place, ahead,
-        _urgency(route, view, here), np.dstack([forecast.pose[hypothesis], v, node, position,
-        driven]),
-        np.column_stack([
+        node=route.table,
+        row=route.rows,
+        closed=closed,
+        level=level,
+        place=place,
+        ahead=ahead,
+        urgency=_urgency(route, view, here),
+        agent=np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
+        trait=np.column_stack([
             forecast.half_length, forecast.half_width, forecast.reacts,
-            forecast.yields[hypothesis], _slots(forecast, node, scene, reactive),
-            *_reaching_in(road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt),
-            bits, _goes_round(scene.agents, len(bits), state),
+            forecast.yields[hypothesis], _slots(forecast, node, scene, rules.reactive),
+            beside, until, bits, _goes_round(scene.agents, len(bits), state),
         ]),
-        _reach(forecast.pose[hypothesis, :, :, :2], v, forecast.half_length + forecast.half_width,
-        forecast.dt, claim_s),
-        _obligations(road, route, first, last, here, forecast, hypothesis, lane, s, driven, behind),
-        first, float(route.limit[state.node]),
-        _pace(route, view, here, node[0], position[0], v[0]),
-        _is_free(route, closed, first, state,
-        float(route.limit[state.node]) * times * forecast.dt + FREE_BEYOND),
-        _stop_at(route, state, cleared, here), followers,
-        ASIDE if state.progress == 0.0 else 0.5 * ASIDE, forecast.dt,
+        reach=_reach(
+            forecast.pose[hypothesis, :, :, : Y + 1], v,
+            forecast.half_length + forecast.half_width, forecast.dt, rules.claim_s,
+        ),
+        obligation=obligations(road, route, first, last, here, coming),
+        first=first,
+        limit=limit,
+        target_lane_speed=_target_lane_speed(route, view, here, node[0], position[0], v[0]),
+        free=_is_free(route, closed, first, state, limit * times * forecast.dt + FREE_BEYOND),
+        stop_at=_stop_at(route, state, rules.cleared, here),
+        followers=followers,
+        aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
+        dt=forecast.dt,
     )  # fmt: skip
+
+
+def _places(
+    route: RouteMap, forecast: Forecast, lane: Ints, s: Floats, lane_node: Indices, hypothesis: int
+) -> tuple[Indices, Floats]:
+    """Columns NODE [T, N] and S [T, N] of LocalMap.agent; `lane_node` [L] is the route's node of
+    each lane of the road, -1: none."""
+    node = np.where(lane >= 0, lane_node[lane], ELSEWHERE).astype(np.int64)
+    node[~forecast.valid[hypothesis]] = GONE
+    position = s.copy()  # those upstream count from their node
+    none = np.full(len(lane_node), -1, np.int64)
+    _fill_upstream(node, position, lane, lane_node, route.upstream, none)
+    return node, position
 
 
 @entry
@@ -126,7 +160,7 @@ def _fill_upstream(
     node: Indices, s: Floats, lane: Ints, lane_node: Indices, upstream: Upstream, to: Indices
 ) -> None:
     """Of agents [T, N] on lanes that lead into the ego's, write down which node they come to and
-    how far before it they are; not of those who turn off.
+    how far before it they are; not of those that turn off.
 
     `to` [lanes of the road] is room to work in, all -1.
     """
@@ -152,11 +186,12 @@ def _levels(
     """How the ego's lanes `own` [W] meet the lanes of the agents [T, N], which stand at s [T, N]
     and are so long [N], m.
 
-    Boxes that overlap in the plane touch only on the same edge, or near a knot that both lanes have
-    to do with: else one road is a bridge over the other. Returns level [W, K] and place [T, N]. Bit
-    3 i + j of level: the knot of kind i (0 the lane lies in it, 1 ends
-    there, 2 begins there) of the ego's lane is that of kind j of the other; bit j of place: the
-    agent is near the knot of kind j.
+    Boxes that overlap in the plane touch only on the same edge, or near a junction cluster that
+    both lanes have to do with: else one road is a bridge over the other.
+
+    Returns level [W, K] and place [T, N]. Bit 3 i + j of level: the cluster of kind i (0 the lane
+    lies in it, 1 ends there, 2 begins there) of the ego's lane is that of kind j of the other; bit
+    j of place: the agent is near the cluster of kind j.
     """
     those, column = np.unique(lane, return_inverse=True)
     mine, theirs = (
@@ -181,7 +216,7 @@ def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> In
 
 
 def _bits(forecast: Forecast, node: Indices, ego: EgoState) -> Indices:
-    """Trait BIT: everybody's own number where there are few, else 0, 1, ... for the nearest of
+    """Trait BIT: each agent's own number where there are few, else 0, 1, ... for the nearest of
     those that could follow the ego, -1 for the others."""
     if len(forecast.reacts) <= MOST_FOLLOWERS:
         return np.arange(len(forecast.reacts))
@@ -209,12 +244,10 @@ def _reaching_in(
 ) -> tuple[Indices, Ints]:
     """BESIDE [N] and UNTIL [N] of agents on the lanes `lane` [T, N].
 
-    The lane that somebody leaves is not free until its whole box is out of it.
+    The lane that an agent leaves is not free until its whole box is out of it.
     """
     first, times = lane[0], len(lane)
-    if (
-        not agents.ids
-    ):  # a forecast of whom nobody sees (evaluation/inevitable.py): its boxes are true
+    if not agents.ids:  # a forecast without a scene (evaluation/hindsight.py): its boxes are true
         return np.full(len(half_width), -1), np.zeros(len(half_width), np.int32)
     apart = 0.5 * (road.width[agents.lane] + road.width[first])
     off = np.where(
@@ -232,20 +265,20 @@ def _reaching_in(
 
 
 def _goes_round(agents: Agents, count: int, state: State) -> Bools:
-    """Trait GOES_ROUND of the `count` agents of a forecast, which are those of the scene, or nobody
-    in it (evaluation/inevitable.py)."""
+    """Trait GOES_ROUND of the `count` agents of a forecast, which are those of the scene, or not
+    in it (evaluation/hindsight.py)."""
     return agents.person if agents.ids and state.v < CRAWLS else np.zeros(count, np.bool_)
 
 
 def _reach(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) -> Floats:
-    """Local.reach for centres [T, N, 2], speeds [T, N] and half sizes [N]: a superset, to tell at
-    one look who is too far away to matter."""
+    """LocalMap.reach of centres [T, N, 2], speeds [T, N] and half sizes [N]: a superset, to tell at
+    one look which agents are too far away to matter."""
     last = len(where) - 1
     swept = (half + 0.5 * v * dt)[..., None]
     low, high = where - swept, where + swept
     for shift in (
         -int(LATE / dt + 0.5),
-        *(int(k * claim_s / CLAIM_SAMPLES / dt + 0.5) for k in range(1, CLAIM_SAMPLES + 1)),
+        *(int(k * claim_s / OCCUPANCY_SAMPLES / dt + 0.5) for k in range(1, OCCUPANCY_SAMPLES + 1)),
     ):
         then = where[np.clip(np.arange(last + 1) + shift, 0, last)]
         np.fmin(low, then - half[:, None], out=low)
@@ -270,96 +303,14 @@ def _is_free(
 
 
 def _stop_at(route: RouteMap, state: State, cleared: frozenset[int], here: float) -> float:
-    """Local.stop_at."""
+    """LocalMap.stop_at."""
     node, distance = stop_ahead(route, state.node, state.s)
     return here + distance if node >= 0 and route.sign[node] and node not in cleared else math.inf
 
 
-def _obligations(
-    road: RoadMap, route: RouteMap, first: int, last: int, here: float, forecast: Forecast,
-    hypothesis: int, lane: Ints, s: Floats, driven: Floats,
-    behind: Bools,
-) -> Floats:  # fmt: skip
-    """[K, 5] the coming meetings with agents that have the right of way, inside the junctions of
-    the next JUNCTION_VIEW metres.
-
-    Whoever is `behind` [N] the ego, as a follower, has none: it cannot come before the ego has gone
-    on.
-    """
-    lets_pass = forecast.yields[hypothesis] | behind
-    nodes = np.arange(first, last)
-    near = (
-        route.internal[nodes]
-        & (route.station[nodes] < here + JUNCTION_VIEW)
-        & (route.station[nodes] > here - JUNCTION_VIEW)
-    )
-    rows = np.zeros((256, 5))
-    coming = _Coming(lane, s, driven, forecast.valid[hypothesis], lets_pass)
-    used = _find_obligations(rows, nodes[near], route.lane, areas_of(road), ahead_of(road), coming)
-    return rows[:used]
-
-
-class _Coming(NamedTuple):
-    """N agents at T forecast times."""
-
-    lane: Ints  # [T, N]
-    s: Floats  # [T, N]
-    driven: Floats  # [T, N] m from now on
-    valid: Bools  # [T, N]
-    lets_pass: Bools  # [N] the ego
-
-
-@entry
-def _find_obligations(
-    rows: Floats, nodes: Indices, node_lane: Indices, areas: Areas, ahead: Ahead, coming: _Coming
-) -> int:
-    """How many of the `rows` were written."""
-    used = 0
-    for node in nodes:
-        here = node_lane[node]
-        for e in range(areas.first[here], areas.first[here + 1]):
-            for i in range(len(coming.lets_pass) if areas.yields[e] else 0):
-                enters = (
-                    math.inf
-                    if coming.lets_pass[i]
-                    else _enters(coming, ahead, i, areas.other[e], areas.other_begin[e])
-                )
-                if enters < math.inf and used < len(rows):
-                    rows[used, 0], rows[used, 1], rows[used, 2], rows[used, 3], rows[used, 4] = (
-                        node,
-                        areas.end[e],
-                        i,
-                        enters,
-                        areas.merge[e],
-                    )
-                    used += 1
-    return used
-
-
-@kernel
-def _enters(coming: _Coming, ahead: Ahead, i: int, lane: int, begin: float) -> float:
-    """m that agent i drives until it is at `begin` on a lane; inf: never, or it is behind that
-    already."""
-    for t in range(coming.lane.shape[0]):
-        here, s, before = coming.lane[t, i], coming.s[t, i], coming.lane[max(t - 1, 0), i]
-        if not coming.valid[t, i] or (t == 0 and here == lane and s >= begin):
-            return math.inf
-        if here == lane and s >= begin:
-            return float(coming.driven[t, i] - (s - begin))
-        if (
-            here != before and before >= 0 and here >= 0
-        ):  # it may have come over a short lane within this step
-            driven, was = coming.driven[t - 1, i], coming.s[t - 1, i]
-            if before == lane:
-                return float(driven + begin - was)
-            if here != lane and leads_to(ahead, before, lane) and leads_to(ahead, lane, here):
-                return float(driven + ahead.length[before] - was + begin)
-    return math.inf
-
-
 @entry
 def _fill_ahead(ahead: Floats, nxt: Indices, length: Floats, first: int) -> None:
-    """Local.ahead [W, W], which is inf everywhere before."""
+    """LocalMap.ahead [W, W], which is inf everywhere before."""
     w = len(ahead)
     for i in range(w):
         ahead[i, i] = 0.0
@@ -402,12 +353,17 @@ def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
     )
 
 
-def _pace(route: RouteMap, view: slice, here: float, node: Indices, s: Floats, v: Floats) -> float:
-    """Local.pace, of agents [N]; who comes into such a lane from beside the route counts."""
+def _target_lane_speed(
+    route: RouteMap, view: slice, here: float, node: Indices, s: Floats, v: Floats
+) -> float:
+    """LocalMap.target_lane_speed, of agents [N]; those that come into such a lane from beside the
+    route count."""
     to = np.where(node <= UPSTREAM, UPSTREAM - node, node)
-    at = np.maximum(to, 0)  # nobody's node is -1 or GONE
+    at = np.maximum(to, 0)  # -1 and GONE are no nodes
     beside = (
-        (to >= 0) & (route.changes[at] == 0) & (np.abs(route.station[at] + s - here) < PACE_VIEW)
+        (to >= 0)
+        & (route.changes[at] == 0)
+        & (np.abs(route.station[at] + s - here) < TARGET_LANE_VIEW)
     )
     if beside.any():
         return float(v[beside].mean())
@@ -416,34 +372,25 @@ def _pace(route: RouteMap, view: slice, here: float, node: Indices, s: Floats, v
 
 
 def _closed(
-    route: RouteMap,
-    first: int,
-    w: int,
-    signals: Signals,
-    times: int,
-    dt: float,
-    state: State,
-    here: float,
-    cleared: frozenset[int],
-    stop_decel: float,
+    route: RouteMap, view: slice, scene: Scene, forecast: Forecast, state: State, rules: Rules
 ) -> NDArray[np.uint8]:
     """[W, T] red and yellow lights, and stop signs at which the ego has not stood yet."""
-    closed = np.zeros((w, times), np.uint8)
-    grid = np.arange(times, dtype=np.float64) * dt
-    lines = first + np.flatnonzero(route.stop[first : first + w])
+    first, here = view.start, route.station[state.node] + state.s
+    times = forecast.pose.shape[1]
+    closed = np.zeros((view.stop - first, times), np.uint8)
+    lines = first + np.flatnonzero(route.stop[view])
     for n in lines[route.signal[lines] < 0]:
-        closed[n - first] = int(n) not in cleared
+        closed[n - first] = int(n) not in rules.cleared
     lights = lines[route.signal[lines] >= 0]
-    for n, shows in zip(
-        lights, signal_states(signals, route.signal[lights], route.link[lights], grid), strict=True
-    ):
-        i = n - first
-        closed[i] = shows != GREEN
+    grid = np.arange(times, dtype=np.float64) * forecast.dt
+    states = signal_states(scene.signals, route.signal[lights], route.link[lights], grid)
+    for n, shows in zip(lights, states, strict=True):
+        closed[n - first] = shows != GREEN
         distance = route.station[n] + route.length[n] - here
-        # Whom the change to yellow (or a switch nobody announced) catches too close to stop goes
+        # An ego that the change to yellow (or an unannounced switch) catches too close to stop goes
         # on: until the next green or the stop line.
-        decel = stop_decel if shows[0] == YELLOW else max(stop_decel, RED_DECEL)
+        decel = rules.stop_decel if shows[0] == YELLOW else max(rules.stop_decel, RED_DECEL)
         if shows[0] != GREEN and state.v > 0.5 and 0.0 < distance < state.v**2 / (2.0 * decel):
             reopened = np.flatnonzero(shows == GREEN)
-            closed[i, : reopened[0] if len(reopened) else times] = 0
+            closed[n - first, : reopened[0] if len(reopened) else times] = 0
     return closed

@@ -8,44 +8,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.model.route import LENGTH, RouteMap, lane_pose
-from sumo_mcts.numerics.kernel import kernel
+from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.scene import EgoState, Floats, Indices
 
-GONE = -2  # Local.agent's NODE of an agent that is not there
-UPSTREAM = (
-    -3
-)  # ... and UPSTREAM - n of one that comes to node n from a lane beside the route: see upstream_of
+# What column NODE of LocalMap.agent holds beside nodes; node_of, upstream_of and is_gone read it.
+ELSEWHERE = -1  # off the ego's route
+GONE = -2  # not there any more
+UPSTREAM = -3  # and below: UPSTREAM - n on the path to node n, on a lane that leads into the route
 
 
 class LocalMap(NamedTuple):
     """What compiled code reads.
 
-    W window nodes from `first` on; T forecast times; N agents. Few arrays: each costs at every
-    call.
+    W window nodes from `first` on; T forecast times; N agents; K whatever the field says. Few
+    arrays: each costs at every call.
     """
 
     node: Floats  # RouteMap.table, of the whole route
     row: Floats  # RouteMap.rows
     closed: NDArray[np.uint8]  # [W, T] the stop line at the node's end may not be crossed
-    level: Indices  # [W, K] how the ego's lanes meet those that agents drive (see _levels)
-    # [T, N] 8 times the agent's column of level, and which knots are near; negative off the road
+    # [W, K] how the ego's lanes meet those that agents drive (see local_build._levels)
+    level: Indices
+    # [T, N] 8 times the agent's column of level, and which junction clusters are near; negative
+    # off the road
     place: Indices
     # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
     ahead: Floats
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
     trait: Floats  # [N, 9] HALF_LENGTH .. GOES_ROUND below
-    # [T, N, 4] least and greatest x, least and greatest y of what counts of an agent's box: just
-    # before, then, and in what it claims
+    # [T, N, 4] WEST .. NORTH: bounds of what counts of an agent's box: just before, then, and its
+    # predicted occupancy
     reach: Floats
-    # [K, 5] NODE_OF .. MERGES below: where an agent is going to use a stretch of a junction that
-    # the ego has to leave to it
-    duty: Floats
+    # [K, 5] OWN_NODE .. MERGES below: stretches of a junction that an agent is going to use and
+    # that the ego has to leave to it
+    obligation: Floats
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
-    # mean speed of the others around the ego in the lanes that the route goes on in, m/s; where
-    # there is nobody, their limit
-    pace: float
+    # mean speed of the others around the ego in the lanes that the route goes on in, m/s; without
+    # others their limit
+    target_lane_speed: float
     free: bool  # no light that stays red and no dead end ahead of the ego, as far as it could come
     # m along the route (STATION) where the next stop line is if it is that of a stop sign at which
     # the ego has still to stand; else inf
@@ -59,27 +61,39 @@ class LocalMap(NamedTuple):
     dt: float  # s between forecast times
 
 
-# Columns of Local.agent: pose, speed, route node of the front (-1: elsewhere, GONE, from UPSTREAM
-# downwards: on the way to one), lane position there (on the
-# way: negative), m driven from now on.
-X, Y, COS, SIN, V, NODE, S, DRIVEN = range(8)
+# Columns of LocalMap.agent after those of the pose: speed, m/s; NODE, which lane the front is on
+# (see above); lane position there, m (upstream of a node: negative); m driven from now on.
+V, NODE, S, DRIVEN = range(4, 8)
 
-# Columns of Local.trait: half sizes in m; 1 where the agent brakes for an ego in front of it; 1
-# where it lets the ego pass;
-# its row among those that the search moves (model/react.py), -1: the table has it; the node of the
-# lane beside into which its box reaches while it changes lanes (-1: none), and the last forecast
-# time at which it does; its bit among the followers, -1: it is too far away to be one; and 1 where
-# it is on foot and walks round the ego, which crawls at most, once it stands.
+# Columns of LocalMap.trait:
+#   HALF_LENGTH, HALF_WIDTH  m
+#   REACTS      1 where the agent brakes for an ego in front of it
+#   POLITE      1 where it lets the ego pass
+#   SLOT        its row among those that the search moves (model/reactions.py); -1: the forecast
+#               has it
+#   BESIDE      the node of the lane beside into which its box reaches while it changes lanes; -1:
+#               none
+#   UNTIL       the last forecast time at which it does
+#   BIT         its bit among the followers; -1: it is too far away to be one
+#   GOES_ROUND  1 where it is on foot and walks round the ego, which crawls at most, once it stands
 HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, GOES_ROUND = range(9)
 
-# Columns of Local.duty: the ego's node, where the stretch ends on it, the agent, what the agent
-# drives until it enters the stretch (m), and 1 where both lead into the same lane.
-NODE_OF, STRETCH_END, WHO, ENTERS, MERGES = range(5)
+# Columns of LocalMap.obligation: the ego's node, where the stretch ends on it (m), the agent, what
+# the agent drives until it enters the stretch (m), and 1 where both lead into the same lane.
+OWN_NODE, STRETCH_END, AGENT, ENTERS, MERGES = range(5)
 
-# Columns of Local.reach.
+# Columns of LocalMap.reach, m.
 WEST, EAST, SOUTH, NORTH = range(4)
-CLAIM_SAMPLES = 2  # how often an agent's way ahead is looked at
+OCCUPANCY_SAMPLES = 2  # how often an agent's path ahead is looked at
 LATE = 0.4  # s that an agent may come later than its forecast
+
+# Columns of the arrays that states are kept in (keep_state).
+WHERE_NODE, WHERE_OTHER = range(2)
+MOTION_S, MOTION_V, MOTION_A, MOTION_PROGRESS, MOTION_TURN = range(5)
+
+NEARBY = 10.0  # m beside its length within which a vehicle is near a junction cluster
+# rad between box and lane from which it is no longer a matter of how curves are drawn
+TURNED = 0.035
 
 
 class State(NamedTuple):
@@ -112,11 +126,25 @@ def ego_state(route: RouteMap, ego: EgoState) -> State | None:
     return State(node, ego.s, ego.v, ego.a, ego.changing if other >= 0 else 0.0, other, turn)
 
 
-@kernel
-def upstream_of(node: int) -> int:
-    """The node that an agent comes to from a lane beside the route; -1: it does not, or is on the
+@inlined
+def node_of(local: LocalMap, at: int, i: int) -> int:
+    """The route's node on which agent i is at forecast time `at`; negative where it is on none:
+    ELSEWHERE, GONE, or upstream of one."""
+    return int(local.agent[at, i, NODE])
+
+
+@inlined
+def upstream_of(local: LocalMap, at: int, i: int) -> int:
+    """The node that agent i comes to from a lane beside the route; -1: it does not, or is on the
     route."""
+    node = node_of(local, at, i)
     return UPSTREAM - node if node <= UPSTREAM else -1
+
+
+@inlined
+def is_gone(local: LocalMap, at: int, i: int) -> bool:
+    """Whether agent i is not there any more."""
+    return local.agent[at, i, NODE] == GONE
 
 
 @kernel
@@ -143,29 +171,24 @@ def follows(local: LocalMap, followers: int, i: int) -> bool:
 
 @kernel
 def keep_state(where: Indices, motion: Floats, i: int, state: State) -> None:
-    """Write a state into row i of `where` [M, 2] (node, other) and `motion` [M, 5] (s, v, a,
-    progress, turn)."""
-    where[i, 0], where[i, 1] = state.node, state.other
-    motion[i, 0], motion[i, 1], motion[i, 2], motion[i, 3], motion[i, 4] = (
-        state.s,
-        state.v,
-        state.a,
-        state.progress,
-        state.turn,
-    )
+    """Write a state into row i of `where` [M, 2] (WHERE_NODE, WHERE_OTHER) and `motion` [M, 5]
+    (MOTION_S .. MOTION_TURN)."""
+    where[i, WHERE_NODE], where[i, WHERE_OTHER] = state.node, state.other
+    motion[i, MOTION_S], motion[i, MOTION_V], motion[i, MOTION_A] = state.s, state.v, state.a
+    motion[i, MOTION_PROGRESS], motion[i, MOTION_TURN] = state.progress, state.turn
 
 
 @kernel
 def kept_state(where: Indices, motion: Floats, i: int) -> State:
     """The state in row i."""
     return State(
-        where[i, 0],
-        motion[i, 0],
-        motion[i, 1],
-        motion[i, 2],
-        motion[i, 3],
-        where[i, 1],
-        motion[i, 4],
+        where[i, WHERE_NODE],
+        motion[i, MOTION_S],
+        motion[i, MOTION_V],
+        motion[i, MOTION_A],
+        motion[i, MOTION_PROGRESS],
+        where[i, WHERE_OTHER],
+        motion[i, MOTION_TURN],
     )
 
 
@@ -184,12 +207,6 @@ def chain_gap(local: LocalMap, node: int, s: float, other_node: int, other_s: fl
     if i < 0 or j < 0 or i >= w or j >= w:
         return math.inf
     return float(local.ahead[i, j]) + other_s - s
-
-
-NEARBY = 10.0  # m beside its length within which a vehicle is near a knot
-TURNED = (
-    0.035  # rad between box and lane from which it is no longer a matter of how curves are drawn
-)
 
 
 def node_at(route: RouteMap, lane: int, first: int) -> int:

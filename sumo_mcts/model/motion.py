@@ -1,11 +1,12 @@
-"""How the ego moves under an action: the same steps, bounds and rounding that command.py plays into
-SUMO."""
+"""How the ego moves under an action: with the steps, bounds and rounding of world/command.py, which
+plays profiles into SUMO."""
 
 import math
 from typing import NamedTuple
 
 from sumo_mcts.model.local_map import LocalMap, State, index_at
 from sumo_mcts.model.route import (
+    CAP,
     FIRST_ROW,
     LAST_ROW,
     LEFT_NODE,
@@ -21,25 +22,16 @@ from sumo_mcts.numerics.geometry import swung
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.scene import STANDING
 
-LOOK_AHEAD = (
-    0.5  # s over which the speed adapts to what the road allows; a step where that is longer
-)
-FOLLOW = 99.0  # in place of an acceleration: car following
-# in place of an acceleration: the speed that is added to it, m/s, whatever the road allows
-COMMANDED = 200.0
+LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a longer step is one
 FREE, RED_LINE, GOAL, OFF_END = range(4)
 HELD = 2.0  # m/s up to which running into the end of a lane is as good as stopping at it
 BEGUN = 1e-12  # progress of a lane change that is about to begin
-JUMPED = (
-    1.0 - 1e-6
-    # progress right after one without a duration: in that step SUMO has looked for collisions in
-    # the
-    # old lane
-)
-UNTURNED = 0.003  # rad of turn that nobody sees
-HALF = (
-    0.5 + 1e-9
-)  # progress beyond which the new lane counts; at half time itself SUMO's rounding decides
+# progress right after one without a duration: in that step SUMO has looked for collisions in the
+# old lane
+JUMPED = 1.0 - 1e-6
+UNTURNED = 0.003  # rad of turn that cannot be seen
+# progress beyond which the new lane counts; at half time itself SUMO's rounding decides
+HALF = 0.5 + 1e-9
 
 
 class EgoParams(NamedTuple):
@@ -114,10 +106,8 @@ def _stops(p: EgoParams, v: float, a: float, distance: float) -> bool:
     rising = max(a, 0.0)
     jerk = p.emergency_jerk if p.max_decel > p.comfort_decel else p.jerk
     top = v + rising * (rising / (2.0 * jerk) + p.step)
-    if (
-        top * top / (2.0 * p.max_decel) + top * ((p.max_decel + rising) / jerk + 2.0 * p.step)
-        < distance
-    ):
+    braking = top * top / (2.0 * p.max_decel)
+    if braking + top * ((p.max_decel + rising) / jerk + 2.0 * p.step) < distance:
         return True  # with room to spare
     while v > 0.0:
         speed = _next_speed(p, v, a, -p.max_decel)
@@ -146,12 +136,8 @@ def _move(
             if math.isinf(local.node[node, REACH]):
                 return State(node, local.node[node, LENGTH], speed, a, 0.0, -1, 0.0), GOAL
             event = OFF_END if speed > HELD else event
-            moved, s, speed, a = (
-                0.0,
-                local.node[node, LENGTH],
-                0.0,
-                0.0,
-            )  # SUMO holds a vehicle at the end of a lane that leads nowhere
+            # SUMO holds a vehicle at the end of a lane that leads nowhere
+            moved, s, speed, a = 0.0, local.node[node, LENGTH], 0.0, 0.0
             break
         s -= local.node[node, LENGTH]
         node = follow
@@ -195,10 +181,9 @@ def can_change(local: LocalMap, p: EgoParams, state: State, side: int) -> bool:
     if state.progress > 0.0:
         return False
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
+    # at the end of a lane that leads nowhere it is held until it is in the other
     if state.v < STANDING and local.node[state.node, NEXT] < 0:
-        return (
-            target >= 0
-        )  # at the end of a lane that leads nowhere it is held until it is in the other
+        return target >= 0
     # SUMO moves a vehicle along its old lane first and changes lanes at the end of the step
     room = max(state.v * 0.5 * p.change_duration, (state.v + p.max_accel * p.step) * p.step) + 0.5
     return target >= 0 and state.s + room < local.node[state.node, LENGTH]
@@ -214,8 +199,7 @@ def begin_change(local: LocalMap, p: EgoParams, state: State, side: int) -> Stat
 
 @kernel
 def towards_other(state: State) -> float:
-    """Share of the way from the ego's lane to the other one of its lane change at which its front
-    is."""
+    """Where the ego's front is between its lane (0) and the other one of its lane change (1)."""
     return state.progress if state.progress <= HALF else 1.0 - state.progress
 
 
@@ -266,7 +250,8 @@ def _cap(local: LocalMap, node: int, s: float) -> float:
     k = min(int(position), last - first - 1)
     share = min(position - k, 1.0)
     return float(
-        local.row[first + k, 4] + share * (local.row[first + k + 1, 4] - local.row[first + k, 4])
+        local.row[first + k, CAP]
+        + share * (local.row[first + k + 1, CAP] - local.row[first + k, CAP])
     )
 
 
@@ -295,9 +280,8 @@ def _towards_line(p: EgoParams, v: float, distance: float, look: float) -> float
         if room > 0.0
         else max(0.0, 0.5 * (distance - p.stop_gap))
     )
-    shorter = (
-        0.0 if p.ballistic else 0.5 * v * p.step
-    )  # is the way of a stop where positions follow the speed at the end of a step
+    # a stop takes less where positions follow the speed at the end of a step
+    shorter = 0.0 if p.ballistic else 0.5 * v * p.step
     evenly = v * v / (2.0 * max(distance - p.stop_gap + shorter, 0.1))
     return max((cap - v) / look, -max(evenly, p.comfort_decel))
 
@@ -316,9 +300,8 @@ def follow_accel(p: EgoParams, v: float, limit: float, gap: float, leader_v: flo
     """Car following (Treiber, Hennecke, Helbing 2000): acceleration (m/s2) for a gap (m, inf: free
     road) to a leader at leader_v (m/s)."""
     share = v / max(limit, 0.1)
-    free = 1.0 - (share * share) * (
-        share * share
-    )  # powers would be rounded otherwise without compilation
+    # powers would be rounded otherwise without compilation
+    free = 1.0 - (share * share) * (share * share)
     if math.isinf(gap):
         return p.max_accel * free
     wish = p.gap + max(

@@ -1,9 +1,9 @@
 """Others that react to the ego inside the search: each drives along its own forecast, late by as
 much as the ego holds it up.
 
-Who is held up only falls behind its forecast, so it stays clear of whoever the forecast has it
-follow. It brakes as SUMO's drivers do (Krauss 1998, with a reaction time of a second and 4.5 m/s2):
-late and hard.
+An agent that is held up only falls behind its forecast: it stays clear of the vehicles that the
+forecast has it follow. It brakes as SUMO's drivers do (Krauss 1998, with a reaction time of a
+second and 4.5 m/s2): late and hard.
 """
 
 import math
@@ -11,21 +11,18 @@ import math
 import numpy as np
 
 from sumo_mcts.model.local_map import (
-    COS,
     DRIVEN,
-    GONE,
-    NODE,
-    SIN,
     SLOT,
     LocalMap,
     S,
     State,
     V,
-    X,
-    Y,
     chain_gap,
+    is_gone,
+    node_of,
 )
 from sumo_mcts.model.motion import EgoParams
+from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_speed
 from sumo_mcts.scene import Floats
@@ -59,7 +56,7 @@ def react(
     now = min(now, local.agent.shape[0] - 1)
     for i in range(local.agent.shape[1]):
         r = int(local.trait[i, SLOT])
-        if r < 0 or local.agent[now, i, NODE] == GONE:
+        if r < 0 or is_gone(local, now, i):
             continue
         clock, v = others[r, CLOCK], others[r, SPEED]
         k = int(clock)
@@ -68,7 +65,7 @@ def react(
             local,
             p,
             state,
-            int(local.agent[k, i, NODE]),
+            node_of(local, k, i),
             local.agent[k, i, S] + driven - local.agent[k, i, DRIVEN],
         )
         speed = v + CATCHES_UP * seconds

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.numerics.geometry import Lines, chord, lines_of, point_on
+from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.lanes import usable
 from sumo_mcts.scene import ALLWAY, STOP, Bools, Floats, Indices, RoadMap
@@ -31,10 +31,9 @@ SPACING = 1.0  # m between the rows of the pose and speed tables
     LAST_ROW,
     JUNCTION,
 ) = range(12)
+CAP = 4  # column of RouteMap.rows after those of the pose
 END_GAP = 1.5  # m kept to the end of a lane that leads nowhere
-UPSTREAM_VIEW = (
-    200.0  # m before a lane of the route over which the lanes that lead into it are followed
-)
+UPSTREAM_VIEW = 200.0  # m before the route over which the lanes that lead into it are followed
 
 
 class Upstream(NamedTuple):
@@ -62,7 +61,7 @@ class RouteMap(NamedTuple):
     station: Floats  # [W] where it begins, m from the start of the route
     # [W] lane changes to the lane of this edge that leads furthest; positive: to the left
     changes: Indices
-    # [W] the most changes that a lane of the node's way needs, itself or one after it, to the side
+    # [W] the most changes that a lane of the node's path needs, itself or one after it, to the side
     # of the first of them
     needed: Indices
     # [W] m from the node's start to where the route is lost without a lane change; inf: never
@@ -81,12 +80,12 @@ class RouteMap(NamedTuple):
     # [W, 12] next .. station, reach, stop, internal, first and last row, and junction, once more,
     # for compiled code
     table: Floats
-    rows: Floats  # [R, 5] pose and cap, likewise
+    rows: Floats  # [R, 5] X .. SIN of the pose and CAP, likewise
     upstream: Upstream
 
 
 def is_rest_of(route: tuple[int, ...], edges: tuple[int, ...]) -> bool:
-    """Whether a vehicle with this route still drives the way that was laid out for `edges`:
+    """Whether a vehicle with this route still drives the path that was laid out for `edges`.
 
     SUMO takes off what lies behind.
     """
@@ -166,9 +165,9 @@ def _edge_lanes(road: RoadMap, edge: int, vclass: int) -> list[int]:
 def _collect(
     road: RoadMap, edges: tuple[int, ...], vclass: int
 ) -> tuple[list[int], list[int], dict[tuple[int, int], list[list[int]]]]:
-    """All lanes of the route in driving order, their legs, and for each (leg, lane) its ways on:
+    """All lanes of the route in driving order, their legs, and for each (leg, lane) its paths on.
 
-    [internal lanes..., exit lane].
+    A path is [internal lanes..., exit lane].
     """
     lanes: list[int] = []
     legs: list[int] = []
@@ -181,27 +180,27 @@ def _collect(
             break
         target = set(_edge_lanes(road, edges[leg + 1], vclass))
         for lane in here:
-            ways = []
+            paths = []
             for k in range(road.successor_offset[lane], road.successor_offset[lane + 1]):
-                way = _way(road, int(road.successor[k]))
-                if way[-1] in target and usable(road, np.array(way), vclass).all():
-                    ways.append(way)
-                    lanes += way[:-1]
-                    legs += [leg] * (len(way) - 1)
-            following[leg, lane] = ways
+                path = _path(road, int(road.successor[k]))
+                if path[-1] in target and usable(road, np.array(path), vclass).all():
+                    paths.append(path)
+                    lanes += path[:-1]
+                    legs += [leg] * (len(path) - 1)
+            following[leg, lane] = paths
     return lanes, legs, following
 
 
-def _way(road: RoadMap, lane: int) -> list[int]:
+def _path(road: RoadMap, lane: int) -> list[int]:
     """From the first lane of a connection to its exit lane."""
-    way = [lane]
+    path = [lane]
     while (
-        road.internal[way[-1]]
-        and road.successor_offset[way[-1]] < road.successor_offset[way[-1] + 1]
-        and len(way) < 8
+        road.internal[path[-1]]
+        and road.successor_offset[path[-1]] < road.successor_offset[path[-1] + 1]
+        and len(path) < 8
     ):
-        way.append(int(road.successor[road.successor_offset[way[-1]]]))
-    return way
+        path.append(int(road.successor[road.successor_offset[path[-1]]]))
+    return path
 
 
 def _continuations(
@@ -212,7 +211,7 @@ def _continuations(
     length: Floats,
     legs: int,
 ) -> tuple[Indices, Indices, Floats]:
-    """next, changes and reach of every node, as SUMO continues: the furthest way, then the fewest
+    """next, changes and reach of every node, as SUMO continues: the furthest path, then the fewest
     lane changes, then the rightmost."""
     w = len(lane)
     nxt, changes, reach = np.full(w, -1, np.int64), np.zeros(w, np.int64), np.zeros(w)
@@ -222,9 +221,9 @@ def _continuations(
         for i in here:
             reach[i] = math.inf if k == legs - 1 else length[i]
             best: tuple[float, int] | None = None
-            for way in following.get((k, int(lane[i])), []):
-                inner = [nodes[k, j] for j in way[:-1]]
-                target = nodes[k + 1, way[-1]]
+            for path in following.get((k, int(lane[i])), []):
+                inner = [nodes[k, j] for j in path[:-1]]
+                target = nodes[k + 1, path[-1]]
                 beyond = float(sum(length[j] for j in inner)) + reach[target]
                 for a, b in pairwise([*inner, target]):
                     nxt[a] = b
@@ -253,12 +252,12 @@ def _upstream(road: RoadMap, own: Indices) -> Upstream:
     todo = [(0.0, here, here) for here in sorted(seen)]
     found: list[tuple[int, int, float]] = []
     while todo:
-        way, here, onto = heapq.heappop(todo)
+        driven, here, onto = heapq.heappop(todo)
         for lane in origin[first[here] : first[here + 1]].tolist():
             if lane in seen:
                 continue
             seen.add(lane)
-            begin = way + float(road.length[lane])
+            begin = driven + float(road.length[lane])
             found.append((lane, onto, -begin))
             if begin < UPSTREAM_VIEW:
                 heapq.heappush(todo, (begin, lane, onto))
@@ -267,7 +266,7 @@ def _upstream(road: RoadMap, own: Indices) -> Upstream:
 
 
 def _needed(nxt: Indices, changes: Indices) -> Indices:
-    """The most changes on each node's way, to the side of the first.
+    """The most changes on each node's path, to the side of the first.
 
     With `changes` alone, driving on to where the lanes multiply would look like a loss.
     """
@@ -282,7 +281,7 @@ def _needed(nxt: Indices, changes: Indices) -> Indices:
 def _stations(
     road: RoadMap, edges: tuple[int, ...], lane: Indices, leg: Indices, nxt: Indices
 ) -> Floats:
-    """Where each node begins, m from the route's start; ways through a junction count as long as
+    """Where each node begins, m from the route's start; paths through a junction count as long as
     the longest of them."""
     station = np.zeros(len(lane))
     begin = 0.0
@@ -332,12 +331,8 @@ def _fill_poses(
             _, _, c, n = chord(fx, fy, rx, ry, 1.0, 0.0)
             # the middle of the chord would lie elsewhere where a shape is longer or shorter than
             # its lane
-            pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = (
-                fx - 0.5 * vehicle * c,
-                fy - 0.5 * vehicle * n,
-                c,
-                n,
-            )
+            pose[k, X], pose[k, Y] = fx - 0.5 * vehicle * c, fy - 0.5 * vehicle * n
+            pose[k, COS], pose[k, SIN] = c, n
 
 
 @entry
@@ -363,9 +358,8 @@ def _fill_caps(
             cap[k] = min(limit[i], math.sqrt(end * end + 2.0 * decel * to_end))
         beyond = row[i + 1] - 1
         share = length[i] / SPACING - (beyond - 1 - row[i])
-        if (
-            nxt[i] >= 0 and share > 1e-6
-        ):  # between the last two rows `end` is to be read where the lane ends
+        # between the last two rows `end` is to be read where the lane ends
+        if nxt[i] >= 0 and share > 1e-6:
             cap[beyond] = max(0.0, cap[beyond - 1] + (end - cap[beyond - 1]) / share)
 
 
@@ -380,15 +374,11 @@ def lane_pose(table: Floats, row: Floats, node: int, s: float) -> tuple[float, f
     k = min(int(position), last - first - 1)
     share = position - k
     k += first
-    c, n = (
-        row[k, 2] + share * (row[k + 1, 2] - row[k, 2]),
-        row[k, 3] + share * (row[k + 1, 3] - row[k, 3]),
-    )
+    c = row[k, COS] + share * (row[k + 1, COS] - row[k, COS])
+    n = row[k, SIN] + share * (row[k + 1, SIN] - row[k, SIN])
     norm = math.sqrt(c * c + n * n)
-    x, y = (
-        row[k, 0] + share * (row[k + 1, 0] - row[k, 0]),
-        row[k, 1] + share * (row[k + 1, 1] - row[k, 1]),
-    )
+    x = row[k, X] + share * (row[k + 1, X] - row[k, X])
+    y = row[k, Y] + share * (row[k + 1, Y] - row[k, Y])
     if s < 0.0:  # still with its front on the lane before
         x, y = x + s * c / norm, y + s * n / norm
     return x, y, c / norm, n / norm

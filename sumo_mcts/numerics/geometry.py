@@ -8,6 +8,9 @@ import numpy as np
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.scene import Floats, Ints, RoadMap
 
+# Columns of poses: centre (m), cosine and sine of the heading.
+X, Y, COS, SIN = range(4)
+
 
 class Box(NamedTuple):
     """An oriented box: its centre (m), cosine and sine of its heading, and half its length and
@@ -43,14 +46,16 @@ def point_at(
 
 
 def nearest(
-    begin: Floats, way: Floats, x: float, y: float, least: Floats | float = 0.0
+    begin: Floats, piece: Floats, x: float, y: float, least: Floats | float = 0.0
 ) -> tuple[Floats, Floats]:
-    """Where each straight piece (from begin [P, 2] to begin + way) is nearest to a point: share of
-    the piece [P], not below `least`, and distance [P], m."""
+    """Where each straight piece (from begin [P, 2] to begin + piece) is nearest to a point.
+
+    Returns the share of the piece [P], not below `least`, and the distance [P], m.
+    """
     to_x, to_y = x - begin[:, 0], y - begin[:, 1]
-    square = np.maximum(way[:, 0] ** 2 + way[:, 1] ** 2, 1e-18)
-    share = np.clip((to_x * way[:, 0] + to_y * way[:, 1]) / square, least, 1.0)
-    return share, np.hypot(to_x - share * way[:, 0], to_y - share * way[:, 1])
+    square = np.maximum(piece[:, 0] ** 2 + piece[:, 1] ** 2, 1e-18)
+    share = np.clip((to_x * piece[:, 0] + to_y * piece[:, 1]) / square, least, 1.0)
+    return share, np.hypot(to_x - share * piece[:, 0], to_y - share * piece[:, 1])
 
 
 class Lines(NamedTuple):

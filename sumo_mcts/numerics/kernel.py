@@ -23,6 +23,7 @@ _NUMBA: Any = numba.core  # has few type hints
 _TYPES: Any = numba.types
 _SETTINGS: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
+_COMPILED = ("numerics", "prediction", "model", "planners", "evaluation")  # packages with kernels
 
 
 # --- how functions become kernels ---
@@ -108,14 +109,9 @@ def keep_in(place: Path) -> None:
 @cache
 def _own_folder() -> Path | None:
     """One for each state of the sources and each environment."""
-    rooms = [
-        path
-        for room in ("model", "planners", "evaluation")
-        for path in sorted((_PACKAGE / room).glob("*.py"))
-    ]
-    sources = b"".join(
-        path.read_bytes() for path in [*rooms, _PACKAGE / "scene.py"]
-    )  # numba overlooks a change in another file that a kernel calls
+    files = [path for package in _COMPILED for path in sorted((_PACKAGE / package).glob("*.py"))]
+    # numba overlooks a change in another file that a kernel calls
+    sources = b"".join(path.read_bytes() for path in [*files, _PACKAGE / "scene.py"])
     return folder_for(
         hashlib.sha256(repr(environment()).encode() + sources).hexdigest()[:16],
         lambda line: teller().notes(line),

@@ -6,7 +6,7 @@ import math
 from sumo_mcts.numerics.kernel import kernel
 
 DECEL = 4.5  # m/s2 with which they brake, as long as that is enough
-STANDSTILL = 2.5  # m that they keep to whoever stands ahead
+STANDSTILL = 2.5  # m that they keep to a vehicle that stands ahead
 USUAL_S = 1.0  # s of driving that they usually leave beyond that,
 CAREFUL_S = 1.8  # and that the most careful of them leave
 

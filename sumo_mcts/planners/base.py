@@ -6,13 +6,13 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from sumo_mcts.model.cost_params import CostParams
-from sumo_mcts.model.local_build import build_local
+from sumo_mcts.model.local_build import Rules, build_local
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.scene import Decision, Forecast, PlannerMemory, RoadMap, Scene, Words
 
-STOP_DECEL = 3.0  # m/s2 beyond which nobody has to stop for yellow (measures: yellow_run)
+STOP_DECEL = 3.0  # m/s2 beyond which no driver has to stop for yellow (measures: yellow_run)
 
 
 class Task(NamedTuple):
@@ -40,10 +40,10 @@ class Situation(NamedTuple):
 def local_of(task: Task, situation: Situation, reactive: int = 0, hypothesis: int = 0) -> LocalMap:
     """What one cycle's search reads, in one hypothesis (0 the likeliest) of the forecast; it may
     move at most `reactive` agents."""
+    rules = Rules(situation.cleared, STOP_DECEL, task.cost.claim_s, reactive)
     return build_local(
-        task.road, task.route, situation.state, situation.scene, situation.forecast, hypothesis,
-        situation.cleared, STOP_DECEL, task.cost.claim_s,
-        reactive,
+        task.road, task.route, situation.state, situation.scene, situation.forecast, rules,
+        hypothesis,
     )  # fmt: skip
 
 
@@ -64,7 +64,7 @@ class Planner(Protocol):
 
 @runtime_checkable
 class Remembering(Protocol):
-    """A planner whose decisions depend on earlier ones. Who is none has nothing to remember."""
+    """A planner whose decisions depend on earlier ones. Others have nothing to remember."""
 
     def memory(self) -> PlannerMemory:
         """What the next decision depends on, beside the situation; asked after `start`."""
@@ -74,7 +74,7 @@ class Remembering(Protocol):
 
 
 class Drawing:
-    """What the planners have in common that look into a forecast and draw."""
+    """What planners have in common that read a forecast and draw at random."""
 
     needs_forecast = True
 

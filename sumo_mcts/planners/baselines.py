@@ -1,8 +1,5 @@
-"""Drivers to compare with:
-
-SUMO's own, car following with gap acceptance, and two that show how hard a scene is: a blind one
-and a random one.
-"""
+"""Drivers to compare with: SUMO's own, car following with gap acceptance, and a blind and a random
+one, which show how hard a scene is."""
 
 import math
 from collections.abc import Mapping
@@ -13,23 +10,19 @@ import numpy as np
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.interaction import place_is_free
 from sumo_mcts.model.local_map import (
-    COS,
+    AGENT,
     DRIVEN,
     ENTERS,
-    GONE,
     HALF_LENGTH,
     HALF_WIDTH,
     NODE,
-    NODE_OF,
-    SIN,
-    WHO,
+    OWN_NODE,
     LocalMap,
     S,
     State,
     V,
-    X,
-    Y,
     apart,
+    is_gone,
 )
 from sumo_mcts.model.motion import (
     EgoParams,
@@ -40,14 +33,16 @@ from sumo_mcts.model.motion import (
     pose_of,
 )
 from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, lane_pose
-from sumo_mcts.numerics.geometry import Box, boxes_touch
+from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
 from sumo_mcts.numerics.kernel import entry
+from sumo_mcts.planners.actions import lasting
 from sumo_mcts.planners.base import STOP_DECEL, Drawing, Situation, Task, local_of
-from sumo_mcts.planners.mcts import MctsParams, actions_of, follow_line, in_steps, mcts_params
-from sumo_mcts.planners.rollout import entry_of
+from sumo_mcts.planners.candidates import follow_line
+from sumo_mcts.planners.mcts import MctsParams, actions_of, in_steps, mcts_params
+from sumo_mcts.planners.rollout import DRIVEN_S, DRIVEN_V
 from sumo_mcts.scene import Decision, Floats, Follow, Indices, Plan, PlannerMemory, Release
 
-LOOK = 1.0  # m between the places on the way ahead at which others are looked for
+LOOK = 1.0  # m between the places on the path ahead at which others are looked for
 VIEW_S = 6.0  # s of driving ahead for which they are
 VIEW_GAP = 20.0  # m beyond that
 PULLING_AWAY = 3.0  # m/s with which a stop line is reached at least, when its gap is judged
@@ -97,7 +92,7 @@ class SumoPlanner:
 
 class ConstantPlanner:
     """Keeps the speed it was taken over with, changes to the lanes its route needs as soon as they
-    are there, and looks at nobody."""
+    are there, and looks at no other vehicle."""
 
     needs_forecast = False
 
@@ -168,7 +163,7 @@ class IdmPlanner:
         local = local_of(task, situation)
         side = self._side(local, state)
         state = begin_change(local, task.ego, state, side) if side != 0 else state
-        gap, leader_v = leader_on_the_way(local, task.ego, state, VIEW_S * state.v + VIEW_GAP)
+        gap, leader_v = leader_on_path(local, task.ego, state, VIEW_S * state.v + VIEW_GAP)
         steps = _two_periods(self._period, task)
         nodes, motion, pose = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4))
         _follow(
@@ -185,9 +180,9 @@ class IdmPlanner:
         times = (np.arange(steps, dtype=np.float64) + 1.0) * task.ego.step
         plan = Plan(
             times,
-            motion[:, 1].copy(),
+            motion[:, DRIVEN_V].copy(),
             task.route.lane[nodes].astype(np.int32),
-            motion[:, 0].copy(),
+            motion[:, DRIVEN_S].copy(),
             pose,
         )
         return Decision(Follow(plan.v, side), plan, (), -1, "idm", 0, 0)
@@ -207,7 +202,7 @@ class IdmPlanner:
         )
 
 
-NOBODY = np.zeros((0, 2))  # whom a search would move
+NO_OTHERS = np.zeros((0, 2))  # no agents that a search would move
 
 
 class RandomPlanner(Drawing):
@@ -219,7 +214,7 @@ class RandomPlanner(Drawing):
         self._actions = actions_of(params)
 
     def plan(self, situation: Situation) -> Decision:
-        """Draw until an action is possible; some way of keeping the lane always is."""
+        """Draw until an action is possible; one that keeps the lane always is."""
         task, p = self._task, self._params
         local = local_of(task, situation)
         for accel, side, _ in self._rng.permutation(self._actions):
@@ -234,10 +229,9 @@ def plan_of(
 ) -> Plan:
     """Two periods of an action that the search could begin with; without steps where its lane
     change cannot begin."""
-    line = np.full(_two_periods(p.period_s, task), accel)
-    line[0] = entry_of(accel, side)
-    plan, _, _ = follow_line(local, task, in_steps(p, task.ego.step, local.dt), state, NOBODY, line)
-    return plan
+    line = lasting(accel, int(side), _two_periods(p.period_s, task))
+    q = in_steps(p, task.ego.step, local.dt)
+    return follow_line(local, task, q, state, NO_OTHERS, line)[0]
 
 
 def _two_periods(period_s: float, task: Task) -> int:
@@ -249,8 +243,8 @@ def _two_periods(period_s: float, task: Task) -> int:
 
 
 def accel_behind(local: LocalMap, follower: EgoParams, changed: State) -> float:
-    """The car following, m/s2, of whoever is next behind in the lane of a change that has just
-    begun; inf: nobody is.
+    """The car following, m/s2, of the next vehicle behind in the lane of a change that has just
+    begun; inf: there is none.
 
     The safety criterion of MOBIL (Kesting, Treiber, Helbing 2007); the other is taken to follow
     with the ego's own parameters.
@@ -278,47 +272,48 @@ def accel_behind(local: LocalMap, follower: EgoParams, changed: State) -> float:
 
 
 def with_yield_lines(local: LocalMap, state: State, critical_gap: float) -> LocalMap:
-    """The local map with a closed stop line before each stretch of the ego's way on which somebody
+    """The local map with a closed stop line before each stretch of the ego's path on which an agent
     with the right of way is to come too soon.
 
-    Too soon: before the ego could be at the line and `critical_gap` (s) more have passed. Whoever
-    cannot stop any more with STOP_DECEL goes on.
+    Too soon: before the ego could be at the line and `critical_gap` (s) more have passed. An ego
+    that cannot stop any more with STOP_DECEL goes on.
     """
     closed, table = local.closed.copy(), local.node.copy()
-    for duty in local.duty:
+    for each in local.obligation:
         to_line = (
-            float(local.ahead[state.node - local.first, int(duty[NODE_OF]) - local.first]) - state.s
+            float(local.ahead[state.node - local.first, int(each[OWN_NODE]) - local.first])
+            - state.s
         )
         if (
             not state.v**2 / (2.0 * STOP_DECEL) <= to_line < math.inf
-            or int(duty[NODE_OF]) == state.node
+            or int(each[OWN_NODE]) == state.node
         ):
             continue
         arrives = (
-            float(np.argmax(local.agent[:, int(duty[WHO]), DRIVEN] >= duty[ENTERS])) * local.dt
+            float(np.argmax(local.agent[:, int(each[AGENT]), DRIVEN] >= each[ENTERS])) * local.dt
         )
         if arrives < to_line / max(state.v, PULLING_AWAY) + critical_gap:
-            line = _before(table, state.node, int(duty[NODE_OF]))
+            line = _before(table, state.node, int(each[OWN_NODE]))
             table[line, STOP_LINE], closed[line - local.first] = 1.0, 1
     return local._replace(node=table, closed=closed)
 
 
 def _before(table: Floats, node: int, target: int) -> int:
-    """The node on the way from `node` that leads into `target`."""
+    """The node on the path from `node` that leads into `target`."""
     while int(table[node, NEXT]) != target:
         node = int(table[node, NEXT])
     return node
 
 
 @entry
-def leader_on_the_way(
+def leader_on_path(
     local: LocalMap, p: EgoParams, state: State, reach: float
 ) -> tuple[float, float]:
-    """How far (m, up to `reach`) the ego can go until its box would meet somebody's, and how fast
-    (m/s) that one drives along the same way.
+    """How far (m, up to `reach`) the ego can go until its box would meet another one, and how fast
+    (m/s) that vehicle drives along the same path.
 
-    Boxes count, not lanes: the tail of whoever turns off, or a vehicle that waits aslant, is in the
-    way too. During a change both lanes are looked at.
+    Boxes count, not lanes: the tail of a vehicle that turns off, or one that waits aslant, is in
+    the way too. During a change both lanes are looked at.
     """
     gap, leader_v = math.inf, 0.0
     for lane in range(2):
@@ -330,7 +325,7 @@ def leader_on_the_way(
                 length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
                 near = p.half_length + p.half_width + length + width
                 if (
-                    local.agent[0, i, NODE] == GONE
+                    is_gone(local, 0, i)
                     or abs(dx) > near
                     or abs(dy) > near
                     or dx * c + dy * n < 0.0
@@ -363,10 +358,10 @@ def _follow(
     pose: Floats,
 ) -> None:
     """Car following by the parameters of `follower` behind a leader that keeps its speed: nodes
-    [M], s and v [M, 2] and poses [M, 4] step by step."""
+    [M], motion [M, 2] DRIVEN_S and DRIVEN_V, and poses [M, 4] step by step."""
     for k in range(len(nodes)):
         wanted = follow_accel(follower, state.v, local.node[state.node, LIMIT], gap, leader_v)
         state, _ = advance(local, p, state, wanted, k * p.step)
         gap += (leader_v - state.v) * p.step
-        nodes[k], motion[k, 0], motion[k, 1] = state.node, state.s, state.v
-        pose[k, 0], pose[k, 1], pose[k, 2], pose[k, 3] = pose_of(local, p, state)
+        nodes[k], motion[k, DRIVEN_S], motion[k, DRIVEN_V] = state.node, state.s, state.v
+        pose[k, X], pose[k, Y], pose[k, COS], pose[k, SIN] = pose_of(local, p, state)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.model.local_map import MOTION_V
 from sumo_mcts.planners.tree import Tree
 
 SLICE = 20_000  # passes after which an interrupt from the keyboard is heard
@@ -24,7 +25,7 @@ AT_FIRST, AT_MOST = (
 )  # share of a time budget that is kept free: before anything was learned, and at all
 
 
-class Effort(NamedTuple):
+class Budget(NamedTuple):
     """See config.PlannerConfig."""
 
     iterations: int
@@ -32,26 +33,26 @@ class Effort(NamedTuple):
     close: float  # J
 
 
-def part(effort: Effort, share: float) -> Effort:
+def part(budget: Budget, share: float) -> Budget:
     """A share of the passes."""
-    return effort._replace(iterations=int(effort.iterations * share), most=int(effort.most * share))
+    return budget._replace(iterations=int(budget.iterations * share), most=int(budget.most * share))
 
 
-def budget(iterations: int, seconds: float) -> int:
+def passes_within(iterations: int, seconds: float) -> int:
     """The number of passes; with a time budget (s, else inf) more than can be made in it."""
     return (
         iterations if math.isinf(seconds) else min(100 + int(FASTEST * max(seconds, 0.0)), LARGEST)
     )
 
 
-def next_passes(effort: Effort, tree: Tree, made: int) -> int:
+def next_passes(budget: Budget, tree: Tree, made: int) -> int:
     """How many passes to make after these; 0: it is enough."""
-    if tree.dead[0]:
+    if tree.closed[0]:
         return 0
-    if made < effort.iterations:
-        return min(SLICE, effort.iterations - made)
-    if made < effort.most and is_close(tree, effort.close):
-        return min(SLICE, max(1, effort.iterations // STAGES), effort.most - made)
+    if made < budget.iterations:
+        return min(SLICE, budget.iterations - made)
+    if made < budget.most and is_close(tree, budget.close):
+        return min(SLICE, max(1, budget.iterations // STAGES), budget.most - made)
     return 0
 
 
@@ -60,7 +61,7 @@ def next_passes_in_time(tree: Tree, made: int, spent: float, left: float) -> int
 
     Every action of the root is tried once in any case.
     """
-    if tree.dead[0]:
+    if tree.closed[0]:
         return 0
     if made == 0:
         return 2 * tree.child.shape[1]  # where following leads to a contact, braking is tried too
@@ -73,9 +74,11 @@ def is_close(tree: Tree, within: float) -> bool:
     found = tree.child[0][tree.child[0] >= 0]
     best = found[np.argmin(tree.best[found])]
     other = np.any(tree.where[found] != tree.where[best], axis=1) | (
-        np.abs(tree.motion[found, 1] - tree.motion[best, 1]) > DIFFERENT
+        np.abs(tree.motion[found, MOTION_V] - tree.motion[best, MOTION_V]) > DIFFERENT
     )
-    return bool(np.any(other & ~tree.dead[found] & (tree.best[found] - tree.best[best] <= within)))
+    return bool(
+        np.any(other & ~tree.closed[found] & (tree.best[found] - tree.best[best] <= within))
+    )
 
 
 class Timekeeper:

@@ -6,17 +6,11 @@ from typing import Any
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.planners import reference
+from sumo_mcts.planners.actions import SIDE
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.mcts import follow_line
-from sumo_mcts.planners.reference import (
-    Problem,
-    Solution,
-    best_root,
-    problem_of,
-    root_lines,
-    solve,
-    steps_of,
-)
+from sumo_mcts.planners.candidates import follow_line
+from sumo_mcts.planners.reference import Problem, problem_of, root_lines, steps_of
+from sumo_mcts.planners.reference_solver import Solution, best_root, solve
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
 
 
@@ -41,19 +35,19 @@ class ExhaustivePlanner:
         self._task = task
 
     def plan(self, situation: Situation) -> Decision:
-        """Solve the reference problem; where every way ends in a loss the cheapest one is
+        """Solve the reference problem; where every sequence ends in a loss the cheapest one is
         driven."""
         problem = problem_of(self._task, situation)
         lines = root_lines(problem)
         found = solve(problem, lines)
-        ways = [way_of(problem, found, lines, i) for i in range(len(lines))]
+        driven = [_driven(problem, found, lines, i) for i in range(len(lines))]
         chosen = best_root(found)
-        plan, child = ways[chosen]
+        plan, child = driven[chosen]
         reason = "brake" if found.collides[chosen] else "exhaustive"
         return Decision(
             Follow(plan.v, child.lane_change),
             plan,
-            tuple(child for _, child in ways),
+            tuple(child for _, child in driven),
             chosen,
             reason,
             0,
@@ -61,16 +55,16 @@ class ExhaustivePlanner:
         )
 
 
-def way_of(problem: Problem, found: Solution, lines: Floats, i: int) -> tuple[Plan, RootChild]:
-    """The best way with the i-th beginning, step by step, and what it costs."""
+def _driven(problem: Problem, found: Solution, lines: Floats, i: int) -> tuple[Plan, RootChild]:
+    """The best sequence with the i-th beginning, step by step, and what it costs."""
     plan, terms, _ = follow_line(
         problem.local,
         problem.task,
         problem.q,
         problem.state,
         problem.others,
-        steps_of(problem, lines[i], found.way[i]),
+        steps_of(problem, lines[i], found.best[i]),
     )
     steps, value = min(int(problem.ends[0]), len(plan.v)), float(found.value[i])
     accel = float((plan.v[steps - 1] - problem.state.v) / plan.time[steps - 1])
-    return plan, RootChild(accel, int(problem.roots[i, 1]), 0, value, value, terms, plan.pose)
+    return plan, RootChild(accel, int(problem.roots[i, SIDE]), 0, value, value, terms, plan.pose)

@@ -1,4 +1,4 @@
-"""The planner that people should use:
+"""The planner `mcts`, which is the one to use.
 
 UCT on a deterministic forecast, best-value backup, informed rollouts, braking when nothing is free.
 """
@@ -11,30 +11,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.model.local_map import LocalMap, State
-from sumo_mcts.model.motion import FOLLOW
+from sumo_mcts.model.local_map import LocalMap
 from sumo_mcts.model.reactions import at_rest
+from sumo_mcts.planners.actions import FOLLOW, lasting, packed, unpacked
 from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
-from sumo_mcts.planners.budget import Effort, budget, next_passes, next_passes_in_time, part
+from sumo_mcts.planners.budget import Budget, next_passes, next_passes_in_time, part, passes_within
+from sumo_mcts.planners.candidates import Candidate, Start, cost_in, root_candidates, warm_start
 from sumo_mcts.planners.risk import risk, shares
-from sumo_mcts.planners.rollout import (
-    ALIVE,
-    ARRIVED,
-    LOST,
-    SearchParams,
-    entry_of,
-    replay,
-    search_params,
-    side_of,
-)
-from sumo_mcts.planners.tree import Tree, new_tree, search
-from sumo_mcts.scene import Decision, Floats, Follow, Plan, PlannerMemory, RootChild
+from sumo_mcts.planners.rollout import SearchParams, search_params
+from sumo_mcts.planners.search import search
+from sumo_mcts.planners.tree import Tree, new_tree
+from sumo_mcts.scene import LOSS, Decision, Floats, Follow, PlannerMemory
 
 
 class MctsParams(NamedTuple):
     """See config.PlannerConfig."""
 
-    effort: Effort
+    budget: Budget
     period_s: float
     step_s: float
     look_ahead_steps: int
@@ -54,7 +47,7 @@ def mcts_params(scenario: ScenarioConfig) -> MctsParams:
     """The search as the section `planner` describes it."""
     p = scenario.planner
     return MctsParams(
-        effort=Effort(p.iterations, max(p.iterations, p.most_iterations or 0), p.close_cost),
+        budget=Budget(p.iterations, max(p.iterations, p.most_iterations or 0), p.close_cost),
         period_s=p.period_s,
         step_s=p.step_s,
         look_ahead_steps=p.look_ahead_steps,
@@ -86,14 +79,6 @@ def make(_: Mapping[str, Any], scenario: ScenarioConfig) -> "MctsPlanner":
     return MctsPlanner(mcts_params(scenario))
 
 
-class Way(NamedTuple):
-    """A root child and the best that is known to follow it."""
-
-    child: RootChild
-    plan: Plan
-    line: Floats  # [steps] entries (see tree.entry_of)
-
-
 class MctsPlanner(Drawing):
     """Monte-Carlo tree search over the forecast."""
 
@@ -109,7 +94,7 @@ class MctsPlanner(Drawing):
         self._line, self._line_time = np.zeros(0), 0.0
 
     def memory(self) -> PlannerMemory:
-        """The last sequence, after when it began."""
+        """The last sequence, after the time (s) at which it began."""
         return super().memory()._replace(numbers=np.array([self._line_time, *self._line]))
 
     def recall(self, memory: PlannerMemory) -> None:
@@ -118,149 +103,119 @@ class MctsPlanner(Drawing):
         self._line_time, self._line = float(memory.numbers[0]), memory.numbers[1:]
 
     def plan(self, situation: Situation) -> Decision:
-        """Search from the present state; where the last plan, carried on, is no worse than what was
-        found, it goes on."""
-        p, task = self._params, self._task
+        """Search from the present state; where the warm start is no worse than what was found, it
+        is chosen."""
+        p, task, state = self._params, self._task, situation.state
         local = local_of(task, situation, p.reactive)
-        share = shares(situation.forecast.weight, p.effort.iterations, len(self._actions))
+        share = shares(situation.forecast.weight, p.budget.iterations, len(self._actions))
         q = in_steps(p, task.ego.step, local.dt)._replace(each=len(share) > 1)
-        others = at_rest(local, p.reactive)
-        carried = _carried(
-            local,
-            task,
-            q,
-            situation.state,
-            others,
-            self._remaining(situation.scene.time, round(q.horizon / task.ego.step)),
-            p.period_s,
-        )
-        tree, done, known = self._search(
-            local, q, situation, share, math.inf if carried is None else carried.child.best
-        )
-        found = _children(tree, local, task, q, self._actions, situation.state, others)
-        found += [carried] if carried is not None else []
+        start = Start(local, task, q, state, at_rest(local, p.reactive))
+        left = self._remaining(situation.scene.time, round(q.horizon / task.ego.step))
+        warm = warm_start(start, left, p.period_s)
+        beat = math.inf if warm is None else warm.child.best
+        tree, done, known = self._search(local, q, situation, share, beat)
+        found = root_candidates(start, tree, self._actions)
+        found += [warm] if warm is not None else []
         if len(share) > 1:
             found, *more = self._weighed(situation, q, found, share)
             done, known = done + more[0], known + more[1]
+        chosen, lost = self._choice(found)
+        child, plan, line = found[chosen]
+        self._line_time = situation.scene.time
+        self._line = packed(line) if child.terms[LOSS] == 0.0 else np.zeros(0)
+        warm_chosen = warm is not None and chosen == len(found) - 1
+        reason = "brake" if lost else "carried on" if warm_chosen else "search"
+        children = tuple(each.child for each in found)
+        command = Follow(plan.v, child.lane_change)
+        return Decision(command, plan, children, chosen, reason, done, known)
+
+    def _choice(self, found: list[Candidate]) -> tuple[int, bool]:
+        """The candidate of lowest J, the last of equal ones; and whether nothing is free.
+
+        Then what counts is how bad the contact is.
+        """
         chosen = min(range(len(found)), key=lambda i: (found[i].child.best, -i))
         likely = found[chosen].child
-        lost = (
-            likely.terms[4] > 0.0 and likely.best >= 0.5 * task.cost.contact
-        )  # what a contact costs at least
-        if lost:  # nothing is free: what counts is how bad the contact is
+        # half of cost.contact is what a contact costs at least
+        lost = bool(likely.terms[LOSS] > 0.0 and likely.best >= 0.5 * self._task.cost.contact)
+        if lost:
             chosen = min(
                 range(len(found)),
-                key=lambda i: (float(found[i].child.terms[4]), found[i].child.best),
+                key=lambda i: (float(found[i].child.terms[LOSS]), found[i].child.best),
             )
-        child, plan, line = found[chosen]
-        self._line, self._line_time = (
-            line if child.terms[4] == 0.0 else np.zeros(0),
-            situation.scene.time,
-        )
-        reason = (
-            "brake"
-            if lost
-            else "carried on"
-            if carried is not None and chosen == len(found) - 1
-            else "search"
-        )
-        return Decision(
-            Follow(plan.v, child.lane_change),
-            plan,
-            tuple(way.child for way in found),
-            chosen,
-            reason,
-            done,
-            known,
-        )
+        return chosen, lost
 
     def _weighed(
-        self, situation: Situation, q: SearchParams, found: list[Way], share: Floats
-    ) -> tuple[list[Way], int, int]:
-        """The ways with the risk over all hypotheses as their cost; the others are searched here.
+        self, situation: Situation, q: SearchParams, found: list[Candidate], share: Floats
+    ) -> tuple[list[Candidate], int, int]:
+        """The candidates with the risk over all hypotheses as their cost; the other hypotheses are
+        searched here.
 
         And the passes that took.
         """
         p, task, state = self._params, self._task, situation.state
         cost, terms = np.empty((len(found), len(share))), np.empty((len(found), len(share), 5))
-        cost[:, 0], terms[:, 0] = (
-            [way.child.best for way in found],
-            [way.child.terms for way in found],
-        )
+        cost[:, 0] = [candidate.child.best for candidate in found]
+        terms[:, 0] = [candidate.child.terms for candidate in found]
         done = known = 0
         for h in range(1, len(share)):
             local = local_of(task, situation, p.reactive, h)
             tree, *more = self._search(local, q, situation, share[h:], math.inf)
             done, known = done + more[0], known + more[1]
-            for i, way in enumerate(found):
-                cost[i, h], terms[i, h] = _cost_in(tree, local, task, q, self._actions, state, way)
+            start = Start(local, task, q, state, tree.others[0])
+            for i, candidate in enumerate(found):
+                cost[i, h], terms[i, h] = cost_in(start, tree, self._actions, candidate)
         weight = situation.forecast.weight[: len(share)]
-        worth = risk(cost, weight / weight.sum(), p.worst_share)
+        weighed = risk(cost, weight / weight.sum(), p.worst_share)
         children = [
-            way.child._replace(best=float(value), hypotheses=each)
-            for way, value, each in zip(found, worth, terms, strict=True)
+            candidate.child._replace(best=float(value), hypotheses=each)
+            for candidate, value, each in zip(found, weighed, terms, strict=True)
         ]
-        return (
-            [way._replace(child=child) for way, child in zip(found, children, strict=True)],
-            done,
-            known,
-        )
+        pairs = zip(found, children, strict=True)
+        return [candidate._replace(child=child) for candidate, child in pairs], done, known
 
     def _search(
         self, local: LocalMap, q: SearchParams, situation: Situation, share: Floats, beat: float
     ) -> tuple[Tree, int, int]:
-        """A tree with the first `share` of the effort, of those that are left; its passes to the
+        """A tree with the first `share` of the budget, of those that are left; its passes to the
         horizon, and to a known terminal node.
 
-        `beat`: the J of the last plan, carried on.
+        `beat`: the J of the warm start.
         """
         p, task, began = self._params, self._task, time.perf_counter()
-        effort, until = (
-            part(p.effort, share[0]),
-            began + (situation.until - began) * share[0] / share.sum(),
-        )
-        size = 2 + budget(effort.most, until - began)
+        budget = part(p.budget, share[0])
+        until = began + (situation.until - began) * share[0] / share.sum()
         tree = new_tree(
-            size,
+            2 + passes_within(budget.most, until - began),
             len(self._actions),
             p.look_ahead_steps + p.rollout_steps,
             at_rest(local, p.reactive),
         )
         done = known = 0
-        while count := _count(effort, tree, done + known, began, until):
+        while count := _count(budget, tree, done + known, began, until):
             more = search(
-                tree,
-                local,
-                task.ego,
-                task.cost,
-                q,
-                self._actions,
-                situation.state,
-                count,
-                beat,
+                tree, local, task.ego, task.cost, q, self._actions, situation.state, count, beat,
                 self._rng,
-            )
+            )  # fmt: skip
             if more == (0, 0):  # nothing is left to try, or no room for it
                 break
             done, known = done + more[0], known + more[1]
         return tree, done, known
 
     def _remaining(self, now: float, steps: int) -> Floats:
-        """What is left of the last line, with car following up to `steps`; empty where there is
-        none."""
+        """[steps, 3] what is left of the last sequence, continued with car following; no rows where
+        nothing is left."""
         begin = round((now - self._line_time) / self._task.ego.step)
-        left = self._line[begin : begin + steps]
-        return (
-            np.concatenate([left, np.full(steps - len(left), FOLLOW)])
-            if 0 < begin < len(self._line)
-            else np.zeros(0)
-        )
+        if not 0 < begin < len(self._line):
+            return lasting(FOLLOW, 0, 0)
+        left = unpacked(self._line[begin : begin + steps])
+        return np.concatenate([left, lasting(FOLLOW, 0, steps - len(left))])
 
 
-def _count(effort: Effort, tree: Tree, made: int, began: float, until: float) -> int:
+def _count(budget: Budget, tree: Tree, made: int, began: float, until: float) -> int:
     """How many passes come next; no clock is asked unless there is a time budget."""
     if math.isinf(until):
-        return next_passes(effort, tree, made)
+        return next_passes(budget, tree, made)
     now = time.perf_counter()
     return next_passes_in_time(tree, made, now - began, until - now)
 
@@ -280,8 +235,8 @@ def in_steps(p: MctsParams, step: float, forecast_dt: float) -> SearchParams:
 
 
 def actions_of(p: MctsParams) -> Floats:
-    """[A, 3] acceleration, lane change, and 1 where it is tried below the root too: car following
-    first, then the others in the lane, then the changes."""
+    """[A, 3] ACCEL, SIDE, LATER: car following first, then the others in the lane, then the
+    changes."""
     keep = [
         (FOLLOW, 0.0, 1.0),
         *((a, 0.0, float(a in p.later_accelerations)) for a in p.accelerations),
@@ -292,159 +247,3 @@ def actions_of(p: MctsParams) -> Floats:
         for a in p.lane_change_accelerations
     ]
     return np.array(keep + change)
-
-
-def _children(
-    tree: Tree,
-    local: LocalMap,
-    task: Task,
-    q: SearchParams,
-    actions: Floats,
-    state: State,
-    others: Floats,
-) -> list[Way]:
-    """The root's children, each with the best way through it."""
-    result = []
-    for k in range(len(actions)):
-        i = int(tree.child[0, k])
-        if i < 0:
-            continue
-        line = _steps(tree.plan[k], actions[k], int(tree.end[i]), q.ply)
-        plan, terms, _ = follow_line(local, task, q, state, others, line)
-        accel = (
-            float(actions[k, 0])
-            if actions[k, 0] != FOLLOW
-            else _first_accel(plan, state.v, q.ply * task.ego.step)
-        )
-        child = RootChild(
-            accel,
-            int(actions[k, 1]),
-            int(tree.visits[i]),
-            float(tree.total[i] / max(tree.visits[i], 1)),
-            float(tree.best[i]),
-            terms,
-            plan.pose,
-        )
-        result.append(Way(child, plan, line))
-    return result
-
-
-def _cost_in(
-    tree: Tree,
-    local: LocalMap,
-    task: Task,
-    q: SearchParams,
-    actions: Floats,
-    state: State,
-    way: Way,
-) -> tuple[float, Floats]:
-    """What a way costs in another hypothesis, of which the tree is: driven to its end, or else
-    begun only and gone on with as is best there. And its terms.
-
-    That is the best below the root's child that comes nearest to the way's first action, as if it
-    were known by then what the others do (QMDP).
-    """
-    v = float(way.plan.v[min(q.ply, len(way.plan.v)) - 1])
-    alike = [
-        (k, i)
-        for k, i in enumerate(tree.child[0])
-        if i >= 0 and int(actions[k, 1]) == way.child.lane_change
-    ]
-    _, begun, k = min(
-        ((abs(tree.motion[i, 1] - v), float(tree.best[i]), k) for k, i in alike),
-        default=(0.0, task.cost.contact, -1),
-    )
-    _, terms, end = follow_line(local, task, q, state, tree.others[0], way.line)
-    whole = end in (LOST, ARRIVED) or (
-        end == ALIVE and len(way.line) >= round(q.horizon / task.ego.step)
-    )
-    if whole and terms.sum() <= begun:
-        return float(terms.sum()), terms
-    if k < 0:
-        return begun, np.array([0.0, 0.0, 0.0, 0.0, begun])
-    line = _steps(tree.plan[k], actions[k], int(tree.end[tree.child[0, k]]), q.ply)
-    return begun, follow_line(local, task, q, state, tree.others[0], line)[1]
-
-
-def _carried(
-    local: LocalMap,
-    task: Task,
-    q: SearchParams,
-    state: State,
-    others: Floats,
-    line: Floats,
-    period_s: float,
-) -> Way | None:
-    """The last plan carried on, if that is possible without a contact.
-
-    Its half-driven actions are none that the tree could try.
-    """
-    later = line[1 : round(period_s / task.ego.step)]
-    if not len(line) or any(
-        side_of(entry) for entry in later
-    ):  # a lane change begins with a decision period or not at all
-        return None
-    plan, terms, end = follow_line(local, task, q, state, others, line)
-    if end not in (ALIVE, ARRIVED):
-        return None
-    cost = float(terms.sum())
-    return Way(
-        RootChild(
-            _first_accel(plan, state.v, q.ply * task.ego.step),
-            side_of(line[0]),
-            0,
-            cost,
-            cost,
-            terms,
-            plan.pose,
-        ),
-        plan,
-        line,
-    )
-
-
-def _first_accel(plan: Plan, v: float, seconds: float) -> float:
-    """Mean acceleration (m/s2) of a plan's first action: what car following came to."""
-    steps = min(len(plan.v), int(np.searchsorted(plan.time, seconds - 1e-9)) + 1)
-    return float((plan.v[steps - 1] - v) / plan.time[steps - 1]) if steps else 0.0
-
-
-def _steps(line: Floats, action: Floats, end: int, ply: int) -> Floats:
-    """A sequence of actions of the tree as one entry a simulation step; it certainly starts with
-    its own action."""
-    line = line.copy()
-    line[0] = entry_of(action[0], action[1])
-    line = line[
-        : 1
-        if end != ALIVE
-        else len(line)
-        if not np.isnan(line).any()
-        else int(np.argmax(np.isnan(line)))
-    ]
-    steps = np.repeat([entry_of(entry, -side_of(entry)) for entry in line], ply)
-    steps[::ply] = line
-    return steps
-
-
-def follow_line(
-    local: LocalMap, task: Task, q: SearchParams, state: State, others: Floats, line: Floats
-) -> tuple[Plan, Floats, int]:
-    """The plan, step by step, the cost terms [5] of a sequence, and how it ends (see
-    tree.replay)."""
-    steps = len(line)
-    nodes, motion, pose, terms = (
-        np.zeros(steps, np.int64),
-        np.zeros((steps, 2)),
-        np.zeros((steps, 4)),
-        np.zeros(5),
-    )
-    used, end = replay(
-        local, task.ego, task.cost, q, state, others.copy(), line, nodes, motion, pose, terms
-    )
-    lanes = task.route.lane[nodes[:used]].astype(np.int32)
-    times = (np.arange(used, dtype=np.float64) + 1.0) * task.ego.step
-    return (
-        Plan(times, motion[:used, 1].copy(), lanes, motion[:used, 0].copy(), pose[:used].copy()),
-        terms,
-        end,
-    )

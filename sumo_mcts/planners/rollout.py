@@ -12,10 +12,9 @@ from sumo_mcts.model.cost import (
     terminal,
 )
 from sumo_mcts.model.cost_params import CostParams
-from sumo_mcts.model.interaction import meet, place_is_free
+from sumo_mcts.model.interaction import Neighbours, meet, place_is_free
 from sumo_mcts.model.local_map import LocalMap, State, index_at
 from sumo_mcts.model.motion import (
-    COMMANDED,
     GOAL,
     OFF_END,
     RED_LINE,
@@ -28,16 +27,19 @@ from sumo_mcts.model.motion import (
     pose_of,
     within_step,
 )
-from sumo_mcts.model.reactions import react
+from sumo_mcts.model.reactions import CLOCK, SPEED, react
 from sumo_mcts.model.route import LIMIT
+from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import entry, inlined, kernel
-from sumo_mcts.scene import Floats, Indices
+from sumo_mcts.planners.actions import FOLLOW, NO_SPEED, Action, action_at
+from sumo_mcts.scene import COMFORT, LOSS, OTHER, PASSABILITY, SAFETY, Floats, Indices
 
 NONE = -1  # no child, no parent
 # an action that cannot be taken there, leads to the same state as another, or (adaptive) is too
 # dear already
 IMPOSSIBLE = -2
 ALIVE, LOST, ARRIVED = range(3)
+DRIVEN_S, DRIVEN_V = range(2)  # columns of what is written down of a drive: m, m/s
 ROLLING = 2.0  # m/s below which a lane change begins with driving off
 
 
@@ -56,12 +58,10 @@ class SearchParams(NamedTuple):
 
 
 class Ply(NamedTuple):
-    """What came of one action."""
+    """What came of one action: the ego and the traffic around it at its end, and its costs."""
 
     state: State
-    followers: int
-    gap: float
-    leader_v: float
+    near: Neighbours
     safety: float
     comfort: float
     passability: float
@@ -83,79 +83,53 @@ def search_params(
     """Times in seconds to steps of the simulation; a step longer than the forecast's gets several
     checks."""
     ply = max(1, round(ply_s / step))
-    check, checks = (
-        (0, max(1, round(step / forecast_dt)))
-        if step > forecast_dt + 1e-9
-        else (max(1, round(check_s / step)), 1)
-    )
+    several = step > forecast_dt + 1e-9
     return SearchParams(
-        ply,
-        check,
-        checks,
-        look_ahead,
-        rollout,
-        exploration,
-        (look_ahead + rollout) * ply * step,
-        adaptive,
-        False,
+        ply=ply,
+        check=0 if several else max(1, round(check_s / step)),
+        checks_in_step=max(1, round(step / forecast_dt)) if several else 1,
+        look_ahead=look_ahead,
+        rollout=rollout,
+        exploration=exploration,
+        horizon=(look_ahead + rollout) * ply * step,
+        adaptive=adaptive,
+        each=False,
     )
-
-
-@kernel
-def entry_of(accel: float, side: float) -> float:
-    """An action of a sequence as one number: acceleration (m/s2) and lane change (-1, 0, 1)."""
-    return accel + 1000.0 * side
-
-
-@kernel
-def side_of(entry: float) -> int:
-    """The lane change of an entry."""
-    return int(round(entry / 1000.0)) if abs(entry) > 500.0 else 0
 
 
 @inlined
 def simulate(
     local: LocalMap, p: EgoParams, c: CostParams, q: SearchParams, state: State, others: Floats,
-    followers: int, gap: float, leader_v: float,
-    accel: float, at: int,
+    near: Neighbours, action: Action, at: int,
 ) -> Ply:  # fmt: skip
-    """One action from simulation step `at` on: q.ply steps towards `accel` (FOLLOW: car following;
-    from COMMANDED on: that speed), with checks against the forecast; `others` move."""
+    """One action from simulation step `at` on, for q.ply steps, with checks against the forecast.
+
+    `others` [R, 2], the reacting agents, move (see model/reactions.py). The costs are those of
+    equation 1 of the paper, summed over the steps.
+    """
     safety, comfort, passability, other = 0.0, 0.0, 0.0, 0.0
     every = p.step * q.check if q.check > 0 else p.step / q.checks_in_step
+    gap, leader_v, followers = near.gap, near.leader_v, near.followers
     for k in range(q.ply):
         time = (at + k) * p.step
-        wanted = (
-            follow_accel(p, state.v, local.node[state.node, LIMIT], gap, leader_v)
-            if accel > 50.0
-            else accel
-        )
+        accel = action.accel
+        if accel == FOLLOW:
+            accel = follow_accel(p, state.v, local.node[state.node, LIMIT], gap, leader_v)
         before = state
         state, event = (
-            advance(local, p, state, wanted, time)
-            if accel < COMMANDED
-            else obey(local, p, state, accel - COMMANDED, time)
+            advance(local, p, state, accel, time)
+            if action.speed == NO_SPEED
+            else obey(local, p, state, action.speed, time)
         )
         comfort += step_comfort(p, c, before, state)
         passability += step_passability(local, p, c, state)
-        if event in (RED_LINE, OFF_END):
+        if event in (RED_LINE, OFF_END, GOAL):
+            near = Neighbours(gap, leader_v, followers)
+            if event == GOAL:
+                return Ply(state, near, safety, comfort, passability, other, ARRIVED, 0.0)
             loss = contact_cost(c, before if event == OFF_END else state, time, q.horizon)
-            return Ply(
-                state,
-                followers,
-                gap,
-                leader_v,
-                safety,
-                comfort,
-                passability,
-                other,
-                LOST,
-                loss + (c.red if event == RED_LINE else 0.0),
-            )
-        if event == GOAL:
-            return Ply(
-                state, followers, gap, leader_v, safety, comfort, passability, other, ARRIVED, 0.0
-            )
+            loss += c.red if event == RED_LINE else 0.0
+            return Ply(state, near, safety, comfort, passability, other, LOST, loss)
         gap += (leader_v - state.v) * p.step
         other += step_own(c.term, local, p, c, before, state, gap, time + p.step)
         checks = q.checks_in_step if q.check == 0 else (1 if (at + k + 1) % q.check == 0 else 0)
@@ -167,29 +141,29 @@ def simulate(
             if others.shape[0] > 0:
                 safety += c.imposed * react(local, p, there, others, now, every) * every
             meeting = meet(local, p, c, there, others, followers, now)
-            followers, gap, leader_v = meeting.followers, meeting.gap, meeting.leader_v
+            gap, leader_v, followers = meeting.near
             safety += meeting.rate * every + meeting.once
             if meeting.contact:
-                return Ply(
-                    state,
-                    followers,
-                    gap,
-                    leader_v,
-                    safety,
-                    comfort,
-                    passability,
-                    other,
-                    LOST,
-                    contact_cost(c, state, moment, q.horizon),
-                )
-    return Ply(state, followers, gap, leader_v, safety, comfort, passability, other, ALIVE, 0.0)
+                loss = contact_cost(c, state, moment, q.horizon)
+                return Ply(state, meeting.near, safety, comfort, passability, other, LOST, loss)
+    near = Neighbours(gap, leader_v, followers)
+    return Ply(state, near, safety, comfort, passability, other, ALIVE, 0.0)
+
+
+@kernel
+def for_steps(q: SearchParams, steps: int) -> SearchParams:
+    """The same search with actions of so many steps."""
+    return SearchParams(
+        steps, q.check, q.checks_in_step, q.look_ahead, q.rollout, q.exploration, q.horizon,
+        False, False,
+    )  # fmt: skip
 
 
 @kernel
 def copy_pairs(source: Floats, target: Floats) -> None:
-    """Copy rows of two: assigning slices would need an array in between."""
+    """Copy the reacting agents [R, 2]: assigning slices would need an array in between."""
     for r in range(source.shape[0]):
-        target[r, 0], target[r, 1] = source[r, 0], source[r, 1]
+        target[r, CLOCK], target[r, SPEED] = source[r, CLOCK], source[r, SPEED]
 
 
 @kernel
@@ -215,8 +189,8 @@ def may_change(
     """Whether a lane change may begin at `time` (s from now) with `accel` (m/s2, or FOLLOW): the
     road allows it and the place is free for at `most` that cost.
 
-    SUMO moves who stands to the side; no car does. So a slow ego has to drive off for it, but where
-    its lane ends and SUMO holds it.
+    SUMO moves a standing vehicle to the side; no car does. So a slow ego has to drive off for it,
+    but where its lane ends and SUMO holds it.
     """
     if state.v < ROLLING and accel <= 0.0 and not leads_nowhere(local, state.node):
         return False
@@ -231,49 +205,34 @@ def replay(
     line: Floats, lanes: Indices, motion: Floats, pose: Floats,
     terms: Floats,
 ) -> tuple[int, int]:  # fmt: skip
-    """Drive a sequence of M steps (entries, see entry_of) and write down every one of them.
+    """Drive a sequence `line` [M, 3] with an action for each step, and write down every step.
 
-    lanes [M] node, motion [M, 2] s and v, pose [M, 4]; terms [5] receives safety, comfort,
-    passability, other and loss. Returns the number of steps written and how it ended: ALIVE at the
-    end of the sequence, LOST, ARRIVED, or IMPOSSIBLE where a lane change cannot begin.
+    lanes [M] node; motion [M, 2] s (m) and v (m/s); pose [M, 4]; terms [5] SAFETY .. LOSS.
+    Returns the number of steps written and how it ended: ALIVE at the end of the sequence, LOST,
+    ARRIVED, or IMPOSSIBLE where a lane change cannot begin.
     """
-    meeting = meet(local, p, c, root, others, local.followers, 0)
-    state, followers, gap, leader_v = root, meeting.followers, meeting.gap, meeting.leader_v
-    one = SearchParams(
-        1,
-        q.check,
-        q.checks_in_step,
-        q.look_ahead,
-        q.rollout,
-        q.exploration,
-        q.horizon,
-        False,
-        False,
-    )
+    near = meet(local, p, c, root, others, local.followers, 0).near
+    state, one = root, for_steps(q, 1)
     terms[:] = 0.0
     for at in range(len(line)):
-        side = side_of(line[at])
-        if side != 0:
-            if not may_change(
-                local, p, c, state, side, entry_of(line[at], -side), at * p.step, math.inf
-            ):
+        action = action_at(line, at)
+        if action.side != 0:
+            if not may_change(local, p, c, state, action.side, action.accel, at * p.step, math.inf):
                 return at, IMPOSSIBLE
-            state = begin_change(local, p, state, side)
-            terms[3] += c.lane_change
-        ply = simulate(
-            local, p, c, one, state, others, followers, gap, leader_v, entry_of(line[at], -side), at
-        )
-        state, followers, gap, leader_v = ply.state, ply.followers, ply.gap, ply.leader_v
-        terms[0] += ply.safety
-        terms[1] += ply.comfort
-        terms[2] += ply.passability
-        terms[3] += ply.other
+            state = begin_change(local, p, state, action.side)
+            terms[OTHER] += c.lane_change
+        ply = simulate(local, p, c, one, state, others, near, action, at)
+        state, near = ply.state, ply.near
+        terms[SAFETY] += ply.safety
+        terms[COMFORT] += ply.comfort
+        terms[PASSABILITY] += ply.passability
+        terms[OTHER] += ply.other
+        terms[LOSS] += ply.loss
         lanes[at] = state.node
-        motion[at, 0], motion[at, 1] = state.s, state.v
-        pose[at, 0], pose[at, 1], pose[at, 2], pose[at, 3] = pose_of(local, p, state)
-        terms[4] += ply.loss
+        motion[at, DRIVEN_S], motion[at, DRIVEN_V] = state.s, state.v
+        pose[at, X], pose[at, Y], pose[at, COS], pose[at, SIN] = pose_of(local, p, state)
         if ply.end != ALIVE:
             return at + 1, ply.end
     if (len(line) + 0.5) * p.step > q.horizon:
-        terms[2] += terminal(local, c, state, gap, leader_v)
+        terms[PASSABILITY] += terminal(local, c, state, near.gap, near.leader_v)
     return len(line), ALIVE

@@ -19,14 +19,12 @@ from sumo_mcts.planners.reference import (
     CELL,
     ENDS_S,
     LABELS,
-    Solution,
-    best_root,
     problem_of,
     profile_line,
     root_lines,
     scale,
-    solve,
 )
+from sumo_mcts.planners.reference_solver import Solution, best_root, solve
 from sumo_mcts.prediction.hypotheses import likeliest
 from sumo_mcts.records.statistics import wilson
 from sumo_mcts.registry import PLANNERS, searches
@@ -300,7 +298,7 @@ def cheaper(one: Solution, other: Solution) -> Solution:
     return Solution(
         np.where(first, one.value, other.value),
         one.collides & other.collides,
-        np.where(first[:, None], one.way, other.way),
+        np.where(first[:, None, None], one.best, other.best),
         one.driven + other.driven,
     )
 

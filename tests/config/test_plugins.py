@@ -34,7 +34,7 @@ from sumo_mcts.experiments.tasks import failed
 from sumo_mcts.model.cost import step_own
 from sumo_mcts.model.cost_params import Term, compiled_term
 from sumo_mcts.model.motion import advance
-from sumo_mcts.planners.tree import search
+from sumo_mcts.planners.search import search
 from sumo_mcts.reporting.explanation import explain
 from sumo_mcts.reporting.explanation_words import text
 from sumo_mcts.scenarios import load_scenario

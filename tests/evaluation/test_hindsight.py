@@ -25,8 +25,9 @@ from sumo_mcts.evaluation.hindsight import (
     drive,
     escape,
 )
-from sumo_mcts.model.local_map import GONE, NODE, State, X, Y
+from sumo_mcts.model.local_map import GONE, NODE, State
 from sumo_mcts.model.motion import begin_change, can_change, pose_of, within_step
+from sumo_mcts.numerics.geometry import X, Y
 from sumo_mcts.scene import GREEN, RED, EgoState, RoadMap, Scripted, Signals
 
 LENGTH, BREADTH = 5.0, 1.8  # m, of every car

@@ -16,23 +16,27 @@ from sumo_mcts.config.builtin import scenario_path
 from sumo_mcts.driver.params import Physics
 from sumo_mcts.evaluation.reachability import can_meet
 from sumo_mcts.model.cost import RUN_UP, step_passability, terminal
-from sumo_mcts.model.interaction import TAKEN, WAY_ROUND, _late, meet, place_is_free
+from sumo_mcts.model.gaps import TAKEN
+from sumo_mcts.model.interaction import WAY_ROUND, meet, place_is_free
 from sumo_mcts.model.local_build import _fill_upstream, _levels
 from sumo_mcts.model.local_map import (
+    AGENT,
     ENTERS,
-    WHO,
+    UPSTREAM,
     LocalMap,
     State,
     apart,
     chain_gap,
     follows,
-    upstream_of,
 )
 from sumo_mcts.model.motion import FREE, OFF_END, advance, begin_change, can_change, pose_of
+from sumo_mcts.model.occupancy import late_cost
 from sumo_mcts.model.route import Upstream, route_map
 from sumo_mcts.numerics.geometry import Box
+from sumo_mcts.planners.actions import lasting
 from sumo_mcts.planners.base import Task
-from sumo_mcts.planners.mcts import follow_line, in_steps, mcts_params
+from sumo_mcts.planners.candidates import follow_line
+from sumo_mcts.planners.mcts import in_steps, mcts_params
 from sumo_mcts.planners.rollout import ALIVE, LOST
 from sumo_mcts.scene import STOP, RoadMap
 from sumo_mcts.world.roadmap import known_roadmap
@@ -41,7 +45,7 @@ meet, place_is_free, step_passability, terminal = map(
     compiled, (meet, place_is_free, step_passability, terminal)
 )
 
-NOBODY = np.zeros((0, 2))  # who reacts in the search
+NO_OTHERS = np.zeros((0, 2))  # who reacts in the search
 
 
 def ending_lane(length: float = 500.0) -> RoadMap:
@@ -94,7 +98,7 @@ def test_the_end_of_a_lane_counts_like_somebody_who_stands_there_and_goes_on_bei
         0.0,
     )
     urgency = (14.4 - 100.0 / local.limit) / 9.0
-    slow = 1.0 - math.sqrt(2.0 * 2.6 * 2.0) / local.pace  # what it can still reach there
+    slow = 1.0 - math.sqrt(2.0 * 2.6 * 2.0) / local.target_lane_speed
     worth = task.cost.progress + task.cost.route * urgency * (1.0 + RUN_UP * slow)
     assert at_the_end - on_the_other == pytest.approx(worth * task.cost.tail_s, rel=0.01)
 
@@ -167,7 +171,7 @@ def test_who_drives_on_the_bridge_above_is_not_met(lane: str, s: float, contact:
     below = state._replace(
         node=int(np.flatnonzero(task.route.lane == task.road.lane_ids.index("eo_0"))[0]), s=42.5
     )
-    found = meet(local, task.ego, task.cost, below, NOBODY, local.followers, 0)
+    found = meet(local, task.ego, task.cost, below, NO_OTHERS, local.followers, 0)
     assert found.contact == contact and (contact or found.rate == 0.0)
 
 
@@ -246,13 +250,15 @@ def test_who_is_beside_the_ego_in_the_lane_that_it_leaves_is_met(
     road = lanes_east(2, 900.0)
     task, local, state = view(road, "a_0", 100.0, 10.0, Agent("beside", "a_0", 103.0, 10.0, d=-2.6))
     if progress == 0.0:  # alone in its lane, with somebody whose box is far aside: the boxes decide
-        assert not meet(local, task.ego, task.cost, state, NOBODY, local.followers, 0).contact
+        assert not meet(local, task.ego, task.cost, state, NO_OTHERS, local.followers, 0).contact
         return
     first, second = (
         (state.node, state.node + 1) if progress <= 0.5 else (state.node + 1, state.node)
     )
     changing = state._replace(node=first, other=second, progress=progress)
-    assert meet(local, task.ego, task.cost, changing, NOBODY, local.followers, 0).contact == contact
+    assert (
+        meet(local, task.ego, task.cost, changing, NO_OTHERS, local.followers, 0).contact == contact
+    )
 
 
 @pytest.mark.parametrize(
@@ -272,7 +278,7 @@ def test_a_change_without_a_duration_leads_a_step_down_the_old_lane_first(
     after, _ = advance(local, task.ego, begin_change(local, task.ego, state, 1), accel, 0.0)
     assert after.node != state.node and after.s == pytest.approx(100.0 + accel)
     assert pose_of(local, task.ego, after)[1] == pytest.approx(1.6, abs=1e-3)
-    assert meet(local, task.ego, task.cost, after, NOBODY, 0, 1).contact == contact
+    assert meet(local, task.ego, task.cost, after, NO_OTHERS, 0, 1).contact == contact
     later, _ = advance(local, task.ego, after, 0.0, 1.0)
     assert later.node == after.node and (later.progress, later.other) == (0.0, -1)
 
@@ -302,7 +308,7 @@ def test_whom_a_first_look_leaves_out_would_not_have_mattered(seed: int) -> None
     for index in (0, 1, 5, 20, 60):
         after = state._replace(s=state.s + state.v * index * local.dt)
         seen, all_of_them = (
-            meet(view, task.ego, task.cost, after, NOBODY, 0, index)
+            meet(view, task.ego, task.cost, after, NO_OTHERS, 0, index)
             for view in (local, local._replace(reach=everywhere))
         )
         assert seen == all_of_them
@@ -327,11 +333,11 @@ def test_who_is_on_foot_walks_round_an_ego_that_stands() -> None:
     """Else it would set off where all that is left is to stand still, only to be met a little
     later."""
     task, local, state = on_foot(0.1)
-    met = meet(local, task.ego, task.cost, state, NOBODY, local.followers, 0)
+    met = meet(local, task.ego, task.cost, state, NO_OTHERS, local.followers, 0)
     assert not met.contact and met.rate == pytest.approx(WAY_ROUND * task.cost.claim)
     task, local, state = on_foot(1.0)
     moving, standing = (
-        meet(local, task.ego, task.cost, state._replace(v=v), NOBODY, local.followers, 0).rate
+        meet(local, task.ego, task.cost, state._replace(v=v), NO_OTHERS, local.followers, 0).rate
         for v in (0.2, 0.0)
     )
     assert moving > 0.0 and standing == pytest.approx(WAY_ROUND * moving), (
@@ -359,7 +365,7 @@ def test_but_nobody_walks_round_an_ego_that_drives_and_no_vehicle_does(
 ) -> None:
     task, local, state = on_foot(0.1, **now)
     assert meet(
-        local, task.ego, task.cost, state._replace(**then), NOBODY, local.followers, 0
+        local, task.ego, task.cost, state._replace(**then), NO_OTHERS, local.followers, 0
     ).contact
 
 
@@ -480,13 +486,13 @@ def test_who_leaves_the_ego_s_lane_leads_until_its_whole_box_is_out_of_it(
     task, local, state = view(
         lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", lane, 125.0, 8.0, d)
     )
-    gaps = [meet(local, task.ego, task.cost, state, NOBODY, 0, k).gap for k in range(20)]
+    gaps = [meet(local, task.ego, task.cost, state, NO_OTHERS, 0, k).near.gap for k in range(20)]
     leads = [k for k, gap in enumerate(gaps) if gap < math.inf]
     assert leads == list(range(min(times, 20)))
     if leads:
         assert gaps[0] == pytest.approx(20.0) and meet(
-            local, task.ego, task.cost, state, NOBODY, 0, 0
-        ).leader_v == pytest.approx(8.0)
+            local, task.ego, task.cost, state, NO_OTHERS, 0, 0
+        ).near.leader_v == pytest.approx(8.0)
 
 
 @pytest.mark.parametrize(
@@ -512,7 +518,7 @@ def test_moving_in_front_of_who_leaves_the_lane_has_its_price() -> None:
         lanes_east(3, 900.0), "a_2", 105.0, 8.0, Agent("x", "a_0", 86.0, 12.0, 1.7)
     )
     changing = begin_change(local, task.ego, state, -1)._replace(progress=0.1)
-    prices = [meet(local, task.ego, task.cost, changing, NOBODY, 0, k).once for k in range(8)]
+    prices = [meet(local, task.ego, task.cost, changing, NO_OTHERS, 0, k).once for k in range(8)]
     assert min(prices[:5]) > 0.0 and max(prices[5:]) == 0.0
 
 
@@ -530,16 +536,16 @@ def test_the_nearer_a_follower_the_dearer_a_lane_change(behind: float, taken: fl
         task.ego,
         task.cost,
         begin_change(local, task.ego, state, -1)._replace(progress=0.1),
-        NOBODY,
+        NO_OTHERS,
         0,
         0,
     )
     if taken < 0.0:
-        assert (met.once, met.rate > 0.0, met.followers) == (0.0, True, 0)
+        assert (met.once, met.rate > 0.0, met.near.followers) == (0.0, True, 0)
     else:
         assert (
             met.once == pytest.approx(task.cost.claim * taken / TAKEN, abs=0.01)
-            and met.followers == 1
+            and met.near.followers == 1
         )
 
 
@@ -597,8 +603,8 @@ def test_who_comes_to_the_new_lane_from_beside_the_route_is_behind_there(
         place_is_free(local, task.ego, task.cost, changed, 0),
         place_is_free(local, task.ego, task.cost, changed, 0, 0.0),
     ) == (free, at_no_cost)
-    met = meet(local, task.ego, task.cost, changed._replace(progress=0.1), NOBODY, 0, 0)
-    assert (met.rate > 0.0, met.once > 0.0, met.followers) == (
+    met = meet(local, task.ego, task.cost, changed._replace(progress=0.1), NO_OTHERS, 0, 0)
+    assert (met.rate > 0.0, met.once > 0.0, met.near.followers) == (
         not free,
         free and not at_no_cost,
         int(free),
@@ -607,8 +613,8 @@ def test_who_comes_to_the_new_lane_from_beside_the_route_is_behind_there(
 
 def test_who_comes_from_beside_the_route_leads_nobody_and_matters_to_lane_changes_only() -> None:
     task, local, state = merging(12.0, 10.0, Agent("x", "main_0", 295.0, 20.0))
-    met = meet(local, task.ego, task.cost, state, NOBODY, 0, 0)
-    assert (met.rate, met.once, met.followers, met.gap) == (0.0, 0.0, 0, math.inf)
+    met = meet(local, task.ego, task.cost, state, NO_OTHERS, 0, 0)
+    assert (met.rate, met.once, met.near.followers, met.near.gap) == (0.0, 0.0, 0, math.inf)
 
 
 def test_who_is_expected_to_turn_off_before_does_not_come() -> None:
@@ -621,7 +627,7 @@ def test_who_is_expected_to_turn_off_before_does_not_come() -> None:
     s = np.array([[10.0, 10.0, 10.0], [40.0, 20.0, 40.0], [5.0, 30.0, 5.0]])
     node = np.where(lane == 1, 7, -1)
     _fill_upstream(node, s, lane, lane_node, upstream, np.full(3, -1))
-    assert [[upstream_of(n) for n in row] for row in node.tolist()] == [
+    assert np.where(node <= UPSTREAM, UPSTREAM - node, -1).tolist() == [
         [7, 7, -1],
         [7, 7, -1],
         [-1, 7, -1],
@@ -648,7 +654,7 @@ def test_the_pace_is_that_of_those_beside_and_of_those_who_come(
     others: tuple[tuple[str, float, float], ...], pace: float
 ) -> None:
     _, local, _ = merging(12.0, 10.0, *(Agent(str(k), *each) for k, each in enumerate(others)))
-    assert local.pace == pytest.approx(pace)
+    assert local.target_lane_speed == pytest.approx(pace)
 
 
 def test_at_the_horizon_room_to_get_as_fast_as_the_others_is_worth_something() -> None:
@@ -692,7 +698,7 @@ def test_who_stands_beside_half_out_of_the_lane_leads_nobody() -> None:
     task, local, state = view(
         lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", "a_0", 103.0, 8.0, 1.0)
     )
-    assert meet(local, task.ego, task.cost, state, NOBODY, 0, 0).gap == math.inf
+    assert meet(local, task.ego, task.cost, state, NO_OTHERS, 0, 0).near.gap == math.inf
 
 
 def box_at(task: Task, x: float, y: float) -> Box:
@@ -701,13 +707,13 @@ def box_at(task: Task, x: float, y: float) -> Box:
 
 
 @pytest.mark.parametrize(("behind", "dear"), [(0.5, True), (3.5, True), (4.5, False), (9.0, False)])
-def test_right_behind_somebody_is_dear_since_it_may_be_late(behind: float, dear: bool) -> None:
+def test_right_behind_somebody_is_dear_since_it_may_belate_cost(behind: float, dear: bool) -> None:
     """At 10 m/s it was 4 m further back 0.4 s before."""
     task, local, state = view(
         lanes_east(3, 900.0), "a_1", 100.0, 10.0, Agent("x", "a_2", 125.0, 10.0)
     )
     x, y = local.agent[8, 0, :2]
-    rate = _late(local, task.cost, state, box_at(task, x - 5.0 - behind, y), 8, 0)
+    rate = late_cost(local, task.cost, state, box_at(task, x - 5.0 - behind, y), 8, 0)
     assert rate == (0.5 * task.cost.claim if dear else 0.0)
 
 
@@ -717,8 +723,8 @@ def test_nobody_is_late_who_stands() -> None:
     )
     local.agent[:] = local.agent[0]
     x, y = local.agent[8, 0, :2]
-    assert _late(local, task.cost, state, box_at(task, x - 5.1, y), 8, 0) == 0.0
-    assert _late(local, task.cost, state, box_at(task, x - 4.9, y), 8, 0) > 0.0
+    assert late_cost(local, task.cost, state, box_at(task, x - 5.1, y), 8, 0) == 0.0
+    assert late_cost(local, task.cost, state, box_at(task, x - 4.9, y), 8, 0) > 0.0
 
 
 # --- whom the ego has to leave a stretch to ---
@@ -745,8 +751,8 @@ def test_a_stretch_on_a_short_lane_is_not_driven_over_unseen(s: float, v: float)
     ego = ego_at(road, "w_0", 60.0, 5.0, route=edges(road, "w", "e"))
     task = task_of(road, ego)
     local, _ = local_of(task, scene_of(ego, road, Agent("x", "s_0", s, v)))
-    assert local.duty[:, WHO].tolist() == [0.0]
-    assert local.duty[0, ENTERS] == pytest.approx(90.0 - s + 7.6 + 0.2, abs=1e-6)
+    assert local.obligation[:, AGENT].tolist() == [0.0]
+    assert local.obligation[0, ENTERS] == pytest.approx(90.0 - s + 7.6 + 0.2, abs=1e-6)
 
 
 # --- who follows ---
@@ -761,9 +767,9 @@ def test_who_follows_does_so_among_however_many(bystanders: int) -> None:
     )
     assert follows(local, local.followers, bystanders)
     braking = state._replace(s=103.0, v=2.0)
-    assert not meet(local, task.ego, task.cost, braking, NOBODY, local.followers, 5).contact
+    assert not meet(local, task.ego, task.cost, braking, NO_OTHERS, local.followers, 5).contact
     assert (
-        meet(local, task.ego, task.cost, state, NOBODY, 0, 0).followers == local.followers
+        meet(local, task.ego, task.cost, state, NO_OTHERS, 0, 0).near.followers == local.followers
     )  # whoever comes to follow later gets the same bit
 
 
@@ -800,4 +806,5 @@ def test_who_stands_in_a_bend_is_met_whatever_the_step(
     )
     local, state = local_of(task, scene)
     q = in_steps(mcts_params(scenario()), step, local.dt)
-    assert follow_line(local, task, q, state, NOBODY, np.zeros(round(2.0 / step)))[2] == end
+    line = lasting(0.0, 0, round(2.0 / step))
+    assert follow_line(local, task, q, state, NO_OTHERS, line)[2] == end

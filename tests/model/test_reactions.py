@@ -10,8 +10,9 @@ from helpers_model import lanes_east, local_of, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_mcts.model.local_map import COS, SIN, SLOT, LocalMap, S, State, V, X, Y
+from sumo_mcts.model.local_map import SLOT, LocalMap, S, State, V
 from sumo_mcts.model.reactions import CLOCK, IMPOSED, SPEED, at_rest, react, seen
+from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.planners.base import Task
 

@@ -420,7 +420,7 @@ from sumo_mcts import config
 from sumo_mcts.config import builtin
 from sumo_mcts.driver.params import Physics
 from sumo_mcts.driver.warmup import warm_up
-from sumo_mcts.model import prepare
+from sumo_mcts.numerics import prepare
 from sumo_mcts.world.roadmap import read_roadmap
 import sys
 prepare._work_off = lambda tasks: print(*(f"{t.kernel.py_func.__module__.rpartition('.')[2]}.{t.kernel.py_func.__name__}" for t in tasks)) or sys.exit()
@@ -430,19 +430,20 @@ warm_up(scenario, read_roadmap(str(scenario.sumo.net)), Physics(0.1, False, 3.0)
 # By default each of these is compiled before the first decision, and what they call where the ego
 # of the trial does not come to it.
 NEEDED = {
+    "actions": "action_at clear_line copy_line put_action",
     "cost": """
-        _before_sign _behind _gap_ahead _gap_behind _headway _leaves _near _nearness _swept _to_leaving
-        _to_sign _too_slow _touch _urgent leads_nowhere meet step_comfort step_own step_passability terminal
+        _before_sign _behind _to_sign _too_slow _urgent leads_nowhere step_comfort step_own
+        step_passability terminal
     """,
-    "ego": """
-        _cap _move _moved _next_speed _to_line _towards_line _turned advance follow_accel is_closed pose_of
-        within_step
-    """,
+    "gaps": "gap_ahead gap_behind gap_to_leaving lane_left",
     "geometry": "boxes_touch chord point_at point_on swung",
+    "interaction": "_headway _nearness _swept _touch meet",
     "krauss": "safe_speed",
-    "local": """
-        _fill_ahead _fill_upstream _find_duties _followers apart chain_gap follows index_at keep_state
-        kept_state
+    "local_build": "_fill_ahead _fill_upstream _followers",
+    "local_map": "apart chain_gap follows index_at is_gone keep_state kept_state node_of",
+    "motion": """
+        _cap _move _moved _next_speed _to_line _towards_line _turned advance follow_accel
+        is_closed pose_of within_step
     """,
     "behaviour": "_driving_accel _step_all",
     "conflicts": "_find_conflicts",
@@ -450,12 +451,13 @@ NEEDED = {
     "following": "follow_accel free_accel leader_of",
     "paths": "_agreement _beside _best_successor _extend _leading_on _turn_score",
     "yielding": "halt_accel line_accel rank_of yield_accel",
+    "obligations": "_find_obligations",
+    "occupancy": "may_be_near",
     "poses": "_lane_at _place _place_on_path _point",
+    "rollout": "copy_pairs for_steps needed_side replay simulate",
     "route": "_fill_caps _fill_poses lane_pose",
-    "tree": """
-        _action_of _back_up _continuation _expand _known _needed_side _plant _rollout _select _spent _store
-        _trace_back copy_pairs entry_of replay search side_of simulate
-    """,
+    "search": "_continuation _expand _plant _rollout _select search",
+    "tree": "_action_of _trace_back back_up is_known near_of spent store",
 }
 
 
@@ -487,8 +489,8 @@ def _functions(module: ModuleType) -> Iterator[FunctionType]:
 # Python calls these a few times a decision: what that takes as plain Python is nothing beside their
 # compilation.
 CHEAP = {
-    "advance", "begin_change", "box_distance", "can_change", "entry_of", "follow_accel",
-    "lane_pose", "may_change", "place_is_free", "pose_of", "side_of",
+    "advance", "begin_change", "box_distance", "can_change", "follow_accel",
+    "lane_pose", "may_change", "place_is_free", "pose_of",
     "step_comfort",
 }  # fmt: skip
 

@@ -26,9 +26,10 @@ from sumo_mcts import config
 from sumo_mcts.config import builtin
 from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.episode.run import default_variant, run_episode
-from sumo_mcts.model.motion import FOLLOW, begin_change
+from sumo_mcts.model.motion import begin_change
+from sumo_mcts.planners.actions import ACCEL, FOLLOW, SIDE
 from sumo_mcts.planners.base import Planner, Task
-from sumo_mcts.planners.baselines import accel_behind, leader_on_the_way, with_yield_lines
+from sumo_mcts.planners.baselines import accel_behind, leader_on_path, with_yield_lines
 from sumo_mcts.planners.mcts import actions_of, mcts_params
 from sumo_mcts.scene import RED, Decision, EgoState, Follow, RoadMap, Signals
 
@@ -85,7 +86,7 @@ def test_the_leader_is_whom_the_ego_would_touch_first(
     ego = ego_at(road, "a_0", 100.0)
     other = Agent("other", "", x=100.0 + ahead, y=aside, heading=turned, v=v)
     local, state = local_of(task_of(road, ego), scene_of(ego, road, other))
-    gap, speed = leader_on_the_way(local, task_of(road, ego).ego, state, 80.0)
+    gap, speed = leader_on_path(local, task_of(road, ego).ego, state, 80.0)
     box = Box(other.x, other.y, turned, other.length / 2, other.width / 2).polygon()
     touching = [
         k * 0.05
@@ -110,7 +111,7 @@ def test_the_tail_of_whoever_turns_off_is_in_the_way() -> None:
     local, state = local_of(
         task, scene_of(ego, road, Agent("turning", ":mr_0", 3.0, v=2.0, length=8.0))
     )
-    gap, _ = leader_on_the_way(local, task.ego, state, 100.0)
+    gap, _ = leader_on_path(local, task.ego, state, 100.0)
     assert 40.0 < gap < 50.0
 
 
@@ -128,7 +129,7 @@ def test_neighbours_and_followers_lead_nobody() -> None:
             Agent("behind", "a_1", 94.0),
         ),
     )
-    assert leader_on_the_way(local, task.ego, state, 100.0)[0] == np.inf
+    assert leader_on_path(local, task.ego, state, 100.0)[0] == np.inf
 
 
 @pytest.mark.parametrize("v", [0.0, 3.0, 8.0])
@@ -263,17 +264,17 @@ def test_each_action_that_is_possible_is_as_likely() -> None:
     task = task_of(road, ego)
     planner, situation = planner_of("random", task), situation_of(task, scene_of(ego, road))
     actions = actions_of(mcts_params(scenario()))
-    possible = actions[actions[:, 1] >= 0.0]  # nothing lies to the right
+    possible = actions[actions[:, SIDE] >= 0.0]  # nothing lies to the right
     count = 1500
     drawn = [command(planner.plan(situation)) for _ in range(count)]
     sides = Counter(one.lane_change for one in drawn)
     assert set(sides) == {0, 1}
-    assert sides[1] / count == pytest.approx((possible[:, 1] > 0.0).mean(), abs=0.04)
+    assert sides[1] / count == pytest.approx((possible[:, SIDE] > 0.0).mean(), abs=0.04)
     ends = Counter(round(float(one.speeds[4]), 6) for one in drawn if one.lane_change == 0)
-    kept = (possible[:, 1] == 0.0).sum()
+    kept = (possible[:, SIDE] == 0.0).sum()
     assert len(ends) <= kept
     assert min(ends.values()) > 0.6 * count / len(possible)
-    assert FOLLOW in possible[:, 0]
+    assert FOLLOW in possible[:, ACCEL]
 
 
 def test_random_is_seeded() -> None:

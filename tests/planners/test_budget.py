@@ -1,4 +1,4 @@
-"""Adaptive effort: what a search may leave out, when it stops, and that decisions with a time
+"""Adaptive budgets: what a search may leave out, when it stops, and that decisions with a time
 budget are there in time."""
 
 import itertools
@@ -17,23 +17,25 @@ from hypothesis import strategies as st
 from sumo_mcts import config
 from sumo_mcts.config import builtin
 from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.model.motion import FOLLOW
+from sumo_mcts.model.local_map import MOTION_V
 from sumo_mcts.planners import budget as budgets
 from sumo_mcts.planners import mcts
+from sumo_mcts.planners.actions import ACCEL, FOLLOW, LATER, NO_SPEED, SIDE, to_steps
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.budget import (
     AT_FIRST,
     AT_MOST,
     SLICE,
     SPARE,
-    Effort,
+    Budget,
     Timekeeper,
-    budget,
     is_close,
     next_passes,
     next_passes_in_time,
+    passes_within,
 )
-from sumo_mcts.planners.mcts import MctsPlanner, follow_line, mcts_params
+from sumo_mcts.planners.candidates import follow_line
+from sumo_mcts.planners.mcts import MctsPlanner, mcts_params
 from sumo_mcts.scene import Decision
 
 ENOUGH = 60_000  # passes after which a small tree has nothing left to try
@@ -51,7 +53,7 @@ def test_a_search_that_stopped_by_itself_knows_the_best(toy: Toy, seed: int) -> 
     """Whatever a search finds that tries everything and draws its rollouts is no better."""
     small = without_more(toy, "planner.look_ahead_steps=3", "planner.rollout_steps=3")
     proven = grow(small, ENOUGH)
-    assert proven.tree.dead[0] and proven.done + proven.known < ENOUGH
+    assert proven.tree.closed[0] and proven.done + proven.known < ENOUGH
     assert grow(steady(small), 8000, seed).tree.best[0] >= proven.tree.best[0] - 1e-9
 
 
@@ -72,7 +74,7 @@ def test_it_knows_the_best_in_any_scene(
     )
     small = without_more(toy, "planner.look_ahead_steps=2", "planner.rollout_steps=3")
     proven = grow(small, ENOUGH)
-    assert proven.tree.dead[0]
+    assert proven.tree.closed[0]
     assert grow(steady(small), 3000, seed).tree.best[0] >= proven.tree.best[0] - 1e-9
 
 
@@ -86,7 +88,7 @@ def test_where_every_action_counts_the_best_of_each_is_known(toy: Toy, seed: int
         grow(small, ENOUGH),
         grow(steady(small), 8000, seed),
     )
-    assert each.tree.dead[0] and each.done < ENOUGH
+    assert each.tree.closed[0] and each.done < ENOUGH
     for i, j in zip(each.tree.child[0], drawn.tree.child[0], strict=True):
         assert (i >= 0) == (j >= 0)
         assert i < 0 or each.tree.best[i] <= drawn.tree.best[j] + 1e-9
@@ -98,8 +100,8 @@ def best_of_all_lines(grown: Grown) -> float:
     for a road without lane changes."""
     q, brake, push = grown.q, -grown.task.ego.approach_decel, grown.task.ego.max_accel
     first, later = (
-        grown.actions[grown.actions[:, 1] == 0.0, 0],
-        grown.actions[(grown.actions[:, 1] == 0.0) & (grown.actions[:, 2] == 1.0), 0],
+        grown.actions[grown.actions[:, SIDE] == 0.0, ACCEL],
+        grown.actions[(grown.actions[:, SIDE] == 0.0) & (grown.actions[:, LATER] == 1.0), ACCEL],
     )
     r = q.rollout
     ends = [[FOLLOW] * r, [brake] * r, [0.5 * brake] + [FOLLOW] * (r - 1)]
@@ -110,7 +112,7 @@ def best_of_all_lines(grown: Grown) -> float:
             [FOLLOW] * k + [push] * min(2, r - k) + [FOLLOW] * (r - k - 2),
         ]
     lines = [
-        np.repeat([*head, *end], q.ply)
+        to_steps(np.array([(accel, 0.0, NO_SPEED) for accel in (*head, *end)]), q.ply)
         for head in itertools.product(first, *[later] * (q.look_ahead - 1))
         for end in ends
     ]
@@ -131,7 +133,7 @@ def test_the_best_is_that_of_all_sequences(gap: float, v: float, u: float) -> No
         road, scene_of(ego_at(road, "a_0", 100.0, v), road, Agent("ahead", "a_0", 105.0 + gap, u))
     )
     grown = grow(without_more(toy, "planner.look_ahead_steps=3", "planner.rollout_steps=2"), ENOUGH)
-    assert grown.tree.dead[0]
+    assert grown.tree.closed[0]
     assert grown.tree.best[0] == pytest.approx(best_of_all_lines(grown), abs=1e-9)
 
 
@@ -217,13 +219,18 @@ def test_an_adaptive_episode_is_reproducible_and_tells_what_it_did(
 
 
 def tree_with(*children: tuple[float, float, bool]) -> Any:
-    """A root whose children have this best J, speed and life (False: dead)."""
+    """A root whose children have this best J, speed, and whether it is open."""
     tree = grow(TOYS["free"], 20).tree
     tree.child[0, :] = -1
     for i, (best, v, alive) in enumerate(children, 1):
-        tree.child[0, i - 1], tree.best[i], tree.motion[i, 1], tree.dead[i] = i, best, v, not alive
+        tree.child[0, i - 1], tree.best[i], tree.motion[i, MOTION_V], tree.closed[i] = (
+            i,
+            best,
+            v,
+            not alive,
+        )
         tree.where[i] = tree.where[1]
-    tree.dead[0] = False
+    tree.closed[0] = False
     return tree
 
 
@@ -238,22 +245,22 @@ def test_close_is_another_command_that_may_still_win() -> None:
 
 
 def test_it_goes_on_while_it_is_close() -> None:
-    effort_, close, clear = (
-        Effort(1000, 2100, 0.2),
+    some, close, clear = (
+        Budget(1000, 2100, 0.2),
         tree_with((2.0, 10.0, True), (2.1, 12.0, True)),
         tree_with((2.0, 10.0, True), (3.0, 12.0, True)),
     )
-    assert [next_passes(effort_, clear, made) for made in (0, 400, 1000)] == [1000, 600, 0]
-    assert [next_passes(effort_, close, made) for made in (0, 400, 1000, 2000, 2100)] == [
+    assert [next_passes(some, clear, made) for made in (0, 400, 1000)] == [1000, 600, 0]
+    assert [next_passes(some, close, made) for made in (0, 400, 1000, 2000, 2100)] == [
         1000,
         600,
         250,
         100,
         0,
     ]
-    assert next_passes(Effort(10**7, 10**7, 0.2), close, 0) == SLICE  # an interrupt is heard
-    close.dead[0] = True
-    assert next_passes(effort_, close, 0) == 0
+    assert next_passes(Budget(10**7, 10**7, 0.2), close, 0) == SLICE  # an interrupt is heard
+    close.closed[0] = True
+    assert next_passes(some, close, 0) == 0
 
 
 def test_more_passes_are_made_in_a_close_decision_only() -> None:
@@ -270,8 +277,8 @@ def test_more_passes_are_made_in_a_close_decision_only() -> None:
 
 
 def test_a_time_budget_is_no_budget_of_passes() -> None:
-    assert budget(1000, math.inf) == 1000
-    assert 2000 < budget(1000, 0.02) < budget(1000, 60.0) == budgets.LARGEST
+    assert passes_within(1000, math.inf) == 1000
+    assert 2000 < passes_within(1000, 0.02) < passes_within(1000, 60.0) == budgets.LARGEST
     tree = tree_with((2.0, 10.0, True), (2.1, 12.0, True))
     assert (
         next_passes_in_time(tree, 0, 0.0, -1.0) == 2 * tree.child.shape[1]
@@ -279,7 +286,7 @@ def test_a_time_budget_is_no_budget_of_passes() -> None:
     assert next_passes_in_time(tree, 100, 0.001, 0.01) == 500
     assert next_passes_in_time(tree, 100, 0.001, 1e-9) == 1
     assert next_passes_in_time(tree, 100, 0.001, 0.0) == 0
-    tree.dead[0] = True
+    tree.closed[0] = True
     assert next_passes_in_time(tree, 100, 0.001, 0.01) == 0
 
 

@@ -16,7 +16,7 @@ import helpers
 import numpy as np
 import pytest
 from helpers import Agent, crossing, edges, ego_at
-from helpers_model import PHYSICS, STOP_DECEL, lanes_east, scenario, scene_of, situation_of, task_of
+from helpers_model import PHYSICS, lanes_east, scenario, scene_of, situation_of, task_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from naive import Box
@@ -30,20 +30,13 @@ from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.driver.params import assumed
 from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.model.local_build import build_local
 from sumo_mcts.model.motion import can_change, obey
 from sumo_mcts.numerics.kernel import Stopwatch, entry
+from sumo_mcts.planners import base
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.failsafe import (
-    ACCELERATE,
-    ALONG,
-    BRAKE,
-    HOLD,
-    LONGEST_S,
-    FailSafe,
-    drive,
-    nonsense,
-)
+from sumo_mcts.planners.failsafe import LONGEST_S, FailSafe
+from sumo_mcts.planners.failsafe_reach import ACCELERATE, ALONG, BRAKE, HOLD, drive
+from sumo_mcts.planners.validity import why_invalid
 from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Plan, Release, RoadMap
 from sumo_mcts.world.command import Bounds, bounded
 
@@ -221,7 +214,7 @@ def test_the_first_cycle_without_a_way_out_is_braking_as_hard_as_possible() -> N
     )
 
 
-# --- nonsense ---
+# --- what is no decision ---
 
 
 @pytest.mark.parametrize(
@@ -238,23 +231,25 @@ def test_the_first_cycle_without_a_way_out_is_braking_as_hard_as_possible() -> N
         ("faster", "no decision but Decision"),
     ],
 )
-def test_nonsense(command: Any, why: str) -> None:
+def test_why_a_decision_is_invalid(command: Any, why: str) -> None:
     those = case(LANES, ego_at(LANES, "a_2", 200.0, 15.0))
-    assert why in nonsense(
+    assert why in why_invalid(
         those.task, those.situation.state, Decision(command, None, (), -1, "", 0, 0)
     )
 
 
-def test_a_lane_change_during_another_one_is_nonsense() -> None:
+def test_a_lane_change_during_another_one_is_invalid() -> None:
     those = case(LANES, on_lane())
     state = those.situation.state._replace(progress=0.3, other=2)
     assert (
-        nonsense(those.task, state, Decision(Follow(np.full(5, 15.0), 1), None, (), -1, "", 0, 0))
+        why_invalid(
+            those.task, state, Decision(Follow(np.full(5, 15.0), 1), None, (), -1, "", 0, 0)
+        )
         == "a lane change during another one"
     )
 
 
-def test_what_is_no_nonsense() -> None:
+def test_what_is_valid() -> None:
     those = case(LANES, on_lane())
     for command in (
         Follow(np.zeros(1), 1),
@@ -263,10 +258,12 @@ def test_what_is_no_nonsense() -> None:
         Release(),
     ):
         assert (
-            nonsense(those.task, those.situation.state, Decision(command, None, (), -1, "", 0, 0))
+            why_invalid(
+                those.task, those.situation.state, Decision(command, None, (), -1, "", 0, 0)
+            )
             == ""
         )
-    assert nonsense(those.task, those.situation.state, None) == "no decision but NoneType"
+    assert why_invalid(those.task, those.situation.state, None) == "no decision but NoneType"
 
 
 # --- properties ---
@@ -421,17 +418,7 @@ def test_a_verified_manoeuvre_meets_nobody_within_the_bounds(those: Case, random
 
 def local_of(those: Case) -> Any:
     situation, task = those.situation, those.task
-    return build_local(
-        task.road,
-        task.route,
-        situation.state,
-        situation.scene,
-        situation.forecast,
-        0,
-        situation.cleared,
-        STOP_DECEL,
-        task.cost.claim_s,
-    )
+    return base.local_of(task, situation)
 
 
 def reach(those: Case, way: Way, at: float) -> tuple[float, float]:

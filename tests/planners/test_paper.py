@@ -12,7 +12,7 @@ from helpers_model import lanes_east, scenario, scene_of, situation_of, task_of
 from helpers_tree import TOYS, Toy, mirrored, on_three_lanes
 
 from sumo_mcts.driver.factories import make_planner
-from sumo_mcts.planners import paper
+from sumo_mcts.planners import paper, paper_search
 from sumo_mcts.planners.paper import TIMED_SLICE
 from sumo_mcts.planners.rollout import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.scene import Decision, Follow, RoadMap
@@ -93,7 +93,7 @@ def test_the_same_seed_the_same_tree() -> None:
 def test_the_equation_of_the_upper_confidence_bound() -> None:
     """X = -C(v)/n(v) + c sqrt(2 ln n(parent) / n(v)): worked out by hand for three children."""
     planner, _ = plan(TOYS["free"])
-    tree, weights = paper._new_tree(8, 3), planner.weights._replace(exploration=5.0)
+    tree, weights = paper_search.new_tree(8, 3), planner.weights._replace(exploration=5.0)
     tree.used[0], tree.visits[0] = 4, 20
     tree.child[0], tree.parent[1:4], tree.level[1:4] = (1, 2, 3), 0, 1
     tree.visits[1:4], tree.total[1:4] = (10, 6, 4), (100.0, 66.0, 48.0)
@@ -106,14 +106,16 @@ def test_the_equation_of_the_upper_confidence_bound() -> None:
     ]
     assert scores == pytest.approx([-6.1298, -6.0036, -5.8806], abs=1e-4)
     rng = np.random.default_rng(1)
-    assert paper._select(tree, weights, rng) == 3
-    assert paper._select(tree, weights._replace(exploration=3.0), rng) == 1  # -7.68, -8.00, -8.33
+    assert paper_search._select(tree, weights, rng) == 3
+    assert (
+        paper_search._select(tree, weights._replace(exploration=3.0), rng) == 1
+    )  # -7.68, -8.00, -8.33
     tree.end[3] = LOST
-    assert paper._select(tree, weights, rng) == 2  # one that collided does not compete
+    assert paper_search._select(tree, weights, rng) == 2  # one that collided does not compete
     tree.visits[1] = 0
-    assert paper._select(tree, weights, rng) == 1  # an unvisited one comes first
+    assert paper_search._select(tree, weights, rng) == 1  # an unvisited one comes first
     tree.visits[2] = 0
-    drawn = [paper._select(tree, weights, rng) for _ in range(200)]
+    drawn = [paper_search._select(tree, weights, rng) for _ in range(200)]
     assert set(drawn) == {1, 2} and 60 < drawn.count(1) < 140  # among several one is drawn
 
 
@@ -163,9 +165,11 @@ def test_a_lane_change_that_the_route_needs_counts_as_distance() -> None:
     assert [guide.aside[node[lane]] for lane in ("a_0", "a_1", "a_2")] == [0.0, 20.0, 40.0]
     assert guide.aside[node["b_0"]] == 0.0  # what the next edge needs does not punish entering it
     half_way = state._replace(progress=0.25, other=node["a_0"])
-    assert [paper._aside(guide, s) for s in (state, half_way)] == [20.0, 15.0]
+    assert [paper_search._aside(guide, s) for s in (state, half_way)] == [20.0, 15.0]
     assert (
-        paper._aside(guide, state._replace(node=node["a_0"], progress=0.75, other=node["a_1"]))
+        paper_search._aside(
+            guide, state._replace(node=node["a_0"], progress=0.75, other=node["a_1"])
+        )
         == 5.0
     )
 

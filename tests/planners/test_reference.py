@@ -20,25 +20,23 @@ from hypothesis import strategies as st
 from sumo_mcts import config
 from sumo_mcts.config import builtin
 from sumo_mcts.episode.run import default_variant, run_episode
-from sumo_mcts.model.motion import COMMANDED, FOLLOW
-from sumo_mcts.planners import reference
-from sumo_mcts.planners.mcts import follow_line
+from sumo_mcts.planners import reference, reference_solver
+from sumo_mcts.planners.actions import ACCEL, FOLLOW, NO_SPEED, SIDE, lasting
+from sumo_mcts.planners.candidates import follow_line
 from sumo_mcts.planners.reference import (
     COST,
     Problem,
-    Rest,
-    Solution,
-    best_root,
     problem_of,
     profile_line,
     root_lines,
     scale,
-    solve,
     steps_of,
 )
-from sumo_mcts.planners.rollout import ALIVE, IMPOSSIBLE, LOST, entry_of, side_of
+from sumo_mcts.planners.reference_solver import Rest, Solution, best_root, solve
+from sumo_mcts.planners.rollout import ALIVE, IMPOSSIBLE, LOST
 from sumo_mcts.scene import GREEN, RED, Floats, Follow, Plan
 
+NONE_YET = (np.nan,) * 3  # in place of the first ply, which is the beginning
 FINE = (1e-9,) * 6  # cells that nobody shares
 FEW = np.array([[FOLLOW, 0.0], [-3.0, 0.0], [0.0, 0.0], [2.6, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
@@ -77,10 +75,10 @@ def driven(problem: Problem, steps: Floats) -> tuple[Plan, float, int]:
 def by_hand(problem: Problem, line: Floats) -> tuple[float, bool]:
     """The lowest cost of all sequences that begin with `line`, and whether every one of them ends
     in a loss: each is driven."""
-    entries = [entry_of(accel, side) for accel, side in problem.actions]
+    tried = [(accel, side, NO_SPEED) for accel, side in problem.actions]
     found: dict[bool, float] = {}
-    for way in product(entries, repeat=len(problem.ends) - 1):
-        _, cost, end = driven(problem, steps_of(problem, line, np.array([np.nan, *way])))
+    for later in product(tried, repeat=len(problem.ends) - 1):
+        _, cost, end = driven(problem, steps_of(problem, line, np.array([NONE_YET, *later])))
         if end != IMPOSSIBLE:
             found[end == LOST] = min(cost, found.get(end == LOST, np.inf))
     return (found[False], False) if False in found else (found[True], True)
@@ -134,7 +132,7 @@ def test_a_value_is_what_its_way_costs(toy: Toy) -> None:
     lines = root_lines(problem)
     found = solve(problem, lines, 20)
     for i, line in enumerate(lines):
-        _, cost, end = driven(problem, steps_of(problem, line, found.way[i]))
+        _, cost, end = driven(problem, steps_of(problem, line, found.best[i]))
         assert cost == pytest.approx(found.value[i], abs=1e-6)
         assert (end == LOST) == found.collides[i]
 
@@ -145,7 +143,7 @@ def test_pruning_loses_nothing(toy: Toy, monkeypatch: pytest.MonkeyPatch) -> Non
     problem = small(problem_in(toy), 4)
     lines = root_lines(problem)
     bounded = solve(problem, lines, 5000, FINE)
-    monkeypatch.setattr(reference, "_rest", lambda problem: Rest(np.inf, 1.0))
+    monkeypatch.setattr(reference_solver, "_rest", lambda problem: Rest(np.inf, 1.0))
     unbounded = solve(problem, lines, 5000, FINE)
     assert bounded.value == pytest.approx(unbounded.value, abs=1e-9) and np.array_equal(
         bounded.collides, unbounded.collides
@@ -153,21 +151,21 @@ def test_pruning_loses_nothing(toy: Toy, monkeypatch: pytest.MonkeyPatch) -> Non
     assert bounded.driven <= unbounded.driven
 
 
-entries = st.sampled_from(
-    [entry_of(accel, 0.0) for accel in reference.KEEPING]
-    + [entry_of(a, side) for a in reference.CHANGING for side in (1.0, -1.0)]
+actions = st.sampled_from(
+    [(accel, 0.0, NO_SPEED) for accel in reference.KEEPING]
+    + [(a, side, NO_SPEED) for a in reference.CHANGING for side in (1.0, -1.0)]
 )
 
 
 @settings(max_examples=60)
 @given(
-    st.sampled_from(sorted(SCENES)), st.lists(entries, min_size=10, max_size=10), st.integers(1, 9)
+    st.sampled_from(sorted(SCENES)), st.lists(actions, min_size=10, max_size=10), st.integers(1, 9)
 )
 def test_nothing_that_comes_costs_less_than_the_bound(
-    name: str, way: list[float], ply: int
+    name: str, way: list[tuple[float, float, float]], ply: int
 ) -> None:
     problem = problem_in(SCENES[name])
-    line = np.full(problem.ends[0], entry_of(way[0], -side_of(way[0])))
+    line = lasting(way[0][ACCEL], 0, int(problem.ends[0]))
     whole = steps_of(problem, line, np.array(way))
     plan, total, end = driven(problem, whole)
     _, before, on_the_way = driven(problem, whole[: problem.ends[ply - 1]])
@@ -178,7 +176,9 @@ def test_nothing_that_comes_costs_less_than_the_bound(
         float(plan.v[problem.ends[ply - 1] - 1]),
     )
     assert (
-        reference._at_least(problem.local, reference._rest(problem), v, left, problem.task.ego.step)
+        reference_solver._at_least(
+            problem.local, reference_solver._rest(problem), v, left, problem.task.ego.step
+        )
         <= total - before + 1e-9
     )
 
@@ -189,7 +189,7 @@ def test_the_bound_bounds_something() -> None:
     best = float(solve(problem, root_lines(problem)).value.min())
     assert (
         0.7 * best
-        < reference._at_least(problem.local, reference._rest(problem), 0.0, 80, 0.1)
+        < reference_solver._at_least(problem.local, reference_solver._rest(problem), 0.0, 80, 0.1)
         <= best
     )
 
@@ -197,13 +197,15 @@ def test_the_bound_bounds_something() -> None:
 @settings(max_examples=60)
 @given(
     st.sampled_from(["traffic", "reactive", "red", "free"]),
-    st.lists(entries, min_size=10, max_size=10),
+    st.lists(actions, min_size=10, max_size=10),
 )
-def test_no_sequence_that_anybody_drives_is_cheaper(name: str, way: list[float]) -> None:
+def test_no_sequence_that_anybody_drives_is_cheaper(
+    name: str, way: list[tuple[float, float, float]]
+) -> None:
     problem, found = solved(name)
     lines = root_lines(problem)
-    for i in np.flatnonzero(lines[:, 0] == way[0]):
-        _, cost, end = driven(problem, steps_of(problem, lines[i], np.array([np.nan, *way[1:]])))
+    for i in np.flatnonzero((lines[:, 0] == way[0]).all(axis=1)):
+        _, cost, end = driven(problem, steps_of(problem, lines[i], np.array([NONE_YET, *way[1:]])))
         assert end in (LOST, IMPOSSIBLE) or cost >= found.value[i] - 1e-6
 
 
@@ -275,19 +277,19 @@ def test_the_profile_of_an_action_is_that_action(name: str) -> None:
     plans = [driven(problem, line)[0] for line in lines]
     profiles = [
         profile_line(problem, Follow(plan.v, int(side)))
-        for plan, side in zip(plans, problem.roots[:, 1], strict=True)
+        for plan, side in zip(plans, problem.roots[:, SIDE], strict=True)
     ]
     alone, both = solve(problem, lines, 20), solve(problem, np.concatenate([lines, profiles]), 20)
     assert np.array_equal(both.value, np.tile(alone.value, 2)) and np.array_equal(
         both.collides, np.tile(alone.collides, 2)
     )
-    assert both.driven == alone.driven + lines.size
+    assert both.driven == alone.driven + lines[..., ACCEL].size
 
 
 def test_a_profile_is_driven_whatever_the_road_allows() -> None:
     problem = problem_in(before_a_light(RED, 9.5, 10.0))
     line = profile_line(problem, Follow(np.full(3, 10.0), 0))
-    assert line.tolist() == [COMMANDED + 10.0] * 5
+    assert line.tolist() == [[FOLLOW, 0.0, 10.0]] * 5
     _, cost, end = driven(problem, line)
     assert end == ALIVE and cost > 0.0
     longer = np.concatenate([line, line])
@@ -349,7 +351,7 @@ def test_the_planner_takes_the_best_beginning(toy: Toy) -> None:
     assert isinstance(decision.command, Follow) and decision.plan is not None
     assert (
         np.array_equal(decision.command.speeds, decision.plan.v)
-        and decision.command.lane_change == problem.roots[decision.chosen, 1]
+        and decision.command.lane_change == problem.roots[decision.chosen, SIDE]
     )
     chosen = decision.children[decision.chosen]
     assert chosen.terms.sum() == pytest.approx(chosen.best, abs=1e-6)

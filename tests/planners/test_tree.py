@@ -36,10 +36,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_mcts.driver.factories import make_planner
-from sumo_mcts.planners.budget import Effort
+from sumo_mcts.planners.budget import Budget
 from sumo_mcts.planners.mcts import MctsPlanner
 from sumo_mcts.planners.rollout import ALIVE, IMPOSSIBLE, LOST, NONE
-from sumo_mcts.planners.tree import new_tree, search
+from sumo_mcts.planners.search import search
+from sumo_mcts.planners.tree import new_tree
 from sumo_mcts.scene import GREEN, RED, YELLOW, Follow
 
 PASSES = [1, 7, 40, 400, 3000]
@@ -83,10 +84,10 @@ def check(grown: Grown) -> None:
             and tree.visits[node] >= 3 + 4 * grown.q.rollout
         )
         over = tree.level[node] < grown.q.look_ahead and all(
-            i == IMPOSSIBLE or (i >= 0 and tree.dead[i]) for i in tree.child[node]
+            i == IMPOSSIBLE or (i >= 0 and tree.closed[i]) for i in tree.child[node]
         )
-        assert bool(tree.dead[node]) >= bool(tree.end[node] != ALIVE or over or spent)
-        assert bool(tree.dead[node]) <= bool(tree.end[node] != ALIVE or over or spent or hopeless)
+        assert bool(tree.closed[node]) >= bool(tree.end[node] != ALIVE or over or spent)
+        assert bool(tree.closed[node]) <= bool(tree.end[node] != ALIVE or over or spent or hopeless)
         assert tree.end[node] == ALIVE or not below
     assert np.all(tree.child[tree.level == grown.q.look_ahead] == NONE)
 
@@ -95,7 +96,7 @@ def check(grown: Grown) -> None:
 @pytest.mark.parametrize("toy", TOYS.values(), ids=TOYS)
 def test_every_tree(toy: Toy, passes: int) -> None:
     for grown in (grow(toy, passes), grow(steady(toy), passes)):
-        assert grown.done + grown.known == passes or grown.tree.dead[0]
+        assert grown.done + grown.known == passes or grown.tree.closed[0]
         check(grown)
 
 
@@ -322,7 +323,7 @@ def test_where_everything_is_lost_it_brakes_as_hard_as_it_can() -> None:
     assert decision.reason == "brake"
     assert decision.plan.v[3] < 14.0 - 1.5
     grown = grow(toy, 3000)
-    assert grown.tree.dead[0] and all(
+    assert grown.tree.closed[0] and all(
         grown.tree.end[i] == LOST for i in children_of(grown, 0) if not children_of(grown, i)
     )
 
@@ -333,7 +334,7 @@ def test_where_every_way_ends_in_a_contact_the_root_dies() -> None:
         Agent(f"p{k}", "", x=109.0, y=3.2 * (k - 1), v=0.0, length=3.0, width=3.2) for k in range(3)
     ]
     grown = grow(on_three_lanes(ego_at(lanes_east(3, 900.0), "a_1", 100.0, 14.0), *people), 3000)
-    assert grown.tree.dead[0] and len(children_of(grown, 0)) > 8
+    assert grown.tree.closed[0] and len(children_of(grown, 0)) > 8
     check(grown)
 
 
@@ -423,7 +424,7 @@ def test_the_last_plan_is_carried_on_where_it_is_no_worse() -> None:
         agents=agents._replace(x=agents.x + 0.5 * agents.v, s=agents.s + 0.5 * agents.v),
     )
     situation = situation_of(task, later)
-    planner._params = planner._params._replace(effort=Effort(1, 1, 0.0))
+    planner._params = planner._params._replace(budget=Budget(1, 1, 0.0))
     second = planner.plan(situation)
     assert second.reason == "carried on"
     assert second.plan.v[:70] == pytest.approx(plan.v[5:75], abs=0.3)

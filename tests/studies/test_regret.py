@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 
 from sumo_mcts.cli import app
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.planners.reference import Solution, best_root, digest, problem_of, root_lines, solve
+from sumo_mcts.planners.reference import digest, problem_of, root_lines
+from sumo_mcts.planners.reference_solver import Solution, best_root, solve
 from sumo_mcts.studies import regret
 from sumo_mcts.studies.regret import (
     Panel,

@@ -19,10 +19,9 @@ from sumo_mcts.config.builtin import scenario_path
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.evaluation import hindsight
-from sumo_mcts.model.local_build import build_local
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import FREE, advance, begin_change, can_change, pose_of
-from sumo_mcts.planners.base import Situation, Task
+from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.scene import Decision, Follow, Plan
 from sumo_mcts.world.roadmap import read_roadmap
 from sumo_mcts.world.simulation import is_ballistic
@@ -45,17 +44,7 @@ class Erratic:
     def plan(self, situation: Situation) -> Decision:
         """A second of something."""
         task, state = self._task, situation.state
-        local = build_local(
-            task.road,
-            task.route,
-            state,
-            situation.scene,
-            situation.forecast,
-            0,
-            situation.cleared,
-            3.0,
-            task.cost.claim_s,
-        )
+        local = local_of(task, situation)
         needed = int(np.sign(task.route.changes[state.node]))
         side = needed if needed and self._rng.random() < 0.8 else int(self._rng.integers(-1, 2))
         side = side if side and can_change(local, task.ego, state, side) else 0
@@ -91,17 +80,7 @@ class Weaving(Erratic):
     def plan(self, situation: Situation) -> Decision:
         """A second."""
         task, state = self._task, situation.state
-        local = build_local(
-            task.road,
-            task.route,
-            state,
-            situation.scene,
-            situation.forecast,
-            0,
-            situation.cleared,
-            3.0,
-            task.cost.claim_s,
-        )
+        local = local_of(task, situation)
         drives = situation.scene.time > 8.0
         side = next(
             (side for side in (1, -1) if drives and can_change(local, task.ego, state, side)), 0

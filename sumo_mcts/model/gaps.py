@@ -1,0 +1,93 @@
+"""Gaps along lanes between the ego and the others, and what it costs to move in front of one."""
+
+import math
+
+from sumo_mcts.model.cost_params import CostParams
+from sumo_mcts.model.local_map import BESIDE, HALF_LENGTH, UNTIL, LocalMap, State, chain_gap
+from sumo_mcts.model.motion import EgoParams
+from sumo_mcts.numerics.kernel import kernel
+from sumo_mcts.numerics.krauss import CAREFUL_S, STANDSTILL, safe_speed
+
+# m/s by which a careful driver has to slow down for a lane change of the ego that costs as much as
+# a second in a place that it is about to need,
+TAKEN = 2.5
+# or this share of its speed, where that is more: on motorways no driver keeps a careful driver's
+# distance
+TAKEN_SHARE = 0.2
+
+
+@kernel
+def target_lane(state: State) -> int:
+    """The lane that the ego changes to."""
+    return state.other if state.progress < 0.5 and state.other >= 0 else state.node
+
+
+@kernel
+def gap_ahead(local: LocalMap, state: State, node: int, s: float) -> float:
+    """m from the ego's front to an agent's front, down the ego's lane or the other lane of its
+    change; inf: not there."""
+    gap = chain_gap(local, state.node, state.s, node, s)
+    if state.other >= 0:
+        gap = min(gap, chain_gap(local, state.other, state.s, node, s))
+    return gap
+
+
+@kernel
+def gap_behind(local: LocalMap, state: State, node: int, s: float) -> float:
+    """m from an agent's front to the ego's front, down the agent's lane; inf: its lane does not
+    lead to the ego."""
+    gap = chain_gap(local, node, s, state.node, state.s)
+    if state.other >= 0:
+        gap = min(gap, chain_gap(local, node, s, state.other, state.s))
+    return gap
+
+
+@kernel
+def gap_to_leaving(local: LocalMap, state: State, i: int, s: float, now: int) -> float:
+    """m from the ego's front to the rear of an agent that is ahead, in another lane already but not
+    yet wholly out of the ego's; inf: it is not."""
+    left = lane_left(local, i, now)
+    if left < 0:
+        return math.inf
+    gap = gap_ahead(local, state, left, s) - 2.0 * local.trait[i, HALF_LENGTH]
+    return gap if gap > 0.0 else math.inf
+
+
+@kernel
+def lane_left(local: LocalMap, i: int, now: int) -> int:
+    """The node of the lane that an agent leaves and is not yet wholly out of; -1: none.
+
+    A vehicle that moves in front of it there makes it brake.
+    """
+    return int(local.trait[i, BESIDE]) if now <= local.trait[i, UNTIL] else -1
+
+
+@kernel
+def is_beside_in_lane(
+    local: LocalMap, p: EgoParams, state: State, node: int, s: float, half_length: float
+) -> bool:
+    """Whether an agent is beside the ego in the lane that SUMO counts the ego to.
+
+    SUMO calls that a collision, however far aside the ego has moved. It looks before it moves
+    vehicles over: at half time the old lane counts for a step more, and another one for SUMO's
+    rounding.
+    """
+    lasts = 2.5 * p.step / p.change_duration if p.change_duration > 0.0 else 0.5
+    old = 0.5 < state.progress < 0.5 + lasts and state.other >= 0
+    lane = state.other if old else state.node
+    ahead = chain_gap(local, lane, state.s, node, s)
+    behind = chain_gap(local, node, s, lane, state.s)
+    return 0.0 <= ahead < 2.0 * half_length or 0.0 <= behind < 2.0 * p.half_length
+
+
+@kernel
+def cut_in_cost(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float:
+    """Cost of moving in front of a follower (gap m, speeds m/s): what speed it takes from a careful
+    driver; -1 where no driver could cope."""
+    closing = max(0.0, follower_v - ego_v)
+    if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel * (gap - 1.0):
+        return -1.0
+    # an ego that is faster now may be so no longer when another vehicle slows down ahead of it
+    leads_with = min(ego_v, follower_v)
+    taken = max(0.0, follower_v - safe_speed(gap - STANDSTILL, leads_with, CAREFUL_S))
+    return c.claim * taken / max(TAKEN, TAKEN_SHARE * follower_v)

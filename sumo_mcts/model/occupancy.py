@@ -1,0 +1,116 @@
+"""The predicted occupancy of the others and the ego's yield obligations: where other vehicles are
+about to be, and what it costs to be there."""
+
+import math
+
+from sumo_mcts.model.cost_params import CostParams
+from sumo_mcts.model.local_map import (
+    AGENT,
+    DRIVEN,
+    EAST,
+    ENTERS,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    LATE,
+    MERGES,
+    NORTH,
+    OCCUPANCY_SAMPLES,
+    OWN_NODE,
+    POLITE,
+    SOUTH,
+    STRETCH_END,
+    WEST,
+    LocalMap,
+    State,
+    V,
+    apart,
+    chain_gap,
+    is_gone,
+)
+from sumo_mcts.model.motion import EgoParams
+from sumo_mcts.model.route import JUNCTION
+from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
+from sumo_mcts.numerics.kernel import inlined, kernel
+from sumo_mcts.numerics.krauss import STANDSTILL, USUAL_S, safe_gap
+
+
+@kernel
+def may_be_near(local: LocalMap, x: float, y: float, own: float, now: int, i: int) -> bool:
+    """Whether the box of agent i, or its predicted occupancy, can be within `own` m of the ego at
+    (x, y): one look instead of several."""
+    reach = local.reach[now, i]
+    return (
+        reach[WEST] - own <= x <= reach[EAST] + own
+        and reach[SOUTH] - own <= y <= reach[NORTH] + own
+    )
+
+
+@inlined
+def occupancy_cost(
+    local: LocalMap, c: CostParams, state: State, box: Box, now: int, i: int
+) -> float:
+    """Cost per second of standing where agent i is predicted to be within claim_s of forecast time
+    `now`; the sooner, the dearer."""
+    if local.trait[i, POLITE] != 0.0:
+        return 0.0
+    for k in range(1, OCCUPANCY_SAMPLES + 1):
+        at = now + int(k * c.claim_s / OCCUPANCY_SAMPLES / local.dt + 0.5)
+        if at >= local.agent.shape[0] or is_gone(local, at, i):
+            return 0.0
+        if _meets(local, box, at, i):
+            return (
+                0.0
+                if apart(local, state.node, state.s, 2.0 * box.half_length, at, i)
+                else c.claim * (1.0 - (k - 1.0) / OCCUPANCY_SAMPLES)
+            )
+    return 0.0
+
+
+@inlined
+def late_cost(local: LocalMap, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
+    """Cost per second of being where the agent still is if it comes a little later than its
+    forecast."""
+    at = now - int(LATE / local.dt + 0.5)
+    if at < 0 or is_gone(local, at, i):
+        return 0.0
+    if not _meets(local, box, at, i) or apart(
+        local, state.node, state.s, 2.0 * box.half_length, at, i
+    ):
+        return 0.0
+    return c.claim * 0.5
+
+
+@inlined
+def _meets(local: LocalMap, box: Box, at: int, i: int) -> bool:
+    """Whether the ego's box, where it is now, meets that of agent i at forecast time `at`."""
+    length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
+    reach = box.half_length + length + box.half_width + width
+    x, y = local.agent[at, i, X], local.agent[at, i, Y]
+    if abs(x - box.x) >= reach or abs(y - box.y) >= reach:
+        return False
+    return boxes_touch(
+        box, Box(x, y, local.agent[at, i, COS], local.agent[at, i, SIN], length, width)
+    )
+
+
+@kernel
+def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, now: int) -> float:
+    """Cost per second of being inside a junction while an agent with the right of way comes near:
+    drivers brake for any vehicle on it."""
+    rate = 0.0
+    for k in range(local.obligation.shape[0]):
+        node, i = int(local.obligation[k, OWN_NODE]), int(local.obligation[k, AGENT])
+        if local.node[node, JUNCTION] != local.node[state.node, JUNCTION]:
+            continue
+        left = chain_gap(local, state.node, state.s, node, local.obligation[k, STRETCH_END])
+        if left == math.inf or left + 2.0 * p.half_length < 0.0:
+            continue
+        distance = local.obligation[k, ENTERS] - local.agent[now, i, DRIVEN]
+        # To a driver in SUMO, a vehicle that crosses its path is as good as standing there; one
+        # that merges drives ahead of it.
+        needed = STANDSTILL + safe_gap(
+            local.agent[now, i, V], state.v if local.obligation[k, MERGES] > 0.0 else 0.0, USUAL_S
+        )
+        if 0.0 < distance < needed:
+            rate = max(rate, c.claim * min(1.0, 0.5 + 2.0 * (1.0 - distance / needed)))
+    return rate

@@ -1,0 +1,336 @@
+"""The paper's search, Algorithms 1 and 2 to the letter. Compiled.
+
+Which reading was chosen where the text leaves it open: docs/planner.md.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from sumo_mcts.model.local_map import (
+    HALF_LENGTH,
+    HALF_WIDTH,
+    LocalMap,
+    State,
+    apart,
+    follows,
+    index_at,
+    is_gone,
+    keep_state,
+    kept_state,
+)
+from sumo_mcts.model.motion import (
+    FREE,
+    GOAL,
+    OFF_END,
+    RED_LINE,
+    EgoParams,
+    advance,
+    begin_change,
+    can_change,
+    pose_of,
+    towards_other,
+)
+from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION
+from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, box_distance
+from sumo_mcts.numerics.kernel import kernel, making_arrays
+from sumo_mcts.planners.actions import ACCEL, SIDE
+from sumo_mcts.planners.rollout import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
+from sumo_mcts.scene import (
+    COMFORT,
+    OTHER,
+    PASSABILITY,
+    SAFETY,
+    STANDING,
+    Bools,
+    Floats,
+    Indices,
+)
+
+SIGHT = 40.0  # m beyond which an agent is not looked at
+
+
+class Weights(NamedTuple):
+    """The part of PaperParams that the compiled code reads, and times in steps of the
+    simulation."""
+
+    ply: int
+    check: int
+    look_ahead: int
+    rollout: int
+    exploration: float
+    brake_probability: float
+    accelerate_probability: float
+    safety: float
+    comfort: float
+    passability: float
+    other: float
+    threshold: float
+    contact: float
+    jerk_factor: float
+    goal_factor: float
+    junction_penalty: float
+    lane_change: float
+    stop: float
+    turn: float
+    emergency: float
+
+
+class Guide(NamedTuple):
+    """What the route tells the costs. W nodes of the route."""
+
+    goal: float  # where the local goal lies, m from the start of the route
+    aside: Floats  # [W] m that the lane changes still needed there add to the local goal's distance
+    turns: Bools  # [W] turns left or right at a junction
+
+
+class PaperTree(NamedTuple):
+    """M nodes, A actions."""
+
+    parent: Indices  # [M]
+    child: Indices  # [M, A]
+    level: Indices  # [M]
+    visits: Indices  # [M] n(v)
+    total: Floats  # [M] C(v)
+    end: Indices  # [M]
+    where: Indices  # [M, 2] see local_map.keep_state
+    motion: Floats  # [M, 5] likewise
+    cost: Floats  # [M, 4] SAFETY .. OTHER, weighted, from the root
+    used: Indices  # [1]
+
+
+def new_tree(size: int, actions: int) -> PaperTree:
+    """An empty tree for `size` nodes."""
+    return PaperTree(
+        parent=np.full(size, NONE, np.int64),
+        child=np.full((size, actions), NONE, np.int64),
+        level=np.zeros(size, np.int64),
+        visits=np.zeros(size, np.int64),
+        total=np.zeros(size),
+        end=np.zeros(size, np.int64),
+        where=np.full((size, 2), NONE, np.int64),
+        motion=np.zeros((size, 5)),
+        cost=np.zeros((size, 4)),
+        used=np.zeros(1, np.int64),
+    )
+
+
+@making_arrays
+def search(
+    tree: PaperTree, local: LocalMap, p: EgoParams, w: Weights, actions: Floats, root: State,
+    guide: Guide, iterations: int, rng: Generator,
+) -> None:  # fmt: skip
+    """Algorithm 1: `iterations` passes from the state `root`; `actions` [A, 2] ACCEL, SIDE."""
+    if tree.used[0] == 0:
+        keep_state(tree.where, tree.motion, 0, root)
+        tree.used[0] = 1
+    for _ in range(iterations):
+        node = _select(tree, w, rng)
+        if tree.level[node] < w.look_ahead and tree.child[node, 0] == NONE:
+            _expand(tree, local, p, w, actions, guide, node)
+        cost = _rollout(tree, local, p, w, guide, node, rng)
+        i = node
+        while i != NONE:
+            tree.total[i] += cost
+            tree.visits[i] += 1
+            i = tree.parent[i]
+
+
+@kernel
+def _select(tree: PaperTree, w: Weights, rng: Generator) -> int:
+    """Down to a node without children by the paper's UCB; collided children are not there, and one
+    of the unvisited is drawn."""
+    node = 0
+    while tree.child[node, 0] != NONE:
+        chosen, top, unvisited, drawn = NONE, -math.inf, 0, NONE
+        for k in range(tree.child.shape[1]):
+            i = tree.child[node, k]
+            if i < 0 or tree.end[i] == LOST:
+                continue
+            if tree.visits[i] == 0:
+                unvisited += 1
+                if rng.random() * unvisited < 1.0:
+                    drawn = i
+                continue
+            score = -tree.total[i] / tree.visits[i] + w.exploration * math.sqrt(
+                2.0 * math.log(max(tree.visits[node], 1)) / tree.visits[i]
+            )
+            if score > top:
+                chosen, top = i, score
+        if drawn != NONE:
+            return drawn
+        if chosen == NONE:
+            return node
+        node = chosen
+    return node
+
+
+@making_arrays
+def _expand(
+    tree: PaperTree,
+    local: LocalMap,
+    p: EgoParams,
+    w: Weights,
+    actions: Floats,
+    guide: Guide,
+    node: int,
+) -> None:
+    """All children of a node; those that collide are marked and never visited."""
+    root = kept_state(tree.where, tree.motion, node)
+    for k in range(len(actions)):
+        side = int(actions[k, SIDE])
+        tree.child[node, k] = IMPOSSIBLE
+        if (
+            (side != 0 and not can_change(local, p, root, side))
+            or tree.used[0] >= len(tree.parent)
+            or tree.end[node] != ALIVE
+        ):
+            continue
+        state = begin_change(local, p, root, side) if side != 0 else root
+        state, cost, end = _ply(
+            local, p, w, state, actions[k, ACCEL], guide, tree.level[node] * w.ply
+        )
+        if side != 0:
+            cost[OTHER] += w.other * w.lane_change
+            if end == ALIVE and not _can_finish(local, p, w, state, tree.level[node] + 1):
+                end = LOST
+        i = tree.used[0]
+        tree.used[0] += 1
+        tree.child[node, k], tree.parent[i] = i, node
+        tree.level[i], tree.end[i] = tree.level[node] + 1, end
+        tree.cost[i] = tree.cost[node] + cost
+        keep_state(tree.where, tree.motion, i, state)
+
+
+@kernel
+def _can_finish(local: LocalMap, p: EgoParams, w: Weights, state: State, level: int) -> bool:
+    """Whether a lane change that began in the ply before can go on at this speed without contact;
+    it may take longer than T_1."""
+    for k in range(level * w.ply, (w.look_ahead + w.rollout) * w.ply):
+        if state.progress <= 0.0:
+            return True
+        state, event = advance(local, p, state, 0.0, k * p.step)
+        if event != FREE or (
+            (k + 1) % w.check == 0 and _nearest(local, p, state, (k + 1) * p.step) <= 0.0
+        ):
+            return event == GOAL
+    return True
+
+
+@making_arrays
+def _rollout(
+    tree: PaperTree,
+    local: LocalMap,
+    p: EgoParams,
+    w: Weights,
+    guide: Guide,
+    node: int,
+    rng: Generator,
+) -> float:
+    """Algorithm 2: random longitudinal actions to the terminal state; the cost J of the whole
+    sequence."""
+    state, total = kept_state(tree.where, tree.motion, node), tree.cost[node].sum()
+    if tree.end[node] == ARRIVED:
+        return total
+    for level in range(tree.level[node], w.look_ahead + w.rollout):
+        draw = rng.random()
+        accel = 0.0
+        if draw < w.brake_probability:
+            accel = -1.0 - 4.0 * rng.random()
+        elif draw < w.brake_probability + w.accelerate_probability:
+            accel = 1.0 + 2.0 * rng.random()
+        state, cost, end = _ply(local, p, w, state, accel, guide, level * w.ply)
+        total += cost.sum()
+        if end == LOST:
+            return total + w.safety * w.contact
+        if end == ARRIVED:
+            return total
+    return total
+
+
+@making_arrays
+def _ply(
+    local: LocalMap, p: EgoParams, w: Weights, state: State, accel: float, guide: Guide, at: int
+) -> tuple[State, Floats, int]:
+    """One step of T_1: the state after it, its four weighted costs, and how it ended.
+
+    Costs are counted at its end, as the sum of equation 1 is.
+    """
+    began, end = state, ALIVE
+    cost = np.zeros(4)
+    for k in range(w.ply):
+        state, event = advance(local, p, state, accel, (at + k) * p.step)
+        if event in (RED_LINE, OFF_END):
+            return state, cost, LOST
+        if event == GOAL:
+            end = ARRIVED
+            break
+        if (at + k + 1) % w.check == 0 and _nearest(local, p, state, (at + k + 1) * p.step) <= 0.0:
+            return state, cost, LOST
+    # Beyond the end of the route neither traffic nor distance is left; how the ego drove there
+    # counts.
+    if end == ALIVE:
+        distance = _nearest(local, p, state, (at + w.ply) * p.step)
+        if distance <= w.threshold:
+            cost[SAFETY] = w.safety / max(distance, 0.1)
+        remaining = max(0.0, guide.goal - local.node[state.node, STATION] - state.s) + _aside(
+            guide, state
+        )
+        cost[PASSABILITY] = w.passability * (
+            w.goal_factor * remaining
+            + (w.junction_penalty if _junction_ahead(local, state, guide.goal) else 0.0)
+        )
+    jerk = (state.a - began.a) / (w.ply * p.step)
+    cost[COMFORT] = w.comfort * w.jerk_factor * jerk * jerk
+    emergency = w.emergency if accel < -p.comfort_decel else 0.0
+    cost[OTHER] = w.other * (
+        (w.stop if state.v < STANDING else 0.0)
+        + (w.turn if guide.turns[state.node] else 0.0)
+        + emergency
+    )
+    return state, cost, end
+
+
+@kernel
+def _nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
+    """Distance between the boxes of the ego and of the nearest agent, m; 0 at contact."""
+    x, y, c, s = pose_of(local, p, state)
+    now = min(index_at(local, time), local.agent.shape[0] - 1)
+    nearest = math.inf
+    for i in range(local.agent.shape[1]):
+        if (
+            is_gone(local, now, i)
+            or follows(local, local.followers, i)
+            or apart(local, state.node, state.s, 2.0 * p.half_length, now, i)
+        ):
+            continue
+        row, trait = local.agent[now, i], local.trait[i]
+        if abs(row[X] - x) < SIGHT and abs(row[Y] - y) < SIGHT:
+            other = Box(row[X], row[Y], row[COS], row[SIN], trait[HALF_LENGTH], trait[HALF_WIDTH])
+            own = Box(x, y, c, s, p.half_length, p.half_width)
+            nearest = min(nearest, box_distance(own, other))
+    return nearest
+
+
+@kernel
+def _aside(guide: Guide, state: State) -> float:
+    """m that lane changes add to the local goal's distance; the one under way counts as far as it
+    is not done."""
+    here = guide.aside[state.node]
+    if state.progress <= 0.0 or state.other < 0:
+        return float(here)
+    return float(here + towards_other(state) * (guide.aside[state.other] - here))
+
+
+@kernel
+def _junction_ahead(local: LocalMap, state: State, goal: float) -> bool:
+    """Whether a junction lies between the state and the local goal."""
+    node, distance = state.node, goal - local.node[state.node, STATION]
+    while node >= 0 and distance > 0.0:
+        if local.node[node, INTERNAL] > 0.0:
+            return True
+        distance -= local.node[node, LENGTH]
+        node = int(local.node[node, NEXT])
+    return False

@@ -1,0 +1,280 @@
+"""The search in the tree: selection, expansion, rollout and backpropagation, pass by pass.
+
+Compiled; the random generator is passed in.
+"""
+
+import math
+
+from numpy.random import Generator
+
+from sumo_mcts.model.cost import terminal
+from sumo_mcts.model.cost_params import CostParams
+from sumo_mcts.model.interaction import meet
+from sumo_mcts.model.local_map import LocalMap, State, kept_state
+from sumo_mcts.model.motion import EgoParams, begin_change
+from sumo_mcts.numerics.kernel import entry, inlined, kernel
+from sumo_mcts.planners.actions import (
+    ACCEL,
+    FOLLOW,
+    LATER,
+    NO_SPEED,
+    SIDE,
+    Action,
+    clear_line,
+    put_action,
+)
+from sumo_mcts.planners.rollout import (
+    ALIVE,
+    ARRIVED,
+    IMPOSSIBLE,
+    LOST,
+    NONE,
+    SearchParams,
+    copy_pairs,
+    may_change,
+    needed_side,
+    simulate,
+)
+from sumo_mcts.planners.tree import (
+    Tree,
+    back_up,
+    close_branch,
+    is_exhausted,
+    is_known,
+    near_of,
+    spent,
+    store,
+)
+from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY, Floats
+
+# What a rollout does (see _continuation).
+FOLLOWS, BRAKES, SLOWS_DOWN, THEN_BRAKES, PUSHES, CHANGES = range(6)
+LATER_ROLLOUTS = 3  # from a leaf that do not depend on a level: to follow, brake, slow down
+FOR_EACH_LEVEL = 4  # and those for each level at which they may turn to something else
+
+
+@entry
+def search(
+    tree: Tree, local: LocalMap, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats,
+    root: State, iterations: int, beat: float, rng: Generator,
+) -> tuple[int, int]:  # fmt: skip
+    """Grow the tree from the state `root` by up to `iterations` passes.
+
+    `actions` [A, 3]: ACCEL, SIDE, LATER. `beat`: the J of a sequence that is known without the
+    tree; inf: none.
+
+    Returns (passes that simulated to the horizon, passes that ended in a known terminal node). The
+    lower its J, the better a node; node values are the best J below (the model is deterministic,
+    and a mean would punish nodes with many bad children: a standing ego).
+    """
+    if tree.used[0] == 0:
+        _plant(tree, local, p, c, root)
+    line = tree.line
+    done, known = 0, 0
+    while done + known < iterations and not tree.closed[0]:
+        node = _select(tree, c, q, beat)
+        leaf = tree.level[node] == q.look_ahead
+        if not leaf:
+            if tree.used[0] >= len(tree.parent):
+                break
+            child = _expand(tree, local, p, c, q, actions, node, beat)
+            if child < 0:
+                if is_exhausted(tree, node):
+                    close_branch(tree, node)
+                continue
+            node = child
+            if tree.end[node] != ALIVE:
+                known += 1
+                clear_line(line)
+                back_up(tree, actions, node, tree.best[node], line)
+                close_branch(tree, node)
+                continue
+        # One call of the rollout, in a loop: what is inlined there takes long to compile.
+        for again in (False, True):
+            j = _rollout(tree, local, p, c, q, node, line, rng)
+            done += 1
+            back_up(tree, actions, node, j, line)
+            # Would braking be better than car following? Asked of every beginning, since one that
+            # looks bad after a single try is not looked at again, and where car following ran into
+            # something.
+            doubtful = not leaf and (tree.level[node] == 1 or j > c.contact * 0.5)
+            if again or not doubtful or done + known >= iterations:
+                break
+        # Every continuation was driven, see _continuation.
+        driven = LATER_ROLLOUTS + FOR_EACH_LEVEL * q.rollout
+        if leaf and q.adaptive and tree.visits[node] >= driven:
+            close_branch(tree, node)
+    return done, known
+
+
+@kernel
+def _plant(tree: Tree, local: LocalMap, p: EgoParams, c: CostParams, root: State) -> None:
+    store(tree, 0, root, meet(local, p, c, root, tree.others[0], local.followers, 0).near)
+    tree.used[0] = 1
+
+
+# --- selection ---
+
+
+@kernel
+def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
+    """Down from the root by UCB1 on best values, to a node with an untried action or on the last
+    level. Closes what is pruned."""
+    low = tree.best[0]
+    high = low + 1.0
+    for k in range(tree.child.shape[1]):
+        i = tree.child[0, k]
+        if i >= 0 and not tree.closed[i] and tree.best[i] > high:
+            high = tree.best[i]
+    node = 0
+    while tree.level[node] < q.look_ahead:
+        chosen, top = NONE, -math.inf
+        for k in range(tree.child.shape[1]):
+            i = tree.child[node, k]
+            if i == NONE:
+                return node
+            if i < 0 or tree.closed[i]:
+                continue
+            if _is_pruned(tree, c, q, i, spent(tree, i), beat):
+                tree.closed[i] = True
+                continue
+            value = -min((tree.best[i] - low) / (high - low), 1.0)
+            score = value + q.exploration * math.sqrt(
+                2.0 * math.log(tree.visits[node] + 1.0) / tree.visits[i]
+            )
+            if score > top:
+                chosen, top = i, score
+        if chosen == NONE:
+            return node
+        node = chosen
+    return node
+
+
+@kernel
+def _is_pruned(
+    tree: Tree, c: CostParams, q: SearchParams, node: int, cost: float, beat: float
+) -> bool:
+    """Whether a sequence through a node below the root that has cost this much already cannot
+    become the best: costs only add up. Where even the best may be lost nothing is pruned."""
+    while q.each and tree.level[node] > 1:
+        node = tree.parent[node]
+    known = tree.best[node] if q.each else min(tree.best[0], beat)
+    return q.adaptive and known < 0.5 * c.contact and cost >= known
+
+
+# --- expansion ---
+
+
+@kernel
+def _expand(
+    tree: Tree, local: LocalMap, p: EgoParams, c: CostParams, q: SearchParams, actions: Floats,
+    node: int, beat: float,
+) -> int:  # fmt: skip
+    """Try the next action of a node. Returns the new child, or IMPOSSIBLE."""
+    k = 0
+    while k < tree.child.shape[1] and tree.child[node, k] != NONE:
+        k += 1
+    if k == tree.child.shape[1]:
+        return IMPOSSIBLE
+    level = tree.level[node]
+    tree.child[node, k] = IMPOSSIBLE  # unless it turns out otherwise
+    if level > 0 and actions[k, LATER] == 0.0:
+        return IMPOSSIBLE
+    state, at = kept_state(tree.where, tree.motion, node), level * q.ply
+    action = Action(actions[k, ACCEL], int(actions[k, SIDE]), NO_SPEED)
+    changed = 0.0
+    if action.side != 0:
+        if not may_change(local, p, c, state, action.side, action.accel, at * p.step, math.inf):
+            return IMPOSSIBLE
+        state = begin_change(local, p, state, action.side)
+        changed = c.lane_change
+    copy_pairs(tree.others[node], tree.moving)
+    ply = simulate(local, p, c, q, state, tree.moving, near_of(tree, node), action, at)
+    if level > 0 and ply.end == ALIVE:
+        cost = spent(tree, node) + ply.safety + ply.comfort + ply.passability + ply.other + changed
+        if _is_pruned(tree, c, q, node, cost, beat):
+            return IMPOSSIBLE
+    if action.side == 0 and is_known(tree, node, k, ply.state):
+        return IMPOSSIBLE
+    i = tree.used[0]
+    tree.used[0] += 1
+    tree.child[node, k], tree.parent[i], tree.level[i] = i, node, level + 1
+    store(tree, i, ply.state, ply.near)
+    copy_pairs(tree.moving, tree.others[i])
+    tree.cost[i, SAFETY] = tree.cost[node, SAFETY] + ply.safety
+    tree.cost[i, COMFORT] = tree.cost[node, COMFORT] + ply.comfort
+    tree.cost[i, PASSABILITY] = tree.cost[node, PASSABILITY] + ply.passability
+    tree.cost[i, OTHER] = tree.cost[node, OTHER] + changed + ply.other
+    tree.end[i] = ply.end
+    if ply.end != ALIVE:
+        tree.best[i] = spent(tree, i) + ply.loss
+    return i
+
+
+# --- rollout ---
+
+
+@inlined
+def _rollout(
+    tree: Tree, local: LocalMap, p: EgoParams, c: CostParams, q: SearchParams, node: int,
+    line: Floats, rng: Generator,
+) -> float:  # fmt: skip
+    """J of a continuation to the horizon; `line` [levels, 3] receives its actions."""
+    state, near = kept_state(tree.where, tree.motion, node), near_of(tree, node)
+    level, last = tree.level[node], q.look_ahead + q.rollout
+    policy, turn, to_side = _continuation(tree, q, node, rng)
+    clear_line(line)
+    others = tree.moving
+    copy_pairs(tree.others[node], others)
+    j = spent(tree, node)
+    for k in range(level, last):
+        accel = FOLLOW
+        if policy == BRAKES or (policy == THEN_BRAKES and k >= turn):
+            accel = -p.approach_decel
+        elif policy == SLOWS_DOWN and k == level:
+            accel = -0.5 * p.approach_decel
+        elif (policy == PUSHES and k <= turn) or (policy == CHANGES and turn <= k < turn + 2):
+            accel = p.max_accel
+        # The tree's own changes may cost others something; what the route needs waits for a gap.
+        own = k == turn and to_side != 0
+        side, most = (to_side, math.inf) if own else (needed_side(local, state), 0.0)
+        if side != 0 and may_change(local, p, c, state, side, accel, k * q.ply * p.step, most):
+            state = begin_change(local, p, state, side)
+            j += c.lane_change
+        else:
+            side = 0
+        put_action(line, k, accel, side)
+        action = Action(accel, side, NO_SPEED)
+        ply = simulate(local, p, c, q, state, others, near, action, k * q.ply)
+        j += ply.safety + ply.comfort + ply.passability + ply.other
+        if ply.end == LOST:
+            return j + ply.loss
+        if ply.end == ARRIVED:
+            return j
+        state, near = ply.state, ply.near
+    return j + terminal(local, c, state, near.gap, near.leader_v)
+
+
+@kernel
+def _continuation(tree: Tree, q: SearchParams, node: int, rng: Generator) -> tuple[int, int, int]:
+    """What the next rollout from a node does: the policy, the level at which it turns to something
+    else, and the side of a lane change there.
+
+    The first FOLLOWS, the second BRAKES. Later ones are drawn, or taken one after the other where
+    the search is adaptive: SLOWS_DOWN first, follows and THEN_BRAKES, PUSHES and then follows,
+    CHANGES lanes. Only nodes on the last level have later ones.
+    """
+    level, last, visits = tree.level[node], q.look_ahead + q.rollout, tree.visits[node]
+    if visits < SLOWS_DOWN:
+        return visits, last, 0
+    if q.adaptive:
+        if visits == SLOWS_DOWN:
+            return SLOWS_DOWN, last, 0
+        which = (visits - LATER_ROLLOUTS) % FOR_EACH_LEVEL  # push, brake, to the right, to the left
+        turn = level + (visits - LATER_ROLLOUTS) // FOR_EACH_LEVEL
+        if which >= 2:
+            return CHANGES, turn, 2 * which - 5
+        return PUSHES if which == 0 else THEN_BRAKES, turn, 0
+    policy = BRAKES + int(rng.random() * 5.0)
+    turn = level + int(rng.random() * (last - level)) if policy >= THEN_BRAKES else last
+    return policy, turn, (1 if rng.random() < 0.5 else -1) if policy == CHANGES else 0
