@@ -5,8 +5,9 @@ what the referee sees (Frame).
 
 SI units; angles in radians, counter-clockwise from east; left is left, also where traffic drives on
 the left. Every index array uses -1 for "none". A lane position ``s`` is SUMO's: metres from the
-start of the lane in units of its SUMO length, which may differ from the length of its shape. Traces
-store these fields under their names.
+start of the lane in units of its SUMO length, which may differ from the length of its shape. A pose
+has four columns (numerics/geometry.py: X .. SIN): x and y of the centre of a box, m, cosine and
+sine of its heading. Traces store these fields under their names.
 """
 
 from typing import NamedTuple
@@ -19,9 +20,6 @@ Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Words = NDArray[np.uint64]
-
-# Columns of a pose: centre of the box, m, cosine and sine of its heading.
-X, Y, COS, SIN = range(4)
 
 STANDING = 0.1  # m/s: slower counts as standing
 REFEREE_RANGE = 100.0  # m about the ego within which the referee sees agents
@@ -215,7 +213,7 @@ class Forecast(NamedTuple):
 
     dt: float  # s between times
     weight: Floats  # [H] sums to 1
-    pose: Floats  # [H, T, N, 4] columns X .. SIN: centre, m, and heading of the box
+    pose: Floats  # [H, T, N, 4] poses of the box
     v: Floats  # [H, T, N] m/s
     lane: Ints  # [H, T, N] lane of the front, -1 off the road
     s: Floats  # [H, T, N] lane position of the front, m
@@ -235,7 +233,7 @@ class Scripted(NamedTuple):
     K times, those of the forecast.
     """
 
-    pose: Floats  # [K, 4] columns X .. SIN: centre, m, and heading of the box
+    pose: Floats  # [K, 4] poses of the box
     v: Floats  # [K] m/s
     lane: Ints  # [K] lane of the front, -1 off the road
     s: Floats  # [K] lane position of the front, m
@@ -253,7 +251,7 @@ class Answers(NamedTuple):
     agent: Ints = np.zeros(0, np.int32)  # [K] index
     # [K] it holds a script; False: the states are from a copy of the simulation
     scripted: Bools = np.zeros(0, np.bool_)
-    pose: Floats = np.zeros((0, 0, 4))  # [K, T, 4] columns X .. SIN, at the times asked for
+    pose: Floats = np.zeros((0, 0, 4))  # [K, T, 4] poses, at the times asked for
     v: Floats = np.zeros((0, 0))  # [K, T] m/s
     lane: Ints = np.zeros((0, 0), np.int32)  # [K, T]
     s: Floats = np.zeros((0, 0))  # [K, T] m
@@ -275,7 +273,7 @@ class Plan(NamedTuple):
     v: Floats  # [M] m/s, the speed commanded for the step that ends then
     lane: Ints  # [M] lane of the front then
     s: Floats  # [M] lane position of the front, m
-    pose: Floats  # [M, 4] columns X .. SIN: centre, m, and heading of the box
+    pose: Floats  # [M, 4] poses of the box
 
 
 class Follow(NamedTuple):
@@ -301,7 +299,7 @@ class RootChild(NamedTuple):
     best: float
     # [5] of the best in the likeliest hypothesis: safety, comfort, passability, other, loss
     terms: Floats
-    poses: Floats  # [M, 4] columns X .. SIN, of its best continuation
+    poses: Floats  # [M, 4] poses, of its best continuation
     # [H, 5] terms of the best in each hypothesis that was searched; empty: there is one
     hypotheses: Floats = np.zeros((0, 5))
 

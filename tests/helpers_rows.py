@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from sumo_mcts.records import MANIFEST, ROWS, episode_key, row_defaults, save_trace
+from sumo_mcts.records import MANIFEST, ROWS, complete_row, episode_key, save_trace
 from sumo_mcts.scene import Follow
 
 VARIANTS = {
@@ -33,7 +33,7 @@ def made_row(
         "comfortable_share": 0.75, "plan_ms_p50": 2.0 + seed % 3, "plan_ms_p95": 5.0,
         "plan_ms_p99": 9.0, "plan_ms_max": 11.0, "realtime_factor": 12.0,
     }  # fmt: skip
-    return {**row_defaults(), **usual, **known}
+    return {**complete_row(usual), **known}
 
 
 def crashed(row: dict[str, Any], **known: Any) -> dict[str, Any]:

@@ -94,10 +94,7 @@ def build_local(
     lane_node = np.full(len(road.lane_ids), -1, np.int64)
     lane_node[route.lane[view][::-1]] = np.arange(last - 1, first - 1, -1, dtype=np.int64)
     node, position = _places(route, forecast, lane, s, lane_node, hypothesis)
-    driven = np.zeros_like(v)
-    same_lane = lane[1:] == lane[:-1]
-    moved = np.where(same_lane, s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * forecast.dt)
-    driven[1:] = np.cumsum(moved, axis=0)
+    driven = _driven(lane, s, v, forecast.dt)
     ahead = np.full((last - first, last - first), np.inf)
     _fill_ahead(ahead, route.next, route.length, first)
     level, place = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
@@ -140,6 +137,15 @@ def build_local(
         aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
         dt=forecast.dt,
     )  # fmt: skip
+
+
+def _driven(lane: Ints, s: Floats, v: Floats, dt: float) -> Floats:
+    """Column DRIVEN [T, N] of LocalMap.agent."""
+    driven = np.zeros_like(v)
+    same_lane = lane[1:] == lane[:-1]
+    moved = np.where(same_lane, s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * dt)
+    driven[1:] = np.cumsum(moved, axis=0)
+    return driven
 
 
 def _places(
@@ -210,9 +216,8 @@ def _levels(
 def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> Indices:
     """[N] 0, 1, ... for the nearest of those that react and come to a lane of the ego's route, -1
     for the others."""
-    return _nearest(
-        forecast, np.flatnonzero(forecast.reacts & (node >= 0).any(axis=0)), scene.ego, reactive
-    )
+    those = np.flatnonzero(forecast.reacts & (node >= 0).any(axis=0))
+    return _nearest(forecast, those, scene.ego, reactive)
 
 
 def _bits(forecast: Forecast, node: Indices, ego: EgoState) -> Indices:
@@ -220,12 +225,8 @@ def _bits(forecast: Forecast, node: Indices, ego: EgoState) -> Indices:
     those that could follow the ego, -1 for the others."""
     if len(forecast.reacts) <= MOST_FOLLOWERS:
         return np.arange(len(forecast.reacts))
-    return _nearest(
-        forecast,
-        np.flatnonzero(forecast.reacts & ((node >= 0) | (node <= UPSTREAM)).any(axis=0)),
-        ego,
-        MOST_FOLLOWERS,
-    )
+    comes = ((node >= 0) | (node <= UPSTREAM)).any(axis=0)
+    return _nearest(forecast, np.flatnonzero(forecast.reacts & comes), ego, MOST_FOLLOWERS)
 
 
 def _nearest(forecast: Forecast, those: Indices, ego: EgoState, most: int) -> Indices:

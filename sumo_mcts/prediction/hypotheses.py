@@ -18,9 +18,10 @@ from sumo_mcts.scene import STANDING, STARTS, Forecast, RoadMap
 OF_HYPOTHESES = ("pose", "v", "lane", "s", "valid", "yields")
 
 
-def predict_hypotheses(road: RoadMap, question: Question, most: int) -> Forecast:
-    """A forecast of up to `most` joint hypotheses, the likeliest first, from what sensors see."""
-    params = question.params
+def predict_hypotheses(road: RoadMap, question: Question) -> Forecast:
+    """A forecast of up to question.hypotheses joint hypotheses, the likeliest first, from what
+    sensors see."""
+    params, most = question.params, question.hypotheses
     usual = predict(road, question)
     if most == 1 or not params.interacting:
         return usual

@@ -29,7 +29,7 @@ class Idm(_BuiltIn):
 
     def predict(self, question: Question) -> Forecast:
         """The usual forecast first."""
-        return predict_hypotheses(self._road, question, question.hypotheses)
+        return predict_hypotheses(self._road, question)
 
 
 class ConstantVelocity(_BuiltIn):

@@ -4,9 +4,20 @@ import math
 
 import numpy as np
 
-from sumo_mcts.numerics.geometry import Lines, chord, lines_of, point_at, point_on, swung
+from sumo_mcts.numerics.geometry import (
+    COS,
+    SIN,
+    Lines,
+    X,
+    Y,
+    chord,
+    lines_of,
+    point_at,
+    point_on,
+    swung,
+)
 from sumo_mcts.numerics.kernel import making_arrays
-from sumo_mcts.scene import COS, SIN, Floats, Ints, RoadMap, X, Y
+from sumo_mcts.scene import Floats, Ints, RoadMap
 
 TANGENT = 0.5  # m over which the direction of a lane is measured
 

@@ -28,7 +28,6 @@ from sumo_mcts.records.rows import (
     episode_key,
     put_row,
     read_rows,
-    row_defaults,
     rows_and_torn,
     write_csv,
 )
@@ -79,7 +78,6 @@ __all__ = [
     "read_manifest_of",
     "read_rows",
     "require_fit",
-    "row_defaults",
     "rows_and_torn",
     "same",
     "save_map",

@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.scene import (
-    COS,
     REFEREE_RANGE,
-    SIN,
     EgoState,
     Floats,
     Frame,
@@ -18,8 +17,6 @@ from sumo_mcts.scene import (
     RoadMap,
     Scene,
     Signals,
-    X,
-    Y,
 )
 from sumo_mcts.world.agents import AgentReader
 from sumo_mcts.world.bodies import BodyReader, heading_of, require_finite

@@ -440,7 +440,7 @@ NEEDED = {
     "interaction": "_headway _nearness _swept _touch meet",
     "krauss": "safe_speed",
     "local_build": "_fill_ahead _fill_upstream _followers",
-    "local_map": "apart chain_gap follows index_at is_gone keep_state kept_state node_of",
+    "local_map": "apart chain_gap follows index_at keep_state kept_state node_of",
     "motion": """
         _cap _move _moved _next_speed _to_line _towards_line _turned advance follow_accel
         is_closed pose_of within_step

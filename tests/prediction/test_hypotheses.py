@@ -76,7 +76,7 @@ def question(scene: Scene, road: RoadMap = ROAD) -> Question:
 
 
 def foreseen(scene: Scene, most: int, road: RoadMap = ROAD) -> Forecast:
-    return predict_hypotheses(road, question(scene, road), most)
+    return predict_hypotheses(road, question(scene, road)._replace(hypotheses=most))
 
 
 def usual(scene: Scene, intent: Intent | None = None, road: RoadMap = ROAD) -> Forecast:
@@ -202,7 +202,9 @@ def test_no_more_than_asked_for_and_the_likeliest_of_them() -> None:
 def test_constant_velocity_has_no_alternatives() -> None:
     scene = may_turn()
     params = traffic_params(interacting=False)
-    forecast = predict_hypotheses(ROAD, question(scene)._replace(params=params, seconds=5.0), 4)
+    forecast = predict_hypotheses(
+        ROAD, question(scene)._replace(params=params, seconds=5.0, hypotheses=4)
+    )
     assert forecast.weight.tolist() == [1.0]
 
 

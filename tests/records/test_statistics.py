@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.records import row_defaults, statistics
+from sumo_mcts.records import statistics
+from sumo_mcts.records.rows import row_defaults
 from sumo_mcts.records.statistics import (
     LEAST,
     Pair,
