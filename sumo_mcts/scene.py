@@ -45,6 +45,8 @@ PRIORITY, YIELD, ZIPPER, STOP, ALLWAY = range(5)
 # Where a connection leads (RoadMap.direction).
 STRAIGHT, LEFT, RIGHT, TURN = range(4)  # TURN: it turns round
 
+LEAST_SPEED = 0.1  # m/s: the lowest limit of a lane in a map; lanes below are closed to all
+
 
 class RoadMap(NamedTuple):
     """One network, lane by lane.

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.scene import VEHICLE_CLASSES, RoadMap
+from sumo_mcts.scene import LEAST_SPEED, VEHICLE_CLASSES, RoadMap
 
 FAR = 1e8  # m: coordinates of all projections that SUMO writes lie within
 LARGE = 1e10  # of every other number; SUMO says -1.07e9 where it knows none
@@ -78,7 +78,7 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "edge": _index("edges", "lanes", least=0), "index": _index("lanes", "lanes", least=0),
         "internal": Rule(("lanes",)),
         "length": _positive("lanes", most=LONGEST), "scale": _positive("lanes"),
-        "width": _positive("lanes"), "speed": _positive("lanes"),
+        "width": _positive("lanes"), "speed": Rule(("lanes",), LEAST_SPEED),
         "classes": Rule(("lanes",), most=math.inf), "left": _index("lanes", "lanes"),
         "right": _index("lanes", "lanes"),
         "points": _place("P", 2), "point_s": _positive("P"),

@@ -10,7 +10,17 @@ from numpy.typing import NDArray
 
 from sumo_mcts import files
 from sumo_mcts.errors import ConfigError, near
-from sumo_mcts.scene import ALLWAY, PRIORITY, STOP, STRAIGHT, Bools, Floats, Ints, RoadMap
+from sumo_mcts.scene import (
+    ALLWAY,
+    LEAST_SPEED,
+    PRIORITY,
+    STOP,
+    STRAIGHT,
+    Bools,
+    Floats,
+    Ints,
+    RoadMap,
+)
 from sumo_mcts.world.conflicts import (
     TINY,
     Conflict,
@@ -24,7 +34,6 @@ from sumo_mcts.world.links import Link, following_lane, junction_clusters, mask_
 from sumo_mcts.world.net_file import BROKEN, NoInternalLanesError, read_net, require_within
 
 NAMED = 6  # edges that a message names
-LEAST_SPEED = 0.1  # m/s: a lane with a lower limit cannot be driven
 
 # Beyond these a number is taken for damage.
 MOST_SPEED = 1000.0  # m/s

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from sumo_mcts.cli.progress import BatchProgress, progress
-from sumo_mcts.experiments.batch import Progress
+from sumo_mcts.experiments.progress import Progress
 
 
 def test_ids_are_shown_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:

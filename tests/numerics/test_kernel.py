@@ -321,7 +321,7 @@ def test_an_interrupted_compilation_goes_on_where_it_was(
 TWO = """
 import sys
 from pathlib import Path
-from sumo_mcts.model import kernel, prepare
+from sumo_mcts.numerics import kernel, prepare
 from sumo_mcts.numerics.announce import announced
 kernel.keep_in(Path(sys.argv[1]))
 prepare.FEW = int(sys.argv[2])
@@ -373,7 +373,7 @@ def test_a_helper_that_cannot_start_or_fails_is_done_without(
 KILLED = """
 import os, sys
 from pathlib import Path
-from sumo_mcts.model import kernel, prepare
+from sumo_mcts.numerics import kernel, prepare
 import numpy as np, toys
 kernel.keep_in(Path(sys.argv[1]))
 prepare.FEW = 0

@@ -330,7 +330,7 @@ def test_a_time_budget_is_for_the_whole_decision(on: str, monkeypatch: pytest.Mo
 
 
 def test_what_comes_after_the_search_is_learned(monkeypatch: pytest.MonkeyPatch) -> None:
-    children = mcts._children
+    children = mcts.root_candidates
 
     def slow(*arguments: Any) -> Any:
         end = time.process_time() + 0.02
@@ -338,7 +338,7 @@ def test_what_comes_after_the_search_is_learned(monkeypatch: pytest.MonkeyPatch)
             pass
         return children(*arguments)
 
-    monkeypatch.setattr(mcts, "_children", slow)
+    monkeypatch.setattr(mcts, "root_candidates", slow)
     row, times = timed(monkeypatch, "highway-exit", "planner.time_budget_ms=60")
     assert row["deadline_misses"] <= 0.15 * row["cycles"] and max(times[2:]) > 40.0
 
