@@ -1,15 +1,16 @@
-# make demo | test | docs | test-versions | attack | interruptions | endurance | clean. Another interpreter: make PYTHON=/path/to/python test
+# make demo | test | test-fast | docs | test-versions | attack | interruptions | endurance | clean. Another interpreter: make PYTHON=/path/to/python test
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -q --disable-pip-version-check
 
-.PHONY: demo test docs test-versions attack interruptions endurance clean help
+.PHONY: demo test test-fast docs test-versions attack interruptions endurance clean help
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo           one episode of the unprotected left turn, results in out/demo"
 	@echo "make test           all checks: style, types, layers, tests"
+	@echo "make test-fast      the tests that are quick, to run while working"
 	@echo "make docs           the documentation as a site in out/site; fails at a broken link"
 	@echo "make test-versions  a smoke set with every supported Python of this machine, newest and lowest dependencies"
 	@echo "make attack         thousands of wrong inputs through the real command; a part: make attack KIND=yaml SHARE=0.1"
@@ -26,6 +27,9 @@ test: $(VENV)/.installed-dev
 	$(BIN)/mypy --strict sumo_mcts
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n 2
+
+test-fast: $(VENV)/.installed-dev
+	$(BIN)/pytest -n 2 -m "not slow"
 
 # Material warns of its own future on every build; links are checked (see mkdocs.yml).
 docs: $(VENV)/.installed-docs

@@ -37,6 +37,7 @@ EACH = 2
 SEED = 24
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", range(EACH))
 @pytest.mark.parametrize("kind", QUICK)
 def test_sample(kind: str, number: int) -> None:
@@ -49,6 +50,7 @@ def test_sample(kind: str, number: int) -> None:
     )
 
 
+@pytest.mark.slow
 def test_every_number_and_every_option_is_attacked() -> None:
     """As they stand in the schema and in the commands, so that new ones are too."""
     titles = [case.title for kind in ("number", "option") for case in cases(kind)]
@@ -128,6 +130,7 @@ def judged(monkeypatch: pytest.MonkeyPatch, program: str, **case: object) -> Ver
     return judge.judge(CASE._replace(**{"patience_s": 20.0, **case}))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_what_a_command_leaves_is_seen_and_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     mark = uuid.uuid4().hex
     orphan = (
@@ -163,6 +166,7 @@ def test_a_signal_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
+@pytest.mark.slow
 def test_memory_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # a child begins as a copy
     verdict = judged(monkeypatch, "x = bytearray(400_000_000)", allowed=ONLY_REFUSED)

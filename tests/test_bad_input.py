@@ -413,6 +413,7 @@ OPTIONS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("words", "said"), OPTIONS, ids=[" ".join(words) for words, _ in OPTIONS])
 def test_options(words: tuple[str, ...], said: str, command: Command, tmp_path: Path) -> None:
     check(command(*words), "", said, tmp_path)
@@ -519,6 +520,7 @@ RUNS: dict[str, tuple[tuple[str, ...], str, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", RUNS)
 def test_outcomes(case: str, command: Command, tmp_path: Path) -> None:
     words, outcome, error = RUNS[case]
@@ -568,6 +570,7 @@ def start(*words: str, **environment: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after_s", [1.0, 3.0])
 def test_interrupted(after_s: float, tmp_path: Path) -> None:
     process = start(
@@ -623,6 +626,7 @@ def test_an_interrupt_in_a_callback_is_not_lost() -> None:
     assert time.monotonic() - begun < 20.0
 
 
+@pytest.mark.slow
 def test_help_is_quick() -> None:
     def seconds() -> float:
         """Of a core: what else the machine does is no matter."""
@@ -635,6 +639,7 @@ def test_help_is_quick() -> None:
     assert min(seconds() for _ in range(3)) < 0.5
 
 
+@pytest.mark.slow
 def test_the_terminal_stays_clean_where_a_sumocfg_is_verbose(tmp_path: Path) -> None:
     text = (
         (FILES / "good.sumocfg")

@@ -85,6 +85,7 @@ def drive(simulation: Simulation, controller: Controller) -> list[State]:
     raise AssertionError("the ego never left")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "sets",
     [(), ("sensor.position_error_m=0.3", "sensor.drop_probability=0.2", "sensor.occlusion=true")],
@@ -112,6 +113,7 @@ def test_the_same_trajectory_as_run_to_the_bit(
     assert len(seen) >= len(own) - 2
 
 
+@pytest.mark.slow
 @pytest.mark.smoke
 def test_drives_only_while_the_ego_is_there(simulation: Simulation) -> None:
     controller = Controller("ego", {"planner": {"iterations": 50}})

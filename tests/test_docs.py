@@ -284,6 +284,7 @@ def test_the_animation_is_small() -> None:
     assert picture.stat().st_size < 1_500_000
 
 
+@pytest.mark.slow
 def test_the_experiments_are_listed_with_what_they_are_about() -> None:
     found = json.loads(CliRunner().invoke(app, ["experiments", "--json"]).stdout)
     files = {

@@ -59,6 +59,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_an_episode_leaves_a_row_a_trace_and_pictures(driven: Path) -> None:
     (row,) = records.read_rows(driven)
     assert row["outcome"] == "timeout"
@@ -71,6 +72,7 @@ def test_an_episode_leaves_a_row_a_trace_and_pictures(driven: Path) -> None:
     assert len(list((driven / "figures").iterdir())) == 2
 
 
+@pytest.mark.slow
 def test_it_is_reported_explained_and_exported_without_sumo(driven: Path) -> None:
     command("report", driven, "--quiet")
     assert "<html" in (driven / "report.html").read_text(encoding="utf-8")
@@ -82,6 +84,7 @@ def test_it_is_reported_explained_and_exported_without_sumo(driven: Path) -> Non
         assert len(list(csv.DictReader(file))) > 0
 
 
+@pytest.mark.slow
 def test_a_batch_of_two_episodes(tmp_path: Path) -> None:
     (tmp_path / "two.yaml").write_text(EXPERIMENT, encoding="utf-8")
     command("batch", tmp_path / "two.yaml", "--out", tmp_path / "out", "--quiet")

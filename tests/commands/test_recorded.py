@@ -118,6 +118,7 @@ def without_sumo(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> tu
     return folder, done.stdout
 
 
+@pytest.mark.slow
 def test_everything_works_without_sumo_and_without_the_network(
     without_sumo: tuple[Path, str],
 ) -> None:
@@ -135,6 +136,7 @@ def test_everything_works_without_sumo_and_without_the_network(
     )
 
 
+@pytest.mark.slow
 def test_the_pictures_are_pictures_of_the_episode(without_sumo: tuple[Path, str]) -> None:
     folder, _ = without_sumo
     with Image.open(folder / "figures" / f"{KEY}.png") as image:
@@ -146,6 +148,7 @@ def test_the_pictures_are_pictures_of_the_episode(without_sumo: tuple[Path, str]
         )  # ten a second, from the first decision to the fifth
 
 
+@pytest.mark.slow
 def test_plain_python_takes_the_identical_decision(recorded: Path) -> None:
     words = [sys.executable, "-m", "sumo_mcts", "explain", recorded, "--at", "6", "--replan"]
     done = subprocess.run(
@@ -199,6 +202,7 @@ def test_a_trace_that_tells_less_is_explained_as_far_as_it_goes(several: Path) -
 # --- what can be wrong ---
 
 
+@pytest.mark.slow
 def test_wrong_words_are_told_in_one_line(recorded: Path, several: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     wrong = {
@@ -412,6 +416,7 @@ def test_the_example_is_the_episode_that_the_page_runs() -> None:
     assert "    sumo-mcts run straight-line-varied --seed 1 --out out/straight\n" in PAGE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", re.findall(r"```text\n\$ (.*?)```", PAGE, re.DOTALL))
 def test_the_page_shows_what_the_command_prints(
     block: str, example: Path, monkeypatch: pytest.MonkeyPatch
@@ -424,6 +429,7 @@ def test_the_page_shows_what_the_command_prints(
     assert shown.startswith("...") or said.out == shown
 
 
+@pytest.mark.slow
 def test_the_python_of_the_page_runs(
     example: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

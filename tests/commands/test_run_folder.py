@@ -109,6 +109,7 @@ ASKED = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @given(one=ASKED, other=ASKED)
 @settings(max_examples=60, deadline=None)
 def test_what_differs_has_another_name(one: dict[str, str], other: dict[str, str]) -> None:
@@ -154,6 +155,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_each_run_has_a_row_a_trace_and_a_manifest_of_its_own(folder: Path) -> None:
     keys = keys_of(folder)
     assert keys[:3] == [
@@ -179,6 +181,7 @@ def test_each_run_has_a_row_a_trace_and_a_manifest_of_its_own(folder: Path) -> N
     )
 
 
+@pytest.mark.slow
 def test_scenario_files_of_one_name_are_told_apart_by_what_is_in_them(tmp_path: Path) -> None:
     text = (
         builtin.scenario_path("straight-line")
@@ -386,6 +389,7 @@ def test_egos_and_networks_of_a_user_are_told_apart(tmp_path: Path) -> None:
     assert report.report([out], out / "r", (), lambda text: None).document["episodes"] == 4
 
 
+@pytest.mark.slow
 def test_what_was_driven_in_other_traffic_is_no_pair(folder: Path) -> None:
     places = [place(row) for row in records.read_rows(folder)]
     assert len(set(places)) == 4

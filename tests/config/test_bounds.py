@@ -177,6 +177,7 @@ KEYS = sorted(
 )
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from([*ScenarioConfig.model_fields, "base"]),
     st.dictionaries(st.sampled_from(KEYS), JSON, max_size=4) | JSON,

@@ -407,6 +407,7 @@ def test_a_predictor_that_fails_now_and_then_costs_manoeuvres(
     assert result.rows[0]["outcome"] != "error"
 
 
+@pytest.mark.slow
 def test_an_oracle_is_labelled_and_only_an_oracle_is_told(mine: str) -> None:
     document = compare(
         [scene("prediction.name=of_mine:Knowing", "planner.iterations=50")], [0], (), print
@@ -496,6 +497,7 @@ def test_an_oracle_of_mine_cannot_be_asked_later(mine: str) -> None:
         replan(silent, road, 1, same_settings)
 
 
+@pytest.mark.slow
 def test_regret_asks_plugins(mine: str) -> None:
     plan = regret.RegretPlan(Asked(("constant", "of_mine:Good"), (50,)), 1, 3, 2)
     result = regret.regret(
@@ -529,6 +531,7 @@ def own_cost(rate: Callable[..., float], *, name: str = "traffic", gap: float = 
     )
 
 
+@pytest.mark.slow
 def test_a_term_is_told_what_the_page_says() -> None:
     grown = grow(TOYS["traffic"], 1)
     p, root = grown.task.ego, grown.root

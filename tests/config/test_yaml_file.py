@@ -101,6 +101,7 @@ def test_values(case: str) -> None:
     assert yaml_file.parsed(text) == value or value is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", REFUSED)
 def test_refused(case: str) -> None:
     text, said = REFUSED[case]

@@ -74,6 +74,7 @@ def differing(trace: Trace, road: RoadMap) -> Iterator[int]:
             yield i
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_every_decision_of_an_episode_comes_out_again(case: str, tmp_path: Path) -> None:
     result = left_turn() if case == "left turn" else run_episode(of_a_scene(*CASES[case]), 3)
@@ -85,6 +86,7 @@ def test_every_decision_of_an_episode_comes_out_again(case: str, tmp_path: Path)
     ) == case.startswith("oracle")
 
 
+@pytest.mark.slow
 def test_every_decision_on_a_network_of_a_user_comes_out_again(
     on_a_grid: EpisodeResult, tmp_path: Path
 ) -> None:
@@ -94,6 +96,7 @@ def test_every_decision_on_a_network_of_a_user_comes_out_again(
     assert any(len(cycle.forecast.weight) > 1 for cycle in trace.cycles)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("forgotten", ["numbers", "stood", "last"])
 def test_what_is_remembered_decides(
     forgotten: str, on_a_grid: EpisodeResult, tmp_path: Path
@@ -119,6 +122,7 @@ def test_what_is_remembered_decides(
     assert any(True for _ in differing(trace._replace(cycles=cycles), road))
 
 
+@pytest.mark.slow
 def test_other_settings_are_followed_and_nothing_else_changes() -> None:
     trace, road = left_turn().traces[0], left_turn().road
     assert road is not None
@@ -164,6 +168,7 @@ def test_an_oracle_told_no_more_than_the_horizon() -> None:
     assert isinstance(replan(result.traces[0], result.road, 2, shorter).decision.command, Follow)
 
 
+@pytest.mark.slow
 def test_what_hypotheses_are_about_is_recorded_with_what_each_costs() -> None:
     cycles = [cycle for cycle in left_turn().traces[0].cycles if len(cycle.forecast.weight) > 1]
     assert any(intent.does != USUAL for cycle in cycles for intent in cycle.forecast.intents)
@@ -193,6 +198,7 @@ def test_maps_are_written_once_and_told_by_their_roads(tmp_path: Path) -> None:
     assert same(RoadMap, load_map(tmp_path, first.stem), road)
 
 
+@pytest.mark.slow
 def test_a_planner_that_failed_fails_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The decisions that a bug report is about: the planner raises for a while, and the fail-safe
     drives."""

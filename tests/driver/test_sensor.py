@@ -66,6 +66,7 @@ def errors(count: int, seed: int = 0, **keys: Any) -> np.ndarray[Any, np.dtype[n
     return np.array(rows)
 
 
+@pytest.mark.slow
 def test_errors_have_their_size_and_last_as_long_as_they_should() -> None:
     found = errors(6000, position_error_m=0.3, speed_error_mps=0.5, error_time_s=1.0)
     decay = math.exp(-PERIOD / 1.0)
@@ -88,6 +89,7 @@ def test_the_error_of_the_acceleration_is_that_of_the_speeds() -> None:
         assert trend == pytest.approx(smoothed, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_so_many_are_dropped() -> None:
     sensor = senses(drop_probability=0.2, memory_s=0.0)
     missed = [not sensor.perceive(at(k * PERIOD, passing(0.0))).agents.ids for k in range(4000)]
@@ -268,6 +270,7 @@ def test_pedestrians_are_hidden_and_hide_nobody() -> None:
     assert found == pytest.approx({"walker": 0.0, "car": 1.0})
 
 
+@pytest.mark.slow
 def test_as_many_rays_see_it() -> None:
     rng = np.random.default_rng(5)
     compared = 0
@@ -497,6 +500,7 @@ def test_the_referee_is_told_the_truth() -> None:
         loop.close()
 
 
+@pytest.mark.slow
 def test_an_episode_with_noise_and_its_digest() -> None:
     scene = config.load(
         builtin.scenario_path("unprotected-left-turn"), ("planner.iterations=300", *NOISY)

@@ -40,6 +40,7 @@ def digest(seed: int, hash_seed: int, planner: str = "mcts") -> str:
     return run.stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", ["mcts", "paper"])
 def test_same_seed_same_run_in_another_process(planner: str) -> None:
     first = digest(3, 0, planner)
@@ -47,10 +48,12 @@ def test_same_seed_same_run_in_another_process(planner: str) -> None:
     assert digest(3, 1234, planner) == first
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_run() -> None:
     assert digest(3, 0) != digest(4, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["unprotected-left-turn", "highway-exit", "straight-line"])
 def test_mcts_drives_the_reactive_scenes(name: str) -> None:
     scene = config.load(builtin.scenario_path(name))
@@ -92,6 +95,7 @@ def test_the_twin_is_driven_by_sumo() -> None:
     assert all(cycle.decision.plan is None for cycle in result.traces[0].cycles)
 
 
+@pytest.mark.slow
 def test_the_planner_knows_the_top_speed_of_its_actor() -> None:
     ego = (
         "{id: ego, vtype: ego, route: [road, beyond], max_speed_mps: 4, depart: {lane: 1, pos_m: "
@@ -106,6 +110,7 @@ def test_the_planner_knows_the_top_speed_of_its_actor() -> None:
     )
 
 
+@pytest.mark.slow
 def test_two_egos_get_a_row_each() -> None:
     scene = config.load(
         builtin.scenario_path("straight-line"),
@@ -198,6 +203,7 @@ def test_a_planner_that_raises_under_way_leaves_what_was_driven_so_far(
     json.dumps(row, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_an_episode_leaves_nothing_behind_for_the_next() -> None:
     scene = config.load(builtin.scenario_path("highway-exit"), ("planner.iterations=50",))
     first, _, again = (run_episode(scene, seed).rows[0]["trace_digest"] for seed in (5, 6, 5))

@@ -59,6 +59,7 @@ def test_what_is_inevitable_is_unknown_where_others_react() -> None:
         ) == ("collision", None, 0)
 
 
+@pytest.mark.slow
 def test_a_scene_without_an_escape_is_drawn_again() -> None:
     scene = walled(15.6, pos_vary=3.0)
     first = [run_episode(scene, seed) for seed in range(8)]
@@ -78,6 +79,7 @@ def test_a_scene_without_an_escape_is_drawn_again() -> None:
     assert len(walls) == len(first)
 
 
+@pytest.mark.slow
 def test_the_next_draw_is_the_same_in_another_process() -> None:
     scene = walled(15.6, pos_vary=3.0)
     seed, here = next(
@@ -100,6 +102,7 @@ def test_the_next_draw_is_the_same_in_another_process() -> None:
     assert there == [str(here.manifest["redrawn"]), here.rows[0]["trace_digest"]]
 
 
+@pytest.mark.slow
 def test_a_scene_that_never_has_an_escape_is_an_error() -> None:
     result = run_episode(walled(10.0, pos_vary=1.0), 0)
     assert result.rows[0]["outcome"] == "error"

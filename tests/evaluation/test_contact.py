@@ -31,6 +31,7 @@ def polygon(values: tuple[float, ...]) -> Polygon:
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(
     st.tuples(numbers, numbers, angles, sizes, sizes),

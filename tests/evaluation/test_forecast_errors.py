@@ -148,6 +148,7 @@ def nothing(_: str) -> None:
     """Say nothing."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["straight-line", "highway-exit-scripted"])
 def test_the_copy_is_exact_where_the_ego_does_what_was_nominal(name: str) -> None:
     document = compare([scene_of(name, "planner.name=sumo")], [2], (), nothing)
@@ -164,6 +165,7 @@ def test_the_copy_is_exact_where_the_ego_does_what_was_nominal(name: str) -> Non
     json.dumps(document, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_horizons_between_two_cycles_are_judged_in_the_nearer_one() -> None:
     """Cycles 0.3 s apart: 0.9, 3.0 and 5.1 s; between two states of the forecast, 0.2 s apart,
     nobody leaves a line by more than 4.5 cm at 9 m/s2."""
@@ -186,6 +188,7 @@ def test_horizons_between_two_cycles_are_judged_in_the_nearer_one() -> None:
     assert max(row["max_m"] for row in rows) < 0.045
 
 
+@pytest.mark.slow
 def test_all_are_judged_on_the_same_pairs_and_nothing_is_disturbed() -> None:
     scene = scene_of("unprotected-left-turn-scripted", "planner.iterations=100")
     seen: list[str] = []
@@ -205,6 +208,7 @@ def test_all_are_judged_on_the_same_pairs_and_nothing_is_disturbed() -> None:
     assert any(text.startswith("episode 2 of 2") for text in seen)
 
 
+@pytest.mark.slow
 def test_each_ego_has_an_episode_of_its_own() -> None:
     found = command.forecast(
         "straight-line",
@@ -219,6 +223,7 @@ def test_each_ego_has_an_episode_of_its_own() -> None:
     assert found["seeds"] == [0]
 
 
+@pytest.mark.slow
 def test_asking_changes_no_episode() -> None:
     scene = scene_of("unprotected-left-turn", "planner.iterations=100")
     alone = run_episode(scene, 0).rows[0]["trace_digest"]

@@ -285,6 +285,7 @@ def _overlaps(asked: tuple, state: State, row: int, share: float) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_finds_what_trying_everything_finds() -> None:
     rng = np.random.default_rng(7)
     road = lanes_east(2, 1000.0, 30.0)

@@ -37,6 +37,7 @@ Command = Callable[..., tuple[int, str, str]]
 # --- undisturbed ---
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_single_episodes(whole: Reference) -> None:
     _, rows = whole
     assert [row["key"] for row in rows[:4]] == [
@@ -54,6 +55,7 @@ def test_rows_are_those_of_single_episodes(whole: Reference) -> None:
     assert timeless(rows) == timeless(alone)
 
 
+@pytest.mark.slow
 def test_what_lies_in_the_folder(whole: Reference) -> None:
     out, rows = whole
     assert on_disk(out) == rows
@@ -91,6 +93,7 @@ def test_nothing_is_done_again(whole: Reference, tmp_path: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in (out / "traces").iterdir()} == before
 
 
+@pytest.mark.slow
 def test_two_workers_and_two_shards_give_the_same(whole: Reference, tmp_path: Path) -> None:
     out, rows = whole
     found, manifests, told = [], [], list[list[Progress]]()
@@ -123,6 +126,7 @@ def test_two_workers_and_two_shards_give_the_same(whole: Reference, tmp_path: Pa
         run_batch(write(tmp_path), tmp_path / "1", shard=(2, 2))
 
 
+@pytest.mark.slow
 def test_pairs_are_made_in_the_same_traffic(whole: Reference, tmp_path: Path) -> None:
     out, rows = whole
     pair = [Pair(row, twin) for row, twin in zip(rows[::2], rows[1::2], strict=True)]
@@ -160,6 +164,7 @@ def test_a_shard_that_there_is_not(part: tuple[int, int], tmp_path: Path) -> Non
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_egos_of_a_network(tmp_path: Path) -> None:
     rows = run_batch(write(tmp_path, network("{random: 2}")), tmp_path / "out", jobs=1)
     assert [(row["key"], row["ego"], row["seed"]) for row in rows] == [
@@ -200,6 +205,7 @@ def command(
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.slow
 def test_a_dry_run_lists_and_writes_nothing(
     whole: Reference, command: Command, tmp_path: Path
 ) -> None:

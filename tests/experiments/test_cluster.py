@@ -53,6 +53,7 @@ def address(tmp_path: Path) -> Iterator[str]:
     scheduler.wait()
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_same(address: str, tmp_path: Path) -> None:
     crew = [
         dask(tmp_path, "worker", address, "--nthreads", "1", "--no-nanny", "--name", str(k))
@@ -80,6 +81,7 @@ def test_a_cluster_gives_the_same(address: str, tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_a_lost_scheduler_is_told_in_one_line(tmp_path: Path) -> None:
     """By the command itself, whose standard error shows what anybody logs."""
     with socket.socket() as free:
@@ -129,6 +131,7 @@ def test_a_lost_scheduler_is_told_in_one_line(tmp_path: Path) -> None:
     assert 2 <= len(read_rows(out)) < 400
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -146,6 +149,7 @@ def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(
     assert time.monotonic() - began < 20.0
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_stopped_on_the_way_is_given_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -180,6 +184,7 @@ def test_a_scheduler_that_is_stopped_on_the_way_is_given_up(
             process.wait()
 
 
+@pytest.mark.slow
 def test_an_episode_without_an_end_ends_its_process() -> None:
     code = (
         "from sumo_mcts.experiments import tasks; tasks.drive = lambda *_: "
@@ -191,6 +196,7 @@ def test_an_episode_without_an_end_ends_its_process() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_worker_with_threads_is_refused(address: str, tmp_path: Path) -> None:
     worker = dask(tmp_path, "worker", address, "--nthreads", "2", "--no-nanny")
     try:

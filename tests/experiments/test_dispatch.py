@@ -36,6 +36,7 @@ from sumo_mcts.experiments.progress import Progress
 from sumo_mcts.experiments.workers import LocalPool, local
 
 
+@pytest.mark.slow
 def test_killed_and_resumed(whole: Reference, tmp_path: Path) -> None:
     small, out = begun(whole, tmp_path)
     process = start(small, out, 2)
@@ -78,6 +79,7 @@ def test_killed_and_resumed(whole: Reference, tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_interrupted(whole: Reference, tmp_path: Path) -> None:
     slow, out = begun(whole, tmp_path, SLOW)
     process = start(slow, out, 2)
@@ -97,6 +99,7 @@ def test_interrupted(whole: Reference, tmp_path: Path) -> None:
     assert sum(item.done for item in listed(slow, out)) == len(rows)
 
 
+@pytest.mark.slow
 def test_an_interrupt_between_two_steps_loses_nothing(
     whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,6 +117,7 @@ def test_an_interrupt_between_two_steps_loses_nothing(
     assert len(on_disk(out)) == 3
 
 
+@pytest.mark.slow
 def test_a_full_disk(whole: Reference, tmp_path: Path) -> None:
     small, out = begun(
         whole, tmp_path, SMALL + "traces: none\n"
@@ -139,6 +143,7 @@ def test_a_full_disk(whole: Reference, tmp_path: Path) -> None:
     }.items()
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_nothing(whole: Reference, tmp_path: Path) -> None:
     plan = load(write(tmp_path))
     killed = []
@@ -156,6 +161,7 @@ def test_a_killed_worker_costs_nothing(whole: Reference, tmp_path: Path) -> None
     assert timeless(rows) == timeless(whole[1])
 
 
+@pytest.mark.slow
 def test_an_episode_that_takes_its_worker_along(
     whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -196,6 +202,7 @@ def test_an_episode_that_takes_its_worker_along(
     assert len(on_disk(tmp_path / "out")) == 4
 
 
+@pytest.mark.slow
 def test_an_episode_without_an_end_is_ended_and_recorded(
     whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -212,6 +219,7 @@ def test_an_episode_without_an_end_is_ended_and_recorded(
     assert timeless([row for row in rows if row["outcome"] != "error"]) == timeless(others)
 
 
+@pytest.mark.slow
 def test_an_episode_that_the_system_killed_is_driven_again_by_the_next_call(
     whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -233,6 +241,7 @@ def test_an_episode_that_the_system_killed_is_driven_again_by_the_next_call(
     assert timeless(rows) == timeless(whole[1]) == timeless(on_disk(out))
 
 
+@pytest.mark.slow
 def test_a_worker_without_room_ends_the_batch_and_no_row_is_spoilt(
     whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -250,6 +259,7 @@ def test_a_worker_without_room_ends_the_batch_and_no_row_is_spoilt(
     assert timeless(rows) == timeless(whole[1])
 
 
+@pytest.mark.slow
 def test_what_is_done_is_kept_before_a_failure_ends_the_batch(
     whole: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -91,6 +91,7 @@ def test_versions_do_not_mix(whole: Reference, tmp_path: Path) -> None:
         run_batch(write(tmp_path), tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_files_and_plugins_do_not_mix(tmp_path: Path) -> None:
     """The scenario says the same before and after: what has changed is only in what it names."""
     (tmp_path / "net").mkdir()
@@ -140,6 +141,7 @@ class Sleeper:
 """
 
 
+@pytest.mark.slow
 def test_a_plugin_whose_file_has_changed_does_not_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -172,6 +174,7 @@ def test_a_plugin_whose_file_has_changed_does_not_go_on(
     )
 
 
+@pytest.mark.slow
 def test_fresh_removes_what_a_batch_leaves_and_nothing_else(
     whole: Reference, tmp_path: Path
 ) -> None:

@@ -41,6 +41,7 @@ def test_what_ends_a_worker_before_the_first_episode(
         asked(load(write(tmp_path)), "highway-exit", answer, crew, lambda _: None)
 
 
+@pytest.mark.slow
 def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as refused:
         run_batch(write(tmp_path, network("[ego, nobody]")), tmp_path / "out", jobs=1)
@@ -70,6 +71,7 @@ def test_wrong_input_that_only_sumo_knows(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -132,6 +134,7 @@ def test_a_dry_run_refuses_what_cannot_be(text: str, said: str, tmp_path: Path) 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("refused", "said"),
     [

@@ -240,6 +240,7 @@ def test_every_key_is_documented() -> None:
         ]
 
 
+@pytest.mark.slow
 def test_the_sizes_of_the_built_in_ones() -> None:
     described: set[str] = set()
     for names, counts in re.findall(

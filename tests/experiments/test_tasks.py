@@ -118,6 +118,7 @@ for ego in ("ego", "other"):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("measured", "found"), [((), ["true", "false"]), (("ego", "other"), ["true", "true"])]
 )

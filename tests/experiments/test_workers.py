@@ -13,6 +13,7 @@ from helpers_batch import die, echo, raise_value_error
 from sumo_mcts.experiments.workers import DeadWorkerError, LocalPool, SilentWorkerError, local
 
 
+@pytest.mark.slow
 def test_answers_exceptions_and_deaths() -> None:
     with LocalPool(2) as pool:
         before = [pool.submit(echo, k) for k in range(3)]
@@ -51,6 +52,7 @@ def test_the_context_ends_what_is_at_work() -> None:
             os.kill(pid, 0)
 
 
+@pytest.mark.slow
 def test_a_killed_worker_is_named_with_its_signal() -> None:
     with LocalPool(1) as pool:
         assert pool.submit(echo, 1).result(30) == 1
@@ -63,12 +65,14 @@ def test_a_killed_worker_is_named_with_its_signal() -> None:
         assert pool.pids() != [pid]
 
 
+@pytest.mark.slow
 def test_a_process_does_not_grow_old() -> None:
     with LocalPool(1, longest=2) as pool:
         pids = [pool.submit(os.getpid).result(30) for _ in range(4)]
     assert pids[0] == pids[1] != pids[2] == pids[3]
 
 
+@pytest.mark.slow
 def test_a_stopped_process_is_given_up() -> None:
     with LocalPool(1, patience_s=10.0) as pool:
         assert pool.submit(echo, 1).result(30) == 1
@@ -80,6 +84,7 @@ def test_a_stopped_process_is_given_up() -> None:
         assert pool.pids() != [pid]
 
 
+@pytest.mark.slow
 def test_a_process_killed_from_outside_is_a_shortage_and_one_that_crashes_is_none() -> None:
     for number, shortage in ((signal.SIGKILL, True), (signal.SIGSEGV, False)):
         with LocalPool(1) as pool, pytest.raises(DeadWorkerError, match=number.name) as death:
@@ -98,6 +103,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     sys.platform != "linux", reason="elsewhere a worker notices when its task is done"
 )

@@ -67,6 +67,7 @@ def view(
     return task, *local_of(task, scene_of(ego, road, *agents))
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(
     st.floats(50.0, 480.0),
@@ -162,6 +163,7 @@ def test_going_on_is_no_loss_where_the_next_edge_needs_more_changes_than_this_on
 # --- bridges ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lane", "s", "contact"), [("br_0", 98.4 + 2.5, False), ("eo_0", 41.0, True)]
 )
@@ -239,6 +241,7 @@ def test_whoever_the_referee_would_count_is_never_on_another_level(name: str) ->
     assert met > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("progress", "contact"), [(0.0, False), (0.45, True), (0.52, True), (0.6, False)]
 )

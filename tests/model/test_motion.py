@@ -108,6 +108,7 @@ limits = st.lists(st.floats(3.0, 30.0), min_size=3, max_size=6)
 lengths = st.lists(st.floats(1.0, 80.0), min_size=6, max_size=6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", PHYSICS_OF.values(), ids=PHYSICS_OF)
 @given(limits, lengths, st.floats(0.0, 1.0), accelerations)
 def test_bounds_and_limits_hold(
@@ -191,6 +192,7 @@ def test_the_end_of_the_route_is_the_goal_and_a_dead_end_a_wall() -> None:
 CLOSED = lights(RED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", PHYSICS_OF.values(), ids=PHYSICS_OF)
 @given(
     st.floats(0.0, 15.0), st.sampled_from([0.0, 0.0, 1.0, 2.6, -2.0, -8.0]), st.sampled_from([1.0, 1.02, 1.1, 1.3, 2.0]), st.floats(0.001, 5.0), accelerations
@@ -209,6 +211,7 @@ def test_it_stops_before_a_closed_line_whenever_the_strongest_braking_suffices(
     assert states[-1][0].s <= 200.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", PHYSICS_OF.values(), ids=PHYSICS_OF)
 @given(st.floats(3.0, 15.0), st.floats(100.0, 190.0))
 def test_from_afar_it_stops_a_little_before_the_line_in_comfort(
@@ -225,6 +228,7 @@ def test_from_afar_it_stops_a_little_before_the_line_in_comfort(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", PHYSICS_OF.values(), ids=PHYSICS_OF)
 @given(st.floats(8.0, 15.0), st.floats(2.5, 5.0))
 def test_a_line_that_closes_late_is_met_by_braking_evenly(
@@ -302,6 +306,7 @@ def test_within_a_long_step_the_ego_stays_on_the_curve(
 # --- lane changes ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", [PHYSICS, Physics(0.1, False, 0.0), Physics(0.25, True, 2.0)])
 @given(st.floats(0.0, 15.0), accelerations)
 def test_a_change_to_the_right_mirrors_one_to_the_left(

@@ -121,6 +121,7 @@ def test_what_is_compiled_is_announced_and_kept(
     assert again.total(VALUES, SHORT) == pytest.approx(6.5)
 
 
+@pytest.mark.slow
 def test_a_changed_source_is_compiled(
     toys: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -334,6 +335,7 @@ print(sum("compiling the search" in line for line in said))
 """
 
 
+@pytest.mark.slow
 def test_processes_that_start_at_the_same_time_compile_everything_once(
     toys: ModuleType, tmp_path: Path, kept_in: Path
 ) -> None:
@@ -389,6 +391,7 @@ prepare.prepare(lambda: toys.total(np.ones(3), np.ones(1, np.int32)))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     sys.platform != "linux", reason="the system tells processes of their parent's death"
 )
@@ -461,6 +464,7 @@ NEEDED = {
 }
 
 
+@pytest.mark.slow
 def test_by_default_just_so_much_is_compiled(tmp_path: Path) -> None:
     """A kernel more costs a quarter of a second of the first minute: it is to be noticed."""
     done = subprocess.run(
@@ -565,6 +569,7 @@ def test_that_other_processes_compile_is_seen_from_what_they_keep(
     ]
 
 
+@pytest.mark.slow
 def test_while_a_worker_compiles_whoever_waits_for_it_is_told() -> None:
     made, said = [0], list[str]()
 

@@ -77,6 +77,7 @@ def drive(
 # --- idm: the leader ---
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.floats(5.0, 60.0), st.floats(-2.5, 2.5), st.floats(-0.6, 0.6), st.floats(2.0, 14.0))
 def test_the_leader_is_whom_the_ego_would_touch_first(
@@ -258,6 +259,7 @@ def test_the_next_behind_is_asked_how_it_would_brake(away: float, v: float, ego_
 # --- random ---
 
 
+@pytest.mark.slow
 def test_each_action_that_is_possible_is_as_likely() -> None:
     road = lanes_east(2)
     ego = ego_at(road, "a_0", 100.0, 5.0)
@@ -305,6 +307,7 @@ def test_random_changes_lanes_only_where_the_place_is_free() -> None:
 # --- episodes ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["unprotected-left-turn", "highway-exit", "straight-line"])
 def test_idm_drives_the_reactive_scenes(name: str) -> None:
     first, again = (

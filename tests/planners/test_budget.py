@@ -318,6 +318,7 @@ def timed(
     return result.rows[0], [cycle.plan_ms for cycle in result.traces[0].cycles]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on", ["false", "true"])
 def test_a_time_budget_is_for_the_whole_decision(on: str, monkeypatch: pytest.MonkeyPatch) -> None:
     row, times = timed(
@@ -329,6 +330,7 @@ def test_a_time_budget_is_for_the_whole_decision(on: str, monkeypatch: pytest.Mo
     assert row["iterations"] > 150 * row["cycles"]
 
 
+@pytest.mark.slow
 def test_what_comes_after_the_search_is_learned(monkeypatch: pytest.MonkeyPatch) -> None:
     children = mcts.root_candidates
 
@@ -351,6 +353,7 @@ def test_there_is_an_answer_however_short_the_time(monkeypatch: pytest.MonkeyPat
     )  # hypotheses, continuations, actions
 
 
+@pytest.mark.slow
 def test_a_deadline_that_is_kept_can_be_enforced(monkeypatch: pytest.MonkeyPatch) -> None:
     row, _ = timed(
         monkeypatch,

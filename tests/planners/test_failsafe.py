@@ -385,6 +385,7 @@ def brakes_before(
     return (along or way.v < 0.01) and falls_short(way, driven, (k + 1) * DT)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(cases(), st.randoms(use_true_random=False))
 def test_a_verified_manoeuvre_meets_nobody_within_the_bounds(those: Case, random: Any) -> None:
@@ -447,6 +448,7 @@ def clearance(those: Case, plan: Plan, i: int, way: Way, k: int) -> tuple[float,
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(cases())
 def test_the_verdict_is_that_of_a_slow_twin(those: Case) -> None:
@@ -505,6 +507,7 @@ print(json.dumps(result))
 """
 
 
+@pytest.mark.slow
 def test_without_compilation_the_verdicts_are_the_same() -> None:
     def run(disable: str) -> Any:
         paths = [str(Path(__file__).parent), str(Path(helpers.__file__).parent), *sys.path]
@@ -643,6 +646,7 @@ def late(decision: Decision) -> Decision:
     return decision
 
 
+@pytest.mark.slow
 def test_a_late_decision_is_dropped_where_the_deadline_is_enforced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -720,6 +724,7 @@ def blind(name: str, on: str, seed: int) -> EpisodeResult:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["unprotected-left-turn", "unprotected-left-turn-scripted"])
 def test_a_blind_planner_is_kept_safe(name: str) -> None:
     seeds = (1, 3)
@@ -738,6 +743,7 @@ def test_a_blind_planner_is_kept_safe(name: str) -> None:
         assert all("m away" in note for note in notes)
 
 
+@pytest.mark.slow
 def test_the_fail_safe_leaves_a_good_planner_alone() -> None:
     rows = [
         run_episode(

@@ -209,6 +209,7 @@ def test_no_sequence_that_anybody_drives_is_cheaper(
         assert end in (LOST, IMPOSSIBLE) or cost >= found.value[i] - 1e-6
 
 
+@pytest.mark.slow
 def test_more_labels_never_find_worse_ways() -> None:
     problem = problem_in(SCENES["traffic"])
     values = [solve(problem, root_lines(problem), labels).value for labels in (1, 10, 100, 1000)]
@@ -316,6 +317,7 @@ print(json.dumps([[float(v).hex() for v in each.value] + [each.driven] for each 
 """
 
 
+@pytest.mark.slow
 def test_without_compilation_it_is_the_same_to_the_bit() -> None:
     here = Path(__file__).parent
     path = os.pathsep.join([str(here), str(here.parent), *sys.path])
@@ -357,6 +359,7 @@ def test_the_planner_takes_the_best_beginning(toy: Toy) -> None:
     assert chosen.terms.sum() == pytest.approx(chosen.best, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_it_drives() -> None:
     scene = config.load(
         builtin.scenario_path("unprotected-left-turn"),

@@ -174,6 +174,7 @@ def test_it_looks_most_where_it_is_best() -> None:
 # --- the same tree everywhere ---
 
 
+@pytest.mark.slow
 def test_without_compilation_the_tree_is_the_same_to_the_bit() -> None:
     run = subprocess.run(
         [sys.executable, helpers_tree.__file__, "--print"],
@@ -213,6 +214,7 @@ def chosen(toy: Toy, *sets: str) -> tuple[float, int]:
 BLOCKED = on_three_lanes(None, Agent("w", "a_1", 140.0, 0.0), Agent("x", "a_0", 125.0, 4.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "toy", [TOYS["traffic"], TOYS["wall"], BLOCKED], ids=["traffic", "wall", "blocked"]
 )

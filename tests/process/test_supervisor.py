@@ -102,6 +102,7 @@ def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:
     return process.returncode, err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", ENDS)
 def test_ends(body: str, tmp_path: Path) -> None:
     process = start(body, tmp_path)
@@ -143,6 +144,7 @@ def test_signals(number: signal.Signals, busy: str, whole_group: bool, tmp_path:
     assert processes_of(process.pid) == []
 
 
+@pytest.mark.slow
 def test_asked_twice_it_ends_at_once(tmp_path: Path) -> None:
     process = start("try: time.sleep(60)\n    finally: time.sleep(60)", tmp_path)
     assert process.stdout is not None
@@ -187,6 +189,7 @@ def test_a_killed_parent_takes_the_child_along(tmp_path: Path) -> None:
     assert processes_of(process.pid) == []
 
 
+@pytest.mark.slow
 def test_nohup_stays_what_it_is(tmp_path: Path) -> None:
     program = PROGRAM.replace("{body}", "time.sleep(2)")
     code = f"import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{program}"
@@ -203,6 +206,7 @@ def test_nohup_stays_what_it_is(tmp_path: Path) -> None:
     assert end_of(process) == (0, "")
 
 
+@pytest.mark.slow
 def test_stopped_and_continued(tmp_path: Path) -> None:
     process = start("time.sleep(1)", tmp_path)
     assert process.stdout is not None
@@ -237,6 +241,7 @@ def command(words: str, tmp_path: Path) -> tuple[int, str, str]:
     return done.returncode, done.stdout, done.stderr
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_is_status_1(tmp_path: Path) -> None:
     status, _, err = command("set -o pipefail; sumo-mcts scenarios | true", tmp_path)
     assert (status, err) == (1, "error: standard output: Broken pipe\n")
@@ -251,6 +256,7 @@ def test_a_full_disk_is_status_1(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
 def test_closed_standard_files(closed: str, tmp_path: Path) -> None:
     status, _, err = command(
@@ -261,6 +267,7 @@ def test_closed_standard_files(closed: str, tmp_path: Path) -> None:
     assert (status, err) == (0, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [
@@ -276,10 +283,12 @@ def test_a_closed_standard_output_is_status_1(words: str, tmp_path: Path) -> Non
     )
 
 
+@pytest.mark.slow
 def test_wrong_input_is_status_2_where_all_is_closed(tmp_path: Path) -> None:
     assert command("sumo-mcts run nowhere.yaml <&- >&- 2>&-", tmp_path) == (2, "", "")
 
 
+@pytest.mark.slow
 def test_a_temporary_folder_that_is_none(tmp_path: Path) -> None:
     status, out, err = command(
         "for k in TMPDIR TEMP TMP; do export $k=/nowhere; done; sumo-mcts scenarios --json > "

@@ -89,6 +89,7 @@ def test_what_is_made_up_passes(trace: records.Trace) -> None:
     assert check.trace_problem(trace) == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "sets",
     [
@@ -298,6 +299,7 @@ def test_an_array_that_claims_to_be_larger_than_its_bytes_is_refused(tmp_path: P
 # --- anything ---
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=15, deadline=None)
 def test_whatever_is_damaged_is_refused_in_a_line_or_does_no_harm(

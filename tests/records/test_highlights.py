@@ -82,6 +82,7 @@ def obvious(found: list[dict[str, Any]]) -> set[str]:
     return kept
 
 
+@pytest.mark.slow
 @given(rows(), st.data())
 def test_what_is_kept_does_not_depend_on_the_order(
     found: list[dict[str, Any]], data: st.DataObject
@@ -99,6 +100,7 @@ def test_what_is_kept_does_not_depend_on_the_order(
     assert kept == obvious(found)
 
 
+@pytest.mark.slow
 @given(rows())
 def test_what_a_report_shows_has_been_kept(found: list[dict[str, Any]]) -> None:
     worth, kept = TraceSelection("worth"), set()
@@ -119,6 +121,7 @@ def test_twins_are_not_shown_and_not_kept() -> None:
         assert worth.add(twin) == (set() if wanted else {"k"})
 
 
+@pytest.mark.slow
 @given(rows())
 def test_all_and_none(found: list[dict[str, Any]]) -> None:
     for rule, wanted in (("all", True), ("none", False)):

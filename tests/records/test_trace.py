@@ -74,6 +74,7 @@ def assert_same(a: Any, b: Any, path: str = "trace") -> None:
         assert a == b, path
 
 
+@pytest.mark.slow
 @pytest.mark.smoke
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=30, deadline=None)
@@ -160,6 +161,7 @@ def test_a_truncated_trace_is_refused_by_name(tmp_path: Path, share: float) -> N
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @given(data=st.data())
 @settings(max_examples=150, deadline=None)
 def test_a_damaged_trace_is_whole_or_refused(

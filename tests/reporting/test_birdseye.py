@@ -69,6 +69,7 @@ def test_the_others_move_between_cycles_and_turn_the_shorter_way() -> None:
     assert np.cos(turned[2]) == pytest.approx(-1.0)
 
 
+@pytest.mark.slow
 def test_the_storyboard_is_a_picture_with_the_ego_in_every_panel(tmp_path: Path) -> None:
     storyboard.storyboard(crossing_trace(), tmp_path / "new" / "s.png")
     with Image.open(tmp_path / "new" / "s.png") as image:
@@ -120,6 +121,7 @@ def test_moments_prefer_a_change_of_mind() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_the_animation_runs_in_real_time_and_is_small(tmp_path: Path) -> None:
     path = tmp_path / "a.gif"
     animation.animation(crossing_trace(), path)

@@ -64,6 +64,7 @@ def judged(cycle: CycleRecord, h: int, i: int) -> list[tuple[float, float]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 8, 20])
 def test_how_near_others_come_is_what_shapely_says(number: int) -> None:
     cycle = braking().traces[0].cycles[number]
@@ -81,6 +82,7 @@ def test_how_near_others_come_is_what_shapely_says(number: int) -> None:
                 )
 
 
+@pytest.mark.slow
 def test_costs_add_up_and_the_chosen_action_is_what_was_driven() -> None:
     result = braking()
     trace = result.traces[0]
@@ -107,6 +109,7 @@ def test_costs_add_up_and_the_chosen_action_is_what_was_driven() -> None:
             assert told["executed"]["executed_mps"] == trace.cycles[number + 1].ego.v
 
 
+@pytest.mark.slow
 def test_what_a_hypothesis_is_about_is_named() -> None:
     told = explain(braking().traces[0], braking().road, 15)
     words = [each["words"] for each in told["hypotheses"]]
@@ -117,6 +120,7 @@ def test_what_a_hypothesis_is_about_is_named() -> None:
     assert about["closest_m"] < agent["closest_m"]
 
 
+@pytest.mark.slow
 def test_the_light_and_the_stop_signs_ahead_are_told(on_a_grid: EpisodeResult) -> None:
     trace, road = on_a_grid.traces[0], road_of(on_a_grid)
     ahead = [

@@ -12,6 +12,7 @@ from helpers_trace import crossing_trace
 from sumo_mcts.reporting import animation, film
 
 
+@pytest.mark.slow
 def test_the_film_holds_every_frame_and_stays_on_the_last(tmp_path: Path) -> None:
     trace = crossing_trace()._replace(cycles=crossing_trace().cycles[:4])
     told: list[str] = []

@@ -129,6 +129,7 @@ def colours(page: Page) -> dict[str, int]:
 # --- the page ---
 
 
+@pytest.mark.slow
 def test_it_opens_without_an_error_or_a_request(context: BrowserContext, path: Path) -> None:
     page, wrong = visit(context, path)
     assert page.locator("h1").inner_text() == "trial " + EVIL
@@ -140,6 +141,7 @@ def test_it_opens_without_an_error_or_a_request(context: BrowserContext, path: P
     assert wrong == []
 
 
+@pytest.mark.slow
 def test_nothing_but_the_page_is_on_the_page(context: BrowserContext, path: Path) -> None:
     """The packed replays are no text to read, and nothing is wider than the window."""
     page, _ = visit(context, path)
@@ -170,6 +172,7 @@ def wide(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return report(write_rows(tmp_path_factory.mktemp("wide"), rows))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_nothing_is_cut_off_at_the_width_of_a_projector(
     scheme: str, browser: Browser, wide: Path
@@ -255,6 +258,7 @@ def test_columns_sort_both_ways_and_unknown_comes_last(context: BrowserContext, 
     assert [float(text) for text in shown() if text != "-"] == known[::-1]
 
 
+@pytest.mark.slow
 def test_choosing_a_scene_and_a_variant(context: BrowserContext, path: Path) -> None:
     page, wrong = visit(context, path)
     page.select_option("#scene", "exit")
@@ -284,6 +288,7 @@ def test_a_measure_is_explained_to_pointer_and_keyboard(
     assert "contact of the ego with another agent" in page.locator("#tip").inner_text()
 
 
+@pytest.mark.slow
 def test_light_and_dark(browser: Browser, path: Path) -> None:
     brightness = (
         "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, "
@@ -349,6 +354,7 @@ def test_the_replay_shows_the_road_and_the_decision_of_the_moment(
     assert wrong == []
 
 
+@pytest.mark.slow
 def test_an_action_that_is_pointed_at_is_drawn(context: BrowserContext, path: Path) -> None:
     page, _ = opened(context, path, at=3.0)
     before = colours(page)["18,92,224"]
@@ -356,6 +362,7 @@ def test_an_action_that_is_pointed_at_is_drawn(context: BrowserContext, path: Pa
     assert colours(page)["18,92,224"] > before
 
 
+@pytest.mark.slow
 def test_it_tells_why_the_fail_safe_acted(
     context: BrowserContext, path: Path, folder: Path
 ) -> None:
@@ -370,6 +377,7 @@ def test_it_tells_why_the_fail_safe_acted(
     assert page.locator("#failsafe").is_visible()
 
 
+@pytest.mark.slow
 def test_playing(context: BrowserContext, path: Path) -> None:
     page, wrong = opened(context, path)
     page.get_by_role("button", name="Faster").click()
@@ -407,6 +415,7 @@ def test_scrubbing(context: BrowserContext, path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_keyboard(context: BrowserContext, path: Path) -> None:
     page, wrong = opened(context, path)
     times = [cycle.time for cycle in crossing_trace().cycles]
@@ -484,6 +493,7 @@ def test_what_was_tried_is_told_with_its_lane(context: BrowserContext, tmp_path:
     assert wrong == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "changes"),
     [

@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 from helpers_trace import crossing_trace
 
 from sumo_mcts.reporting.words import action_words
@@ -35,6 +36,7 @@ def test_actions_in_words() -> None:
     assert action_words(unchosen) == "brake \u22121.0 m/s\u00b2"
 
 
+@pytest.mark.slow
 def test_an_explanation_loads_no_drawing_library() -> None:
     code = (
         "import sys, sumo_mcts.reporting.explanation, sumo_mcts.reporting.explanation_words; "

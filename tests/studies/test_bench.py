@@ -30,6 +30,7 @@ def test_every_quantity_is_measured() -> None:
     assert said[0].startswith("starting")
 
 
+@pytest.mark.slow
 def test_whoever_is_near_reacts() -> None:
     scenario, road = bench._scenario("planner.iterations=50", "planner.reactive=10")
     for seed in range(3):

@@ -131,6 +131,7 @@ def test_the_table_counts() -> None:
 # --- planners ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("toy", TOYS.values(), ids=TOYS)
 def test_the_reference_regrets_nothing_and_no_action_is_better(toy: Toy) -> None:
     """Planner random draws among the reference's own actions, so the optimum bounds it from below;
@@ -172,6 +173,7 @@ def test_who_decides_nothing_from_one_cycle_is_not_asked(name: str) -> None:
         Panel(scenario(), ("mcts", name), (10,))
 
 
+@pytest.mark.slow
 def test_the_efforts_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(regret, "FACTOR", 3)
     monkeypatch.setattr(regret, "FINER", 2)
@@ -211,6 +213,7 @@ def command(*words: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_the_command_from_end_to_end(tmp_path: Path) -> None:
     words = (
         "straight-line",
@@ -249,6 +252,7 @@ def test_the_command_from_end_to_end(tmp_path: Path) -> None:
     assert len({line.count("|") for line in again.splitlines()[2:] if line}) == 1
 
 
+@pytest.mark.slow
 def test_the_number_of_processes_changes_nothing(tmp_path: Path) -> None:
     """What is driven ahead in vain does not count."""
     words = (
@@ -275,6 +279,7 @@ def test_the_number_of_processes_changes_nothing(tmp_path: Path) -> None:
     ).read_bytes()
 
 
+@pytest.mark.slow
 def test_the_command_looks_at_the_reference_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(regret, "FACTOR", 3)
     monkeypatch.setattr(regret, "FINER", 2)
@@ -287,6 +292,7 @@ def test_the_command_looks_at_the_reference_itself(monkeypatch: pytest.MonkeyPat
     assert "costs of the optimum: 2, off by" in command(*words)
 
 
+@pytest.mark.slow
 def test_a_sumocfg_with_an_ego(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(FILES)
     told = json.loads(

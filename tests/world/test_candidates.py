@@ -41,6 +41,7 @@ def written(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()} - {"mine.rou.xml", "mine.sumocfg"}
 
 
+@pytest.mark.slow
 def test_only_an_episode_of_its_own_writes_what_the_user_asks_for(tmp_path: Path) -> None:
     path = sumocfg(tmp_path / "net", more=OUTPUTS)
     scenario = config.build(

@@ -212,6 +212,7 @@ def run_with_outputs(
     }
 
 
+@pytest.mark.slow
 def test_no_side_effects(tmp_path: Path) -> None:
     scene = crowded(tmp_path)
     alone, copied = (
@@ -327,6 +328,7 @@ def test_an_episode_whose_copy_dies_is_an_outcome(monkeypatch: pytest.MonkeyPatc
 # --- where it works ---
 
 
+@pytest.mark.slow
 def test_the_planner_drives_with_it() -> None:
     scene = scene_of(
         "unprotected-left-turn",
@@ -341,6 +343,7 @@ def test_the_planner_drives_with_it() -> None:
     assert first.traces[0].cycles[5].forecast.reacts.all()
 
 
+@pytest.mark.slow
 def test_the_nominal_ego_is_the_rest_of_the_last_command(monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[Follow | Release] = []
     copied = SimulationOracles.copied
@@ -371,6 +374,7 @@ def test_the_nominal_ego_is_the_rest_of_the_last_command(monkeypatch: pytest.Mon
     assert any(command.lane_change for command in commands)
 
 
+@pytest.mark.slow
 def test_scripted_agents_do_not_react_in_it() -> None:
     scene = scene_of("highway-exit-scripted", "prediction.name=clone", "planner.iterations=50")
     forecast = run_episode(scene, 0).traces[0].cycles[2].forecast

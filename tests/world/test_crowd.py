@@ -63,6 +63,7 @@ def test_every_number_in_the_range_is_drawn_and_everybody_keeps_to_a_stream(name
             assert depart.pos_m == 0.0 and depart.time_s <= traffic.crowd.within_s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_nobody_of_the_crowd_starts_on_top_of_another(name: str) -> None:
     for seed in range(100):

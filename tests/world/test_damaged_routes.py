@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
 from helpers_fuzz import HOSTILE, mutated
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -80,6 +81,7 @@ def test_the_good_one(tmp_path: Path) -> None:
     assert in_a_child(lambda: drive(path)) == OK
 
 
+@pytest.mark.slow
 @settings(
     max_examples=max(settings.default.max_examples // 2, 50)
 )  # half of what others have: each is a process

@@ -211,6 +211,7 @@ def test_the_search_among_others(name: str) -> None:
         assert one.aside < 0.12 and one.turned < 2.5, one
 
 
+@pytest.mark.slow
 def test_where_people_drive_on_the_left(tmp_path: Path) -> None:
     """There SUMO counts lanes and lateral positions from the other side."""
     sources = [
@@ -258,6 +259,7 @@ def test_where_people_drive_on_the_left(tmp_path: Path) -> None:
         ), "an agent jumps to its mirror image"
 
 
+@pytest.mark.slow
 def test_where_lanes_and_their_shapes_differ_in_length() -> None:
     data = {
         "name": "grid6",

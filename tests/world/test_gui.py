@@ -87,6 +87,7 @@ def run(command: list[str], display: str | None) -> subprocess.CompletedProcess[
     )
 
 
+@pytest.mark.slow
 def test_runs_and_shows_the_plan(display: str, tmp_path: Path) -> None:
     picture = tmp_path / "view.png"
     try:
@@ -106,6 +107,7 @@ def test_runs_and_shows_the_plan(display: str, tmp_path: Path) -> None:
     assert blue.sum() > 20  # the ego or its plan
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("display_name", [None, ":4711"])
 def test_no_display_is_one_line(display_name: str | None, tmp_path: Path) -> None:
     began = time.monotonic()
@@ -131,6 +133,7 @@ def test_no_display_is_one_line(display_name: str | None, tmp_path: Path) -> Non
     assert time.monotonic() - began < 30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", ["--delay 0", "-d 100", "of the file"])
 def test_the_window_closes_once_the_results_are_out(
     delay: str, display: str, tmp_path: Path
