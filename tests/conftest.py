@@ -1,4 +1,6 @@
-"""Settings of hypothesis for all tests."""
+"""Settings for all tests: of hypothesis, and signals as a terminal leaves them."""
+
+import signal
 
 from hypothesis import settings
 
@@ -7,3 +9,6 @@ from hypothesis import settings
 settings.register_profile("fixed", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile("fixed")
+
+# Under nohup it is ignored, by all processes that the tests start too.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
