@@ -82,6 +82,16 @@ def opened(path: str | Path) -> Iterator[BinaryIO]:
             yield file
 
 
+def between(text: str, begin: str, end: str, content: str) -> str:
+    """The text of a document with other content between two marks.
+
+    Raises ValueError where a mark is missing or there twice.
+    """
+    before, rest = text.split(begin)
+    _, after = rest.split(end)
+    return f"{before}{begin}\n\n{content}\n\n{end}{after}"
+
+
 def content(path: str | Path, most: int) -> bytes:
     """The bytes of a regular file.
 

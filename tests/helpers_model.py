@@ -163,7 +163,7 @@ def predicted(
     signals: Signals | None = None,
     **traits: list[float],
 ) -> tuple[Scene, Forecast]:
-    """The forecast for agents far from an ego at the start of its lane;
+    """The forecast for agents far from an ego at the start of its lane.
 
     `traits` replace columns of the agents.
     """

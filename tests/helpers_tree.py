@@ -116,7 +116,7 @@ TOYS = {
 
 
 def grow(toy: Toy, iterations: int, seed: int = 1, *, each: bool = False) -> Grown:
-    """The tree after a number of passes;
+    """The tree after a number of passes.
 
     `each`: with the best of every root action (see rollout.SearchParams).
     """

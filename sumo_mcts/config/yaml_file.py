@@ -43,9 +43,10 @@ def read(path: Path) -> Any:
 
 
 def parsed(text: str) -> Any:
-    """The value that a text in YAML stands for:
+    """The value that a text in YAML stands for.
 
-    None, bool, int, float, str, and lists and dicts of these, each a new one. Raises YamlError.
+    It is None, bool, int, float, str, or lists and dicts of these, each a new one. Raises
+    YamlError.
     """
     if len(text) > MOST_BYTES:
         raise YamlError(f"more than {MOST_BYTES} characters")

@@ -40,11 +40,10 @@ def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:
         script_poses(road, scene.agents.lane, row, row, row, physics.step, scene.ego.length)
 
 
-def _still_life(road: RoadMap, step: float) -> Scene:
-    """An ego and an agent that stand on an ordinary lane of a network."""
-    lane = int(np.flatnonzero(~road.internal)[0])
+def standing_car(road: RoadMap, lane: int) -> EgoState:
+    """An ego of usual size and strength at the beginning of a lane, with its edge as the route."""
     x, y = (float(value) for value in road.points[road.point_offset[lane]])
-    ego = EgoState(
+    return EgoState(
         id="",
         x=x,
         y=y,
@@ -61,12 +60,19 @@ def _still_life(road: RoadMap, step: float) -> Scene:
         emergency_decel=9.0,
         max_speed=50.0,
         speed_factor=1.0,
-        vclass=IGNORING,
+        vclass=0,
         route=(int(road.edge[lane]),),
         changing=0.0,
         change_to=-1,
         change_from=-1,
     )
+
+
+def _still_life(road: RoadMap, step: float) -> Scene:
+    """An ego and an agent that stand on an ordinary lane of a network."""
+    lane = int(np.flatnonzero(~road.internal)[0])
+    ego = standing_car(road, lane)._replace(vclass=IGNORING)
+    x, y = ego.x, ego.y
     zero, none = np.zeros(1), np.zeros(1, np.int32)
     agents = Agents(
         ids=("agent",),

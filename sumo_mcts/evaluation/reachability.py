@@ -138,7 +138,8 @@ def spread(road: RoadMap, lane: int, s: float, back: float, ahead: float) -> dic
 def _predecessors(road: RoadMap, lane: int) -> list[int]:
     """Asked for so seldom that a search through all lanes is cheaper than an index."""
     links = np.flatnonzero(road.successor == lane)
-    return list(np.searchsorted(road.successor_offset, links, side="right") - 1)
+    lanes: list[int] = (np.searchsorted(road.successor_offset, links, side="right") - 1).tolist()
+    return lanes
 
 
 def _conflicting(road: RoadMap, lane: int) -> NDArray[np.int32]:

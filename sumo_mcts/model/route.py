@@ -113,7 +113,7 @@ def route_map(
     max_speed: float,
     decel: float,
 ) -> RouteMap:
-    """Lay out the route for a vehicle of this class, length (m), speed factor and top speed (m/s);
+    """Lay out the route for a vehicle of this class, length (m), speed factor and top speed (m/s).
 
     `decel` (m/s2) shapes `cap`.
     """
@@ -365,7 +365,7 @@ def _fill_caps(
 
 @kernel
 def lane_pose(table: Floats, row: Floats, node: int, s: float) -> tuple[float, float, float, float]:
-    """Centre x, y, cos and sin of the heading of a box in the middle of its lane, its front at s;
+    """Centre x, y, cos and sin of the heading of a box in the middle of its lane, its front at s.
 
     `table` and `row` as in RouteMap.
     """

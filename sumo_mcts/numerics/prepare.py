@@ -166,7 +166,7 @@ def _assisted(tasks: Sequence[Task]) -> Iterator[None]:
 
 
 def _helper() -> "subprocess.Popen[bytes] | None":
-    """A process that waits for tasks, in a group of its own, since an interrupt is our matter;
+    """A process that waits for tasks, in a group of its own, since an interrupt is our matter.
 
     None where there is no room for one.
     """

@@ -65,7 +65,7 @@ def mcts_params(scenario: ScenarioConfig) -> MctsParams:
 
 
 def horizon_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
-    """How far the section `planner` looks into a forecast, s;
+    """How far the section `planner` looks into a forecast, s.
 
     `step`: of the simulation, `forecast_step`: between the states of the forecast, s.
     """

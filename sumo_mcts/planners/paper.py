@@ -87,7 +87,7 @@ def paper_params(scenario: ScenarioConfig) -> PaperParams:
 
 
 def horizon_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
-    """How far the search looks into a forecast, s;
+    """How far the search looks into a forecast, s.
 
     `step`: of the simulation, `forecast_step`: between the states of the forecast, s.
     """

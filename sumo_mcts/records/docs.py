@@ -27,9 +27,7 @@ def refreshed(text: str) -> str:
 
     Raises ValueError where a mark is missing.
     """
-    before, rest = text.split(BEGIN)
-    _, after = rest.split(END)
-    return f"{before}{BEGIN}\n\n{tables()}\n\n{END}{after}"
+    return files.between(text, BEGIN, END, tables())
 
 
 def main() -> None:

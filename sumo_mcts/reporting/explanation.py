@@ -303,7 +303,7 @@ def _command(decision: Decision) -> tuple[Any, ...]:
 
 
 def _prediction(trace: Trace) -> str | None:
-    """What the forecast is called that the planner read;
+    """What the forecast is called that the planner read.
 
     None: it read none. Code that the trace names is not run: whether a plugin reads a forecast, and
     whether one is an oracle, is seen by what was recorded.

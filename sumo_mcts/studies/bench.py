@@ -19,9 +19,10 @@ from sumo_mcts.config import ScenarioConfig, SensorConfig, builtin
 from sumo_mcts.controller import Controller
 from sumo_mcts.driver.driver import Driver
 from sumo_mcts.driver.params import Physics
+from sumo_mcts.driver.warmup import standing_car
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.numerics.announce import COMPILING, announced
-from sumo_mcts.scene import GREEN, Agents, EgoState, RoadMap, Scene, Signals
+from sumo_mcts.scene import GREEN, Agents, RoadMap, Scene, Signals
 from sumo_mcts.world.grid import write_grid
 from sumo_mcts.world.roadmap import read_roadmap
 from sumo_mcts.world.simulation import Simulation
@@ -224,28 +225,8 @@ def _scene(road: RoadMap, count: int, seed: int, near: bool = False) -> Scene:
     route = tuple(road.edge_ids.index(edge) for edge in EGO_EDGES)
     own = int(np.flatnonzero(road.edge == route[0])[-1])
     x, y, heading = _pose(road, own, EGO_S)
-    ego = EgoState(
-        id="ego",
-        x=x,
-        y=y,
-        heading=heading,
-        v=EGO_SPEED,
-        a=0.0,
-        lane=own,
-        s=EGO_S,
-        d=0.0,
-        length=5.0,
-        width=1.8,
-        max_accel=2.6,
-        comfort_decel=4.5,
-        emergency_decel=9.0,
-        max_speed=50.0,
-        speed_factor=1.0,
-        vclass=0,
-        route=route,
-        changing=0.0,
-        change_to=-1,
-        change_from=-1,
+    ego = standing_car(road, own)._replace(
+        id="ego", x=x, y=y, heading=heading, v=EGO_SPEED, s=EGO_S, route=route
     )
     places: list[tuple[int, float]] = []
     lanes = np.flatnonzero(np.isin(road.edge, route) if near else ~road.internal)

@@ -211,7 +211,7 @@ def _interrupted(
 def _strike(
     process: "subprocess.Popen[bytes]", blow: Blow, moment: float, chance: random.Random
 ) -> bool:
-    """Wait for the moment, or the first worker after it, and send the signal;
+    """Wait for the moment, or the first worker after it, and send the signal.
 
     False where the batch was over before.
     """

@@ -344,7 +344,7 @@ def test_of_two_ways_that_end_alike_the_one_with_fewer_changes_to_come_is_taken(
 def chain(
     lengths: Sequence[float], limits: Sequence[float], dead: bool
 ) -> tuple[RoadMap, tuple[int, ...]]:
-    """A road of edges e0, e1, ... without junctions between them;
+    """A road of edges e0, e1, ... without junctions between them.
 
     `dead`: its last edge is only beside the end of the one before.
     """

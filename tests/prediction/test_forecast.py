@@ -275,7 +275,7 @@ platoons = st.lists(st.tuples(st.floats(0.0, 15.0), st.floats(0.5, 40.0)), min_s
 
 @given(platoons, st.booleans())
 def test_nobody_overlaps_the_leader(platoon: list[tuple[float, float]], wall: bool) -> None:
-    """Where braking at 4.5 m/s2 after a second would do to begin with;
+    """Where braking at 4.5 m/s2 after a second would do to begin with.
 
     `wall`: the first one stands and stays.
     """
