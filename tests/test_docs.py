@@ -25,6 +25,7 @@ from sumo_mcts.episode import run_episode
 from sumo_mcts.evaluation import referee
 from sumo_mcts.experiments import experiment
 from sumo_mcts.records import ROW_KEYS
+from sumo_mcts.reporting.results_page import blocks
 
 TOP = Path(__file__).resolve().parent.parent
 PAGES = [
@@ -114,7 +115,7 @@ def test_the_page_of_commands_is_up_to_date() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_lines_are_short(page: Path) -> None:
     """At most 100 columns, but for tables, pictures, headings, examples and generated parts."""
-    left_out = r"```.*?```|<!-- keys: .*?<!-- end of keys -->"  # examples, generated parts
+    left_out = r"```.*?```|<!-- (keys|results): .*?<!-- end of \1 -->"  # examples, generated parts
     text = re.sub(left_out, "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     assert not [
         line
@@ -131,6 +132,48 @@ def test_every_key_has_a_meaning_a_type_and_a_default() -> None:
         )
         assert key and kind and default and meaning, row
         assert kind != "None", row
+
+
+# --- studies ---
+
+_BLOCK = re.compile(r"^<!-- results: .*?^<!-- end of results -->$", re.DOTALL | re.MULTILINE)
+_COMMAND = re.compile(r"^    (?:sumo-mcts|python) ", re.MULTILINE)
+_COMMIT = re.compile(r"\b(?=[0-9a-f]*[0-9])[0-9a-f]{7}\b")
+
+
+def without_source(text: str) -> list[str]:
+    """The first lines of tables that are neither generated nor have their command between them and
+    what stands before, and a commit in their section."""
+    found = []
+    for section in re.split(r"^#+ ", _BLOCK.sub("", text), flags=re.MULTILINE):
+        texts_and_tables = re.split(r"((?:^\|.*\n)+)", section, flags=re.MULTILINE)
+        for before, table in zip(texts_and_tables[::2], texts_and_tables[1::2], strict=False):
+            told = _COMMAND.search(before) or "same command" in before
+            if not ((told or "| command and commit |" in table) and _COMMIT.search(section)):
+                found.append(table.splitlines()[0])
+    return found
+
+
+@pytest.mark.parametrize(
+    "page", sorted((TOP / "docs" / "studies").glob("*.md")), ids=lambda page: page.name
+)
+def test_every_table_of_a_study_is_generated_or_has_its_command(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert without_source(text) == []
+    assert len(blocks(text, page.name)) == len(_BLOCK.findall(text))
+    assert all(_COMMAND.search(block) and "sources " in block for block in _BLOCK.findall(text))
+
+
+def test_a_table_without_its_command_is_found() -> None:
+    table, command = "| a |\n|---|\n| 1 |\n", "    sumo-mcts bench\n\n"
+    whole = f"{command}{table}\nCommit 12ab34c.\n\n"
+    generated = f"<!-- results: table study -->\n{table}<!-- end of results -->\n"
+    assert without_source(f"# A\n\n{whole}## B\n\n{whole}{generated}") == []
+    for wrong in (
+        f"{command}{table}\nCommit.\n", f"Commit 12ab34c.\n\n{table}", f"{whole}{table}",
+        f"{whole}\n## B\n\n{table}", f"{whole}\n## B\n\n{command}{table}",
+    ):  # fmt: skip
+        assert without_source(wrong) == ["| a |"], wrong
 
 
 # --- files, functions, keys ---

@@ -58,6 +58,15 @@ ReportFolder = Annotated[
     typer.Option(help="Where report.html, report.md and tables/ go. Default: the first folder."),
 ]
 
+ResultsPage = Annotated[
+    Optional[Path],
+    typer.Option(
+        metavar="PAGE.md",
+        help="Instead of a report, make the tables between the marks of this Markdown page anew; "
+        "without the page a new one with all tables.",
+    ),
+]
+
 
 @command()
 def batch(
@@ -97,16 +106,25 @@ def batch(
 
 @command()
 def report(
-    folders: Folders, out: ReportFolder = None, as_json: AsJson = False, quiet: Quiet = False
+    folders: Folders,
+    out: ReportFolder = None,
+    results: ResultsPage = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Tables and one page with figures and replays, over the episodes of output folders."""
     from sumo_mcts.commands import report as command
     from sumo_mcts.commands.folders import check_folder
 
+    if out is not None and results is not None:
+        raise ConfigError(f"--out {out}: with --results only the page is written; leave one out")
     if out is not None:
         check_folder(out)
     with progress("reading", quiet=quiet or as_json) as note:
-        made = command.report(folders, out or folders[0], sys.argv[1:], note)
+        if results is None:
+            made = command.report(folders, out or folders[0], sys.argv[1:], note)
+        else:
+            made = command.write_results(folders, results, note)
     if as_json:
         print_json(made.document)
     elif not quiet:

@@ -19,6 +19,7 @@ SEED = 0  # of the resampling
 # Values that an interval needs: of fewer, even the range from smallest to largest misses the median
 # more often than once in twenty.
 LEAST = 6
+SLOW = (90, 95, 99)  # %, of the pairs whose time ratio is at most what is told beside the median
 # The planner whose episodes are the others' twins, and their variant where `twins` adds it.
 TWIN = "sumo"
 # What the two episodes of a pair share: scenario, seed, ego, traffic, how often it was redrawn.
@@ -141,14 +142,24 @@ def time_ratio(both: Sequence[Pair]) -> Estimate | None:
 
     Pairs count whose other arrived. A travel without arrival took infinitely long.
     """
-    ratios = np.array(
-        [
-            _travelled(pair.one) / pair.other["travel_time_s"]
-            for pair in both
-            if arrived(pair.other) and pair.other["travel_time_s"]
-        ]
-    )
-    return median(ratios)
+    return median(_time_ratios(both))
+
+
+def slow_ratios(both: Sequence[Pair]) -> list[float | None]:
+    """The ratio of travel times, as in `time_ratio`, that SLOW % of the pairs do not exceed."""
+    ratios = _time_ratios(both)
+    return [at_most(ratios, percent) for percent in SLOW]
+
+
+def at_most(values: Floats, percent: int) -> float | None:
+    """The smallest of [n] values, some perhaps infinite, that `percent` % of them do not exceed.
+
+    None of none. Of fewer than 100 / (100 - percent) values it is the largest.
+    """
+    if not len(values):
+        return None
+    # In whole numbers: 0.9 * 10 is not 9 to every machine.
+    return float(np.sort(values)[-(-percent * len(values) // 100) - 1])
 
 
 def median(values: Floats) -> Estimate | None:
@@ -160,6 +171,17 @@ def median(values: Floats) -> Estimate | None:
         float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2,
         _interval_of(values, resampled_medians),
         n,
+    )
+
+
+def _time_ratios(both: Iterable[Pair]) -> Floats:
+    """[n] travel times of the one over the other's, of the pairs whose other arrived."""
+    return np.array(
+        [
+            _travelled(pair.one) / pair.other["travel_time_s"]
+            for pair in both
+            if arrived(pair.other) and pair.other["travel_time_s"]
+        ]
     )
 
 

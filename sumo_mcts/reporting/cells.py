@@ -56,7 +56,12 @@ def plain(cell: Rate | Estimate | Contrast) -> dict[str, Any]:
     low, high = cell.interval or (None, None)
     parts = {**cell._asdict(), "low": low, "high": high}
     del parts["interval"]
-    return {name: "inf" if value == math.inf else value for name, value in parts.items()}
+    return {name: finite(value) for name, value in parts.items()}
+
+
+def finite(value: Any) -> Any:
+    """The value; infinity, which JSON does not know, as the text `inf`."""
+    return "inf" if value == math.inf else value
 
 
 def _percent(share: float) -> str:

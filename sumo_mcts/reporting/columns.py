@@ -10,7 +10,16 @@ import numpy as np
 
 from sumo_mcts.records import Row
 from sumo_mcts.records.measures import BY_KEY, Count, Kind
-from sumo_mcts.records.statistics import Rate, arrived, at_fault, collided, rate, some, wilson
+from sumo_mcts.records.statistics import (
+    SLOW,
+    Rate,
+    arrived,
+    at_fault,
+    collided,
+    rate,
+    some,
+    wilson,
+)
 from sumo_mcts.reporting.cells import Cell
 
 
@@ -120,6 +129,11 @@ VARIANT = Column(
 )
 AGAINST = Column("against", "Against", "The other variant.")
 EPISODES = Column("episodes", "Episodes", "Episodes that were run, those with an error too.")
+TWIN_AT_FAULT = Column(
+    "twin_at_fault",
+    "Twin at fault",
+    "Of the pairs, those whose twin ended in a collision at fault.",
+)
 PAIRS = Column("pairs", "Pairs", "Episodes of the same scenario, seed and ego that both were run.")
 ARRIVED = Column(
     "arrived",
@@ -137,11 +151,20 @@ OTHER_OUTCOMES = Column(
     "Other outcomes",
     "Timeout, off the route, teleported by SUMO, or an error of the run.",
 )
-TIME_RATIO = Column(
-    "travel_time_ratio",
-    "Time ratio",
-    "Median over pairs of the ego's travel time divided by the other's. An ego that did not arrive "
-    "counts as infinite; pairs whose other did not are left out.",
+_TIME_RATIO = (
+    "of the ego's travel time divided by the other's. An ego that did not arrive counts as "
+    "infinite; pairs whose other did not are left out."
+)
+TIME_RATIOS = (
+    Column("travel_time_ratio", "Time ratio, 50 %", f"Median over pairs {_TIME_RATIO}"),
+    *(
+        Column(
+            f"travel_time_ratio_p{percent}",
+            f"{percent} %",
+            f"What {percent} % of the pairs do not exceed {_TIME_RATIO}",
+        )
+        for percent in SLOW
+    ),
 )
 WITH_TWIN = Column(
     "arrived_with_twin",

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from sumo_mcts.records import SCHEMA_VERSION, Row
-from sumo_mcts.reporting.cells import Cell, is_numeric, plain, text
+from sumo_mcts.reporting.cells import Cell, finite, is_numeric, plain, text
 from sumo_mcts.reporting.highlights import Highlight
 from sumo_mcts.reporting.results import Results
 from sumo_mcts.reporting.tables import Table
@@ -24,21 +24,19 @@ def report_markdown(results: Results, found: Sequence[Table], shown: Sequence[Hi
 
 
 def markdown(table: Table) -> str:
-    """A table in Markdown, with its heading."""
+    """A table in Markdown, with its heading and what it is about."""
+    return f"## {table.title}\n\n{table.about}\n\n{lines(table)}\n"
+
+
+def lines(table: Table) -> str:
+    """The lines of a table in Markdown."""
     numeric = [any(is_numeric(row[i]) for row in table.rows) for i in range(len(table.columns))]
-    lines = [
-        f"## {table.title}",
-        "",
-        table.about,
-        "",
-        _line(column.heading for column in table.columns),
-        _line("---:" if right else "---" for right in numeric),
-    ]
-    lines += [
+    shown = [
         _line(text(cell, column.digits) for cell, column in zip(row, table.columns, strict=True))
         for row in table.rows
     ]
-    return "\n".join(lines) + "\n"
+    head = _line(column.heading for column in table.columns)
+    return "\n".join([head, _line("---:" if right else "---" for right in numeric), *shown])
 
 
 def _highlights_markdown(shown: Sequence[Highlight]) -> str:
@@ -91,7 +89,7 @@ def document(table: Table) -> dict[str, Any]:
     ]
     rows = [
         {
-            column.key: plain(cell) if isinstance(cell, tuple) else cell
+            column.key: plain(cell) if isinstance(cell, tuple) else finite(cell)
             for cell, column in zip(row, table.columns, strict=True)
         }
         for row in table.rows

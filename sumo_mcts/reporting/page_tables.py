@@ -6,6 +6,7 @@ from html import escape
 from sumo_mcts.records import Row
 from sumo_mcts.records.statistics import (
     LEAST,
+    SLOW,
     TWIN,
     Contrast,
     Estimate,
@@ -17,6 +18,7 @@ from sumo_mcts.records.statistics import (
     contrast,
     pairs,
     rate,
+    slow_ratios,
     some,
     time_ratio,
 )
@@ -69,7 +71,12 @@ def _twin_tiles(both: Sequence[Pair]) -> list[str]:
     found = []
     if ratio is not None:
         shown = f"{number(ratio.value)}<small>× SUMO's driver</small>"
-        told = f"{interval(ratio)}, median of {counted(ratio.n, 'pair')}"
+        slow = [
+            f"{percent} % up to {number(value)}"
+            for percent, value in zip(SLOW, slow_ratios(both), strict=True)
+            if value is not None
+        ]
+        told = ", ".join([interval(ratio), f"median of {counted(ratio.n, 'pair')}", *slow])
         found.append(_tile("Travel time", shown, told))
     if imposed is not None:
         told = (

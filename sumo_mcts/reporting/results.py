@@ -1,6 +1,7 @@
 """The results in folders, merged: the rows, where their traces lie, and what is wrong with them."""
 
 import re
+import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -109,7 +110,7 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
     if missing:
         notes.append(
             f"{named}: up to {max(missing.values())} of {len(lines)} rows are of another version, "
-            f"without {_some(list(missing))}"
+            f"without {some_of(list(missing))}"
         )
     told = {line["key"]: line for line in lines}  # of the same key the last
     rows = {
@@ -127,14 +128,14 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
     )
     if strange:
         notes.append(
-            f"{named}: values that their keys do not allow are left out: {_some(list(strange))}"
+            f"{named}: values that their keys do not allow are left out: {some_of(list(strange))}"
         )
     if not rows:
         notes.append(f"{named}: no episode in it")
     return {str(row["key"]): row for row in rows.values()}, notes
 
 
-def _some(names: Sequence[str]) -> str:
+def some_of(names: Sequence[str]) -> str:
     """The names, the first of many."""
     more = len(names) - _TOLD
     return ", ".join(names[:_TOLD]) + (f" and {more} more" if more > 0 else "")
@@ -196,7 +197,7 @@ def _other_shards(manifests: Sequence[Mapping[str, Any]]) -> list[str]:
         count: sorted(set(range(1, count + 1)) - found) for (_, count), found in there.items()
     }
     return [
-        f"shard {_some([f'{k}/{count}' for k in those])} of the experiment is not here"
+        f"shard {some_of([f'{k}/{count}' for k in those])} of the experiment is not here"
         for count, those in missing.items()
         if those
     ]
@@ -225,7 +226,7 @@ def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list
         )
         if len(found) > 1:
             doubts.append(
-                f"the folders were written with different versions of {name}: {_some(found)}"
+                f"the folders were written with different versions of {name}: {some_of(found)}"
             )
     return doubts
 
@@ -245,6 +246,13 @@ def _manifest_of(folder: Path, notes: list[str]) -> dict[str, Any]:
         notes.append(f"{folder}: {records.MANIFEST}: not a manifest, and left out")
         return {}
     return manifest
+
+
+def experiment_of(folder: Path) -> str | None:
+    """The name of the experiment in a folder; None: it holds none."""
+    told = _manifest_of(folder, []).get("experiment")
+    name = told.get("name") if isinstance(told, dict) else None
+    return printable(name) if isinstance(name, str) else None
 
 
 def _order_in(manifests: Iterable[dict[str, Any]], key: str) -> dict[str, int]:
@@ -288,6 +296,32 @@ def _versions(manifests: Iterable[dict[str, Any]]) -> dict[str, str]:
     return {
         printable(str(name)): printable(str(version)) for name, version in told.items() if version
     }
+
+
+def commands(folders: Iterable[Path], rows: Iterable[Row]) -> list[str]:
+    """The commands that wrote the folders, as a shell takes them, each once; only those recorded.
+
+    A batch has one in its manifest, every episode of `run` one of its own.
+    """
+    keys = [row["key"] for row in rows]
+    words = [
+        told.get("command") for folder in folders for told in _manifests_that_tell(folder, keys)
+    ]
+    found = dict.fromkeys(
+        printable(shlex.join(each))
+        for each in words
+        if isinstance(each, list) and each and all(isinstance(word, str) for word in each)
+    )
+    return list(found)
+
+
+def _manifests_that_tell(folder: Path, keys: Iterable[str]) -> list[dict[str, Any]]:
+    """The manifest of a batch; else those of the episodes, and of the last where none is kept."""
+    whole = _manifest_of(folder, [])
+    there = {path.stem for path in (folder / records.MANIFESTS).glob("*.json")}
+    if "experiment" in whole or not there:
+        return [whole]
+    return [records.read_manifest_of(folder, key) for key in keys if key in there]
 
 
 def _traces_of(folder: Path, keys: Iterable[str]) -> dict[str, Path]:

@@ -9,7 +9,6 @@ from sumo_mcts.records import Row
 from sumo_mcts.records.measures import COMPARED, TABLES
 from sumo_mcts.records.statistics import (
     TWIN,
-    Contrast,
     Pair,
     arrived,
     at_fault,
@@ -17,6 +16,7 @@ from sumo_mcts.records.statistics import (
     contrast,
     pairs,
     rate,
+    slow_ratios,
     some,
     time_ratio,
 )
@@ -29,7 +29,8 @@ from sumo_mcts.reporting.columns import (
     OTHER_OUTCOMES,
     PAIRS,
     SCENARIO,
-    TIME_RATIO,
+    TIME_RATIOS,
+    TWIN_AT_FAULT,
     VARIANT,
     WITH_TWIN,
     WITHOUT_TWIN,
@@ -38,7 +39,7 @@ from sumo_mcts.reporting.columns import (
     column_of,
     compared_column,
 )
-from sumo_mcts.reporting.variants import Groups, grouped, labelled, twins_of
+from sumo_mcts.reporting.variants import Groups, driven, grouped, labelled, twins_of
 
 NOT_WORSE = 1.0  # so many more episodes in a hundred than the twin's are allowed
 
@@ -77,6 +78,30 @@ def tables(rows: Sequence[Row]) -> list[Table]:
         ),
         _between_variants(planned),
     ]
+
+
+def study(rows: Sequence[Row]) -> Table:
+    """What a page of results shows of a study: each variant in each scenario beside its twins."""
+    twins = twins_of(rows)
+
+    def cells(those: list[Row]) -> list[Cell]:
+        both = pairs(those, twins)
+        other = rate(at_fault(pair.other) for pair in both) if both else None
+        against = _against(both) if both else [None] * len(_WITH_TWIN)
+        ended = rate(map(arrived, those)), cell_of("at_fault", those)
+        return [*ended, other, *against, *(cell_of(key, those) for key in last)]
+
+    last = ("hard_brakes", "plan_ms_p50")
+    columns = (
+        SCENARIO, VARIANT, ARRIVED, column_of("at_fault"), TWIN_AT_FAULT, *_WITH_TWIN,
+        *map(column_of, last),
+    )  # fmt: skip
+    about = (
+        "Rates with the 95 % Wilson interval. The twin is the same vehicle at the same seed, "
+        "driven by SUMO. Differences in episodes per hundred, and the median of the time ratio, "
+        "with a 95 % bootstrap interval over pairs."
+    )
+    return Table("study", "Study", about, columns, _lines(grouped(driven(rows)), cells))
 
 
 def _of_measures(name: str, title: str, about: str, groups: Groups) -> Table:
@@ -137,12 +162,12 @@ def _overall(rows: Sequence[Row]) -> Table:
 
     def cells(those: list[Row]) -> list[Cell]:
         both = pairs(those, twins) if those[0]["planner"] != TWIN else []
-        against = [time_ratio(both), *_compared(both)] if both else [None] * (1 + len(COMPARED))
+        against = _against(both) if both else [None] * len(_WITH_TWIN)
         return [*_ends(those), *against, cell_of("plan_ms_p50", those)]
 
     columns = (
-        VARIANT, EPISODES, ARRIVED, COLLISIONS, column_of("at_fault"), TIME_RATIO,
-        *_with_twin(), column_of("plan_ms_p50"),
+        VARIANT, EPISODES, ARRIVED, COLLISIONS, column_of("at_fault"), *_WITH_TWIN,
+        column_of("plan_ms_p50"),
     )  # fmt: skip
     several = len({row["scenario"] for row in rows}) > 1
     lines = tuple((labelled(those[0]), *cells(those)) for those in variants.values())
@@ -155,17 +180,21 @@ def _overall(rows: Sequence[Row]) -> Table:
     )
 
 
-def _compared(both: Sequence[Pair]) -> list[Contrast | None]:
-    return [contrast(both, some(key)) for key in COMPARED]
+_MORE = (
+    "The ego's episodes : the twin's, and the difference per hundred episodes; at most one more is "
+    "allowed."
+)
+_WITH_TWIN = (*TIME_RATIOS, *(compared_column(key, _MORE) for key in COMPARED))
 
 
-def _with_twin() -> list[Column]:
-    """The columns of the measures that are compared with the twin's."""
-    about = (
-        "The ego's episodes : the twin's, and the difference per hundred episodes; at most one "
-        "more is allowed."
-    )
-    return [compared_column(key, about) for key in COMPARED]
+def _against(both: Sequence[Pair]) -> list[Cell]:
+    """The cells of _WITH_TWIN: what is compared with the twin's."""
+    return [*_time_ratios(both), *(contrast(both, some(key)) for key in COMPARED)]
+
+
+def _time_ratios(both: Sequence[Pair]) -> list[Cell]:
+    """The cells of TIME_RATIOS."""
+    return [time_ratio(both), *slow_ratios(both)]
 
 
 def _against_twin(planned: Groups, twins: Sequence[Row]) -> Table:
@@ -178,11 +207,10 @@ def _against_twin(planned: Groups, twins: Sequence[Row]) -> Table:
             len(both),
             rate(arrived(pair.one) for pair in there),
             rate(arrived(pair.one) for pair in apart),
-            time_ratio(both),
-            *_compared(both),
+            *_against(both),
         ]
 
-    columns = (SCENARIO, VARIANT, PAIRS, WITH_TWIN, WITHOUT_TWIN, TIME_RATIO, *_with_twin())
+    columns = (SCENARIO, VARIANT, PAIRS, WITH_TWIN, WITHOUT_TWIN, *_WITH_TWIN)
     about = (
         "The twin is the same vehicle at the same seed, driven by SUMO. Differences in "
         "episodes per hundred with a 95 % bootstrap interval over pairs."
@@ -204,9 +232,9 @@ def _between_variants(planned: Groups) -> Table:
         if both:
             contrasts = [contrast(both, each) for each in happened]
             names = scenario, labelled(one[0]), labelled(two[0])
-            lines.append((*names, len(both), time_ratio(both), *contrasts))
+            lines.append((*names, len(both), *_time_ratios(both), *contrasts))
     columns = (
-        SCENARIO, VARIANT, AGAINST, PAIRS, TIME_RATIO, ARRIVED, COLLISIONS,
+        SCENARIO, VARIANT, AGAINST, PAIRS, *TIME_RATIOS, ARRIVED, COLLISIONS,
         compared_column("at_fault"), compared_column(imposed),
     )  # fmt: skip
     about = (

@@ -17,12 +17,14 @@ from sumo_mcts.records.statistics import (
     Rate,
     arrived,
     at_fault,
+    at_most,
     collided,
     contrast,
     interval,
     median,
     pairs,
     rate,
+    slow_ratios,
     some,
     time_ratio,
     wilson,
@@ -128,6 +130,24 @@ def test_who_does_not_arrive_takes_for_ever_and_whose_twin_does_not_is_left_out(
     most = time_ratio([both[1], both[1], both[0]])
     assert most is not None
     assert most.value == math.inf
+
+
+def test_what_so_many_percent_do_not_exceed_is_one_of_the_values() -> None:
+    """Against counting: the smallest value that at least so many of the values do not exceed."""
+    values = np.array([3.0, 1.0, 2.0, math.inf, 2.0, 5.0, 4.0, 9.0, 8.0, 7.0])
+    for n in range(1, 11):
+        for percent in (1, 10, 50, 90, 95, 99, 100):
+            least = min(v for v in values[:n] if 100 * (values[:n] <= v).sum() >= percent * n)
+            assert at_most(values[:n], percent) == least, (n, percent)
+    assert at_most(np.array([]), 90) is None
+
+
+def test_slow_pairs_are_told_beside_the_median() -> None:
+    """Of 100 pairs 98 ratios, 0.01 to 0.98, and two that do not arrive; the last twin does not either."""
+    both = [Pair(row(travel_time_s=0.1 * k), row()) for k in range(1, 99)]
+    both += [Pair(stopped(), row()), Pair(stopped(), row()), Pair(row(), stopped())]
+    assert slow_ratios(both) == [pytest.approx(0.90), pytest.approx(0.95), math.inf]
+    assert slow_ratios([both[-1]]) == [None, None, None]
 
 
 def test_a_travel_time_counts_only_if_the_ego_arrived() -> None:

@@ -86,6 +86,7 @@ def test_json_has_no_numbers_that_json_does_not_know() -> None:
                 (Estimate(1.0, None, 3),),
                 (Rate(1, 2, wilson(1, 2)),),
                 (None,),
+                (math.inf,),
             ),
         )
     )
@@ -94,3 +95,4 @@ def test_json_has_no_numbers_that_json_does_not_know() -> None:
     }
     assert document["rows"][1] == {"a": {"value": 1.0, "low": None, "high": None, "n": 3}}
     assert document["rows"][2]["a"]["k"] == 1
+    assert document["rows"][4] == {"a": "inf"}

@@ -1,5 +1,7 @@
 """The tables count what the rows say."""
 
+import math
+
 from helpers_rows import crashed, made_row, made_rows
 
 from sumo_mcts.records.statistics import Contrast, Estimate, Rate, wilson
@@ -8,7 +10,8 @@ from sumo_mcts.reporting.cells import Cell
 
 
 def cells(name: str, rows: list[dict[str, object]]) -> list[dict[str, Cell]]:
-    table = next(table for table in tables.tables(rows) if table.name == name)
+    found = (tables.study(rows), *tables.tables(rows))
+    table = next(table for table in found if table.name == name)
     return [
         dict(zip((column.key for column in table.columns), row, strict=True)) for row in table.rows
     ]
@@ -52,6 +55,43 @@ def test_pairs_whose_twin_does_not_arrive_stand_apart() -> None:
     assert (imposed.k, imposed.other, imposed.n, imposed.per_hundred) == (0, 3, 4, -75.0), (
         "over all pairs, those too whose twin does not arrive"
     )
+
+
+def test_a_study_shows_each_variant_beside_its_twins() -> None:
+    rows = [made_row(seed=seed, travel_time_s=20.0 + seed, hard_brakes=0) for seed in range(4)]
+    rows[0] = crashed(rows[0], imposed_brakes_2=1, hard_brakes=1)
+    twins = [made_row(variant="sumo", seed=seed, travel_time_s=20.0) for seed in range(3)]
+    twins[1] = crashed(twins[1])
+    alone = made_row("exit")
+    left, exit_ = cells("study", [*rows, *twins, alone])
+    imposed = left.pop("imposed_brakes_2")
+    assert isinstance(imposed, Contrast) and (imposed.k, imposed.other, imposed.n) == (1, 0, 3)
+    assert left == {
+        "scenario": "left",
+        "variant": "mcts-idm-100",
+        "arrived": Rate(3, 4, wilson(3, 4)),
+        "at_fault": Rate(1, 4, wilson(1, 4)),
+        "twin_at_fault": Rate(1, 3, wilson(1, 3)),
+        "travel_time_ratio": Estimate(math.inf, None, 2),
+        "travel_time_ratio_p90": math.inf,
+        "travel_time_ratio_p95": math.inf,
+        "travel_time_ratio_p99": math.inf,
+        "imposed_brakes_3": Contrast(0, 0, 3, 0.0, None),
+        "imposed_brakes_4": Contrast(0, 0, 3, 0.0, None),
+        "hard_brakes": Rate(1, 4, wilson(1, 4)),
+        "plan_ms_p50": 2.5,
+    }
+    assert (exit_["arrived"], exit_["twin_at_fault"]) == (Rate(1, 1, wilson(1, 1)), None)
+    assert exit_["travel_time_ratio"] is None is exit_["travel_time_ratio_p99"]
+
+
+def test_slow_pairs_stand_beside_the_median() -> None:
+    rows = [made_row(seed=seed, travel_time_s=float(seed)) for seed in range(1, 41)]
+    rows += [made_row(variant="idm", seed=seed, travel_time_s=100.0) for seed in range(1, 41)]
+    rows += [made_row(variant="sumo", seed=seed, travel_time_s=10.0) for seed in range(1, 41)]
+    slow = [f"travel_time_ratio_p{percent}" for percent in (90, 95, 99)]
+    for name, told in (("twin", [3.6, 3.8, 4.0]), ("variants", [0.36, 0.38, 0.4])):
+        assert [cells(name, rows)[0][key] for key in slow] == told, name
 
 
 def test_over_all_scenarios_each_variant_is_paired_with_its_twins() -> None:
