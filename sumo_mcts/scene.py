@@ -363,6 +363,9 @@ class Frame(NamedTuple):
     present: bool  # False: SUMO no longer has the ego
     agents: Agents  # all within REFEREE_RANGE of the ego
     signals: Signals  # K = 1
+    # [links] whether each shows green: Signals take a light that is off as green; empty: not asked
+    # (asked where the ego stands)
+    green: Bools
     # [N] the vehicle that SUMO names as each agent's leader; "" none, or not asked (asked of those
     # that brake)
     leader: tuple[str, ...]

@@ -370,9 +370,10 @@ def frame_of(
     everybody = agents_at(road, *agents)
     links = int(road.link.max()) + 1
     n = len(everybody.ids)
+    shown = signals or lights(*([GREEN] * links))
     return Frame(
         time=time, ego=ego, present=True, agents=everybody,
-        signals=signals or lights(*([GREEN] * links)), leader=("",) * n,
+        signals=shown, green=shown.state[:, 0] == GREEN, leader=("",) * n,
         paths=(np.zeros(0, np.int32),) * n, collisions=(), collision_type="", teleported=False,
         arrived=False, ttc=nan, pet=nan, drac=nan,
     )  # fmt: skip

@@ -195,7 +195,8 @@ def explain(
 
     trace = trace_of(folder, key)
     cycle = _cycle_at(trace, at)
-    why = explanation.explain(trace, _map_if_there(folder, trace), cycle)
+    row = {row["key"]: row for row in _rows(folder)}.get(key)
+    why = explanation.explain(trace, _map_if_there(folder, trace), cycle, row)
     if not again:
         return why
     if not trace.setting.config:

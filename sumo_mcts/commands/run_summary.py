@@ -19,6 +19,7 @@ def summary_of(row: Row) -> str:
         return "\n".join(lines)
     lines += [
         _line("travel time", _travel_time(row)),
+        _line("standing", _standing(row)),
         _line("comfort", _comfort(row)),
         _line("others", _others(row)),
         _line("rules", _rules(row)),
@@ -48,7 +49,17 @@ def _travel_time(row: Row) -> str:
         if row["travel_time_s"] is None or not row["free_flow_s"]
         else f" ({row['travel_time_s'] / row['free_flow_s']:.2f} x free flow)"
     )
-    return f"{_shown(row['travel_time_s'], ' s')}{ratio}, {_shown(row['distance_m'], ' m')} driven"
+    return (
+        f"{_shown(row['travel_time_s'], ' s')}{ratio}, {_shown(row['time_lost_s'], ' s')} lost, "
+        f"{_shown(row['distance_m'], ' m')} driven"
+    )
+
+
+def _standing(row: Row) -> str:
+    return (
+        f"{_shown(row['stopped_s'], ' s')} in all, {_shown(row['longest_stop_s'], ' s')} at a "
+        f"stretch, {_shown(row['stopped_at_green_s'], ' s')} first at green"
+    )
 
 
 def _comfort(row: Row) -> str:

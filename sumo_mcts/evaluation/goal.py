@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from sumo_mcts.evaluation.metrics import crossing_time, free_flow_time
 from sumo_mcts.evaluation.reachability import REACH
 from sumo_mcts.scene import EgoState, RoadMap
 
@@ -46,6 +47,19 @@ class RouteProgress:
                 self.arrived |= left_goal
             else:
                 self.arrived |= edge == success if self._success < 0 else self._at >= self._success
+
+    def free_flow_left(self, ego: EgoState) -> float | None:
+        """Free-flow time, s, from where the ego is to the end of its route; None off the route."""
+        road, ahead = self._road, self._goal.edges[self._at :]
+        if ego.lane < 0:
+            return None
+        crossing, lane = crossing_time(road, ego.lane, ego.s, ego.speed_factor, ego.max_speed)
+        inside = lane != ego.lane
+        if int(road.edge[lane]) not in ahead[inside : inside + 1]:
+            return None
+        return crossing + free_flow_time(
+            road, ahead[inside:], 0.0 if inside else ego.s, ego.speed_factor, ego.max_speed
+        )
 
     def ends_at_goal(self, last: EgoState | None, step: float) -> bool:
         """Whether an ego that SUMO has taken out of the traffic had come to the edge that counts,

@@ -132,12 +132,20 @@ def _connection_time(
     connected."""
     quickest = inf
     for first in road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]:
-        here, time = int(first), 0.0
-        while road.internal[here] and road.successor_offset[here] < road.successor_offset[here + 1]:
-            time += float(road.length[here]) / min(
-                float(road.speed[here]) * speed_factor, max_speed
-            )
-            here = int(road.successor[road.successor_offset[here]])
-        if road.edge[here] == onto:
+        time, exit_lane = crossing_time(road, int(first), 0.0, speed_factor, max_speed)
+        if road.edge[exit_lane] == onto:
             quickest = min(quickest, time)
     return quickest
+
+
+def crossing_time(
+    road: RoadMap, lane: int, s: float, speed_factor: float, max_speed: float
+) -> tuple[float, int]:
+    """Free-flow seconds from lane position s, m, on an internal lane to the end of its connection,
+    and the ordinary lane there; 0 and the lane itself where it is ordinary."""
+    here, driven, time = lane, s, 0.0
+    while road.internal[here] and road.successor_offset[here] < road.successor_offset[here + 1]:
+        free = min(float(road.speed[here]) * speed_factor, max_speed)
+        time += max(0.0, float(road.length[here]) - driven) / free
+        here, driven = int(road.successor[road.successor_offset[here]]), 0.0
+    return time, here

@@ -16,6 +16,7 @@ from sumo_mcts.evaluation.imposed import IMPOSED, braking_for_ego, lanes_under
 from sumo_mcts.evaluation.lights import LightRecord
 from sumo_mcts.evaluation.metrics import comfortable_share, events, jerks, rms
 from sumo_mcts.evaluation.reachability import REACH, Drive, driven, goal_reaching_edges
+from sumo_mcts.evaluation.standing import GreenRecord, longest_run
 from sumo_mcts.scene import STANDING, Bools, EgoState, Frame, Ints, RoadMap
 
 ARRIVED, COLLISION, TELEPORTED, OFF_ROUTE, TIMEOUT, ERROR = (
@@ -54,6 +55,7 @@ class Referee:
         self._reaching: Bools = np.zeros(0, np.bool_)  # [edges] that lead to the goal
         self._progress = RouteProgress(road, goal)
         self._lights = LightRecord(road)
+        self._green = GreenRecord(road)
         # one entry a state, from take-over on
         self._v: list[float] = []
         self._heading: list[float] = []
@@ -120,6 +122,7 @@ class Referee:
             "free_flow_s": self._goal.free_flow if isfinite(self._goal.free_flow) else None,
             "in_time": self._outcome == ARRIVED,
             "distance_m": self._odometer[-1] if self._odometer else 0.0,
+            **self._delays(),
             **self._motion(),
             "lane_changes": self._changes,
             "red_lights_run": self._lights.red,
@@ -136,6 +139,29 @@ class Referee:
 
     # --- parts of the row ---
 
+    def _delays(self) -> dict[str, Any]:
+        """How long the ego stood, and what it lost."""
+        stands = np.array(self._v[1:]) < STANDING
+        return {
+            "stopped_s": float(np.sum(stands)) * self._step,
+            "longest_stop_s": longest_run(stands) * self._step,
+            "stopped_at_green_s": self._green.steps * self._step,
+            "time_lost_s": self._time_lost(),
+        }
+
+    def _time_lost(self) -> float | None:
+        """Time since departure minus the free-flow time of what the ego has come along its route;
+        None where that is unknown."""
+        if self._last is None or not isfinite(self._goal.free_flow):
+            return None
+        at_end = self._outcome == ARRIVED and (
+            self._goal.success_edge < 0 or not self._last.present
+        )
+        left = 0.0 if at_end else self._progress.free_flow_left(self._last.ego)
+        if left is None:
+            return None
+        return max(0.0, self._last.time - self._departed - (self._goal.free_flow - left))
+
     def _motion(self) -> dict[str, Any]:
         """How the ego moved."""
         v, heading = np.array(self._v), np.array(self._heading)
@@ -143,7 +169,6 @@ class Referee:
         hard = np.flatnonzero(decel > HARD_BRAKE + _EPS)
         brakes = events((hard * self._step).tolist(), decel[hard].tolist(), self._step)
         return {
-            "stopped_s": float(np.sum(v[1:] < STANDING)) * self._step,
             "max_decel_mps2": float(max(0.0, decel.max(initial=0.0))),
             "hard_brakes": len(brakes),
             "rms_jerk_mps3": rms(jerks(v, self._step)),
@@ -226,6 +251,7 @@ class Referee:
         self._heading.append(frame.ego.heading)
         self._odometer.append(odometer)
         self._lights.note_state(frame.signals, len(self._v) - 1)
+        self._green.note_state(frame)
 
     def _note_imposed_braking(self, before: Frame, frame: Frame, known: Ints) -> None:
         braking = braking_for_ego(self._road, self._trail, self._step, before, frame, known)

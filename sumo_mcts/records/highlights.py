@@ -2,6 +2,10 @@
 
 These are the episodes in which something went wrong; and of each scenario and variant those with
 the hardest moments, or else the first one. A batch keeps their traces, and a report shows some.
+
+The order is that of the harm: a collision at fault, then an ego that is stuck, then what others did
+to it. A batch does not know the twin when an episode ends: there an ego is stuck where its time was
+up, and the longest stops are hard moments.
 """
 
 import bisect
@@ -10,11 +14,12 @@ from collections import defaultdict
 from typing import NamedTuple
 
 from sumo_mcts.records.measures import Row
-from sumo_mcts.records.statistics import TWIN, arrived, at_fault, collided
+from sumo_mcts.records.statistics import TWIN, arrived, at_fault, collided, timed_out
 
 HARDEST = 5  # of each scenario, variant and kind of hard moment a batch keeps so many
-KINDS = 7  # of reasons
-WRONG = 3  # up to this kind something went wrong; beyond it are hard moments
+STUCK_S = 30.0  # of standing at a stretch; so much longer than its twin an ego is stuck
+KINDS = 9  # of reasons
+WRONG = 4  # up to this kind something went wrong; beyond it are hard moments
 Order = tuple[float, str, str]  # of the episodes of a variant: seed, ego, key
 _FIRST, _LAST = (-math.inf, "", ""), (math.inf, "", "")
 
@@ -39,29 +44,62 @@ class Bar(NamedTuple):
     quiet: Order  # an episode in which nothing happened has to come before this one
 
 
-def reasons(row: Row) -> list[Reason]:
-    """Why an episode may be a highlight; empty where nothing happened."""
+def reasons(row: Row, twin: Row | None = None) -> list[Reason]:
+    """Why an episode may be a highlight, the gravest first; empty where nothing happened.
+
+    `twin`: SUMO's own driver in the same place, where it is known.
+    """
     found: list[Reason] = []
-    if collided(row):
-        found.append(
-            Reason(0, 0.0, "collision at fault")
-            if at_fault(row)
-            else Reason(1, 0.0, "collision, not at fault")
-        )
-    elif not arrived(row):
-        found.append(Reason(2, 0.0, row["outcome"].replace("_", " ")))
+    if collided(row) and at_fault(row):
+        found.append(Reason(0, 0.0, "collision at fault"))
+    if words := _stuck(row, twin):
+        found.append(Reason(1, -_longest_stop(row), words))
+    if collided(row) and not at_fault(row):
+        found.append(Reason(2, 0.0, "collision, not at fault"))
+    if not (arrived(row) or collided(row) or timed_out(row)):
+        found.append(Reason(3, 0.0, row["outcome"].replace("_", " ")))
     if count := row["failsafe_interventions"]:
         found.append(
-            Reason(3, -count, f"{count:g} fail-safe intervention{'s' if count > 1 else ''}")
+            Reason(4, -count, f"{count:g} fail-safe intervention{'s' if count > 1 else ''}")
         )
+    return found + _hard_moments(row, twin)
+
+
+def _hard_moments(row: Row, twin: Row | None) -> list[Reason]:
+    """What was hard in an episode, though nothing may have gone wrong."""
+    found: list[Reason] = []
     ttc, pet, imposed = row["min_ttc_s"], row["min_pet_s"], row["imposed_max_decel_mps2"]
     if ttc is not None and not collided(row):
-        found.append(Reason(4, ttc, f"TTC {ttc:.2f} s"))
+        found.append(Reason(5, ttc, f"TTC {ttc:.2f} s"))
     if pet is not None and not collided(row):
-        found.append(Reason(5, pet, f"PET {pet:.2f} s"))
+        found.append(Reason(6, pet, f"PET {pet:.2f} s"))
     if imposed:
-        found.append(Reason(6, -imposed, f"imposed braking {imposed:.1f} m/s²"))
+        found.append(Reason(7, -imposed, f"imposed braking {imposed:.1f} m/s²"))
+    if _longest_stop(row) >= STUCK_S and not timed_out(row):
+        found.append(Reason(8, -_longest_stop(row), _stop_words(row, twin)))
     return found
+
+
+def _stuck(row: Row, twin: Row | None) -> str:
+    """How an ego was stuck, in words: its time was up, or it stood far longer than its twin; ""
+    where it was not."""
+    if timed_out(row):
+        return ", ".join(["timeout", *([_stop_words(row, twin)] if _longest_stop(row) else [])])
+    if twin is None or twin.get("longest_stop_s") is None:
+        return ""
+    far = _longest_stop(row) >= _longest_stop(twin) + STUCK_S
+    return _stop_words(row, twin) if far else ""
+
+
+def _stop_words(row: Row, twin: Row | None) -> str:
+    other = None if twin is None else twin.get("longest_stop_s")
+    beside = "" if other is None else f", its twin {other:.0f} s"
+    return f"stood {_longest_stop(row):.0f} s at a stretch{beside}"
+
+
+def _longest_stop(row: Row) -> float:
+    """In s; 0 where it is unknown, as in a batch that a version without this key began."""
+    return row.get("longest_stop_s") or 0.0
 
 
 def order(row: Row) -> Order:

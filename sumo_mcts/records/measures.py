@@ -114,6 +114,13 @@ MEASURES = (
     Measure("in_time", TRUTH, "Whether the ego arrived within the time limit."),
     Measure("distance_m", NUMBER, "Distance driven since departure.", "m"),
     Measure("stopped_s", NUMBER, "Time slower than 0.1 m/s.", "s"),
+    Measure("longest_stop_s", NUMBER, "The longest time without a break slower than 0.1 m/s.", "s",
+            "Longest stop", Count.LARGEST, 1),
+    Measure("stopped_at_green_s", NUMBER, "Time slower than 0.1 m/s as the first before a stop "
+            "line whose light is green, for whatever reason.", "s", "Stood at green", Count.MEAN,
+            1),
+    Measure("time_lost_s", NUMBER, "Time since departure minus the free-flow time of what the ego "
+            "has come along its route; null off its route.", "s", "Time lost", Count.MEDIAN, 1),
     Measure("max_decel_mps2", NUMBER, "Strongest braking of the ego, positive.", "m/s²",
             "Hardest braking", Count.MEDIAN),
     Measure("hard_brakes", COUNT, "How often the ego braked beyond 4.5 m/s².",
@@ -194,8 +201,9 @@ PAIRING = (
 TABLES = {
     "others": ("imposed_brakes_2", "imposed_brakes_3", "imposed_brakes_4", "min_ttc_s",
                "min_pet_s", "max_drac_mps2"),
-    "comfort": ("travel_time_s", "comfortable_share", "rms_jerk_mps3", "max_decel_mps2",
-                "hard_brakes", "lane_changes", "decision_flips"),
+    "comfort": ("travel_time_s", "time_lost_s", "longest_stop_s", "stopped_at_green_s",
+                "comfortable_share", "rms_jerk_mps3", "max_decel_mps2", "hard_brakes",
+                "lane_changes", "decision_flips"),
     "rules": ("red_lights_run", "yellow_run", "speeding_share", "failsafe_interventions",
               "inevitable"),
     "planning": ("cycles", "iterations", "plan_ms_p50", "plan_ms_p95", "plan_ms_p99",

@@ -101,6 +101,11 @@ def at_fault(row: Row) -> bool | None:
     return collided(row) and row["at_fault"] is not False
 
 
+def timed_out(row: Row) -> bool:
+    """Whether the time was up before the ego came to its goal."""
+    return bool(row["outcome"] == "timeout")
+
+
 def some(key: str) -> Callable[[Row], bool | None]:
     """A test of rows: whether this count or share is above 0; None: unknown."""
     return lambda row: None if row[key] is None else row[key] > 0

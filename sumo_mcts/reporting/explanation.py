@@ -15,7 +15,8 @@ from sumo_mcts.model.local_map import ego_state
 from sumo_mcts.model.route import is_rest_of, route_map, stop_ahead
 from sumo_mcts.numerics.geometry import Box, box_distance
 from sumo_mcts.planners.failsafe import coming
-from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Setting, Trace, same, scenario_of
+from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Row, Setting, Trace, same, scenario_of
+from sumo_mcts.records.measures import BY_KEY
 from sumo_mcts.registry import ORACLE_MARK, PLANNERS, PREDICTORS
 from sumo_mcts.reporting.words import action_words
 from sumo_mcts.scene import (
@@ -32,13 +33,16 @@ from sumo_mcts.scene import (
     RootChild,
 )
 
+STOOD = ("stopped_s", "longest_stop_s", "stopped_at_green_s")  # keys of the row
 COLOURS = ("green", "yellow", "red")  # as scene.py numbers them
 
 
-def explain(trace: Trace, road: RoadMap | None, number: int) -> dict[str, Any]:
+def explain(
+    trace: Trace, road: RoadMap | None, number: int, row: Row | None = None
+) -> dict[str, Any]:
     """What the ego knew, weighed and did in a cycle, and what came of it.
 
-    Without `road` lanes go by their numbers.
+    Without `road` lanes go by their numbers. `row`: the episode's, where it is known.
     """
     cycle = trace.cycles[number]
     after = trace.cycles[number + 1] if number + 1 < len(trace.cycles) else None
@@ -52,6 +56,7 @@ def explain(trace: Trace, road: RoadMap | None, number: int) -> dict[str, Any]:
         "cycles": len(trace.cycles),
         "planner": scenario.get("planner", {}).get("name"),
         "prediction": _prediction(trace),
+        "stood": _stood(row or {}),
         **_thought(cycle, road, trace.setting),
         "executed": {
             "until_s": None if after is None else after.time,
@@ -92,6 +97,11 @@ def explain_again(
         "reproducible": config.reproducible,
         **_thought(again, road, setting),
     }
+
+
+def _stood(row: Row) -> dict[str, float | None]:
+    """How long the ego stood in the whole episode; None: unknown."""
+    return {key: row.get(key) if BY_KEY[key].is_within(row.get(key)) else None for key in STOOD}
 
 
 def _thought(cycle: CycleRecord, road: RoadMap | None, setting: Setting) -> dict[str, Any]:

@@ -13,6 +13,11 @@ REASONS = {
     "release": "SUMO's own driver drives",
     **{row.name: row.label for row in PLANNERS.values() if row.label},
 }
+_STOOD = {
+    "stopped_s": "in all",
+    "longest_stop_s": "at a stretch",
+    "stopped_at_green_s": "at green",
+}
 LOST = "every sequence ends in a contact: the one that loses least"
 
 
@@ -26,7 +31,7 @@ def text(told: dict[str, Any]) -> str:
     )
     head = (
         f"{told['key']}: decision {told['cycle']} of {told['cycles']}, at {told['time_s']:.1f} "
-        f"s; planner {told['planner'] or 'unknown'}{forecast}"
+        f"s; planner {told['planner'] or 'unknown'}{forecast}{_stood(told['stood'])}"
     )
     parts = [
         [head],
@@ -40,6 +45,14 @@ def text(told: dict[str, Any]) -> str:
     if "replan" in told:
         parts.append(_again_lines(told, told["replan"]))
     return "\n\n".join("\n".join(part) for part in parts if part)
+
+
+def _stood(stood: dict[str, Any]) -> str:
+    """How long the ego stood in the whole episode; "" where the row does not tell."""
+    if stood["stopped_s"] == 0.0:
+        return "; the ego never stood"
+    known = [f"{stood[key]:.1f} s {how}" for key, how in _STOOD.items() if stood[key] is not None]
+    return f"; the ego stood {', '.join(known)}" if known else ""
 
 
 def _ego_lines(ego: dict[str, Any]) -> list[str]:

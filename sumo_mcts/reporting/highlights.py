@@ -1,11 +1,12 @@
 """The highlights of a report: which episodes it lists, and why."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from sumo_mcts.records import Row
 from sumo_mcts.records.highlights import KINDS, WRONG, Reason, order, reasons
-from sumo_mcts.reporting.variants import driven, grouped, planner_rank
+from sumo_mcts.records.statistics import Place, place
+from sumo_mcts.reporting.variants import driven, grouped, planner_rank, twins_of
 
 # Hard moments of one kind, of a scenario and variant, that are shown; a batch keeps HARDEST.
 EACH = 3
@@ -26,7 +27,7 @@ class _Candidate(NamedTuple):
     highlight: Highlight
 
 
-def choose_highlights(rows: Iterable[Row], most: int) -> tuple[list[Highlight], int]:
+def choose_highlights(rows: Sequence[Row], most: int) -> tuple[list[Highlight], int]:
     """The highlights to show, `most` at most, and how many there are.
 
     These are, of each scenario and variant, the episodes in which something went wrong and EACH of
@@ -34,16 +35,18 @@ def choose_highlights(rows: Iterable[Row], most: int) -> tuple[list[Highlight], 
     gravest of each variant first, so that one bad planner does not fill the list. Planners that do
     not search come after those that do; SUMO's own driver is left out.
     """
-    found = [each for those in grouped(driven(rows)).values() for each in _candidates(those)]
+    twins = {place(twin): twin for twin in reversed(twins_of(rows))}
+    groups = grouped(driven(rows)).values()
+    found = [each for those in groups for each in _candidates(those, twins)]
     chosen = sorted(found, key=lambda each: each.turn)[:most]
     return [each.highlight for each in sorted(chosen, key=lambda each: each.place)], len(found)
 
 
-def _candidates(rows: Sequence[Row]) -> list[_Candidate]:
+def _candidates(rows: Sequence[Row], twins: Mapping[Place, Row]) -> list[_Candidate]:
     """The highlights of one scenario and variant."""
     planner = planner_rank(rows[0]["planner"])
     later = planner > planner_rank("")
-    why = {row["key"]: reasons(row) for row in rows}
+    why = {row["key"]: reasons(row, twins.get(place(row))) for row in rows}
     if not any(why.values()):
         first = Highlight(min(rows, key=order), ("nothing happened",))
         return [_Candidate((later, 0, KINDS, 0, planner), (KINDS, planner, 0), first)]
@@ -55,15 +58,16 @@ def _candidates(rows: Sequence[Row]) -> list[_Candidate]:
             if reason.kind <= WRONG or ranks[reason, row["key"]] < EACH
         ]
         if shown:
-            gravest = min(reason.kind for _, reason in shown)
+            gravest, grave_rank = min((reason.kind, rank) for rank, reason in shown)
             turn, rank = min(
                 (rank // EACH if reason.kind <= WRONG else rank, rank) for rank, reason in shown
             )
             found.append(
                 _Candidate(
                     (later, turn, gravest, rank, planner),
-                    (gravest, planner, rank),
-                    Highlight(row, tuple(reason.words for _, reason in shown)),
+                    (gravest, planner, grave_rank),
+                    # an ego that is stuck has one of the longest stops, too
+                    Highlight(row, tuple(dict.fromkeys(reason.words for _, reason in shown))),
                 )
             )
     return found

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from html import escape
 
+from sumo_mcts.records.highlights import STUCK_S
 from sumo_mcts.records.statistics import arrived
 from sumo_mcts.reporting.cells import counted, number
 from sumo_mcts.reporting.columns import value_column
@@ -10,7 +11,10 @@ from sumo_mcts.reporting.elements import number_cell, swatch
 from sumo_mcts.reporting.highlights import EACH, Highlight
 from sumo_mcts.reporting.variants import labelled
 
-_SHOWN = [value_column(key) for key in ("seed", "min_ttc_s", "min_pet_s", "imposed_max_decel_mps2")]
+_SHOWN = [
+    value_column(key)
+    for key in ("seed", "longest_stop_s", "min_ttc_s", "min_pet_s", "imposed_max_decel_mps2")
+]
 
 
 def highlights_about(shown: Sequence[Highlight], of: int) -> str:
@@ -19,10 +23,12 @@ def highlights_about(shown: Sequence[Highlight], of: int) -> str:
         return "None: SUMO's own driver is left out."
     count = f"{len(shown)} of {of} episodes" if of > len(shown) else counted(of, "episode")
     return (
-        f"{count}: collisions, other outcomes than arrived, fail-safe interventions; and of each "
-        f"scenario and variant the {EACH} smallest TTC, "
-        f"the {EACH} smallest PET and the {EACH} hardest decelerations imposed on others, or else "
-        "its first episode. SUMO's own driver is left out."
+        f"{count}: collisions at fault, egos that were stuck (until time was up, or standing "
+        f"{STUCK_S:g} s longer than their twin), other collisions and outcomes than arrived, "
+        f"fail-safe interventions; and of each scenario and variant the {EACH} smallest TTC, the "
+        f"{EACH} smallest PET, the {EACH} hardest decelerations imposed on others and the {EACH} "
+        f"longest stops of {STUCK_S:g} s or more, or else its first episode. SUMO's own driver is "
+        "left out."
     )
 
 

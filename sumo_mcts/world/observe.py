@@ -10,6 +10,8 @@ import numpy as np
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.scene import (
     REFEREE_RANGE,
+    STANDING,
+    Bools,
     EgoState,
     Floats,
     Frame,
@@ -32,6 +34,7 @@ from sumo_mcts.world.vehicle_types import TypeReader
 # front, and 1 where the agent is there.
 POSE = slice(0, 4)
 SPEED, LANE, POSITION, THERE = range(4, 8)
+_NOT_ASKED: Bools = np.zeros(0, np.bool_)
 
 
 class Change(NamedTuple):
@@ -97,6 +100,7 @@ class Observer:
             present=present,
             agents=agents,
             signals=self._signals.read(state.x, state.y, time, 1),
+            green=self._signals.green(state.x, state.y) if state.v < STANDING else _NOT_ASKED,
             leader=leader,
             paths=paths,
             collisions=tuple(c.victim if c.collider == ego else c.collider for c in hits),

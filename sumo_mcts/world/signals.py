@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import GREEN, RED, YELLOW, Floats, Ints, RoadMap, Signals
+from sumo_mcts.scene import GREEN, RED, YELLOW, Bools, Floats, Ints, RoadMap, Signals
 
 PHASES = 8  # coming phases that are broadcast
 STATIC = 0  # SUMO's type of signals whose phases last as long as their program says
@@ -17,6 +17,7 @@ _SHOWS = {
     **dict.fromkeys("yY", YELLOW),
     **dict.fromkeys("ru", RED),
 }
+_LIT_GREEN = "Gg"
 
 
 class SignalReader:
@@ -48,12 +49,30 @@ class SignalReader:
         """
         state = np.full((int(self._offset[-1]), phases), GREEN, np.int32)
         until = np.full((len(self._ids), phases), np.inf)
-        away = np.maximum(np.maximum(self._low - (x, y), (x, y) - self._high), 0.0)
-        near = self._known & ((away * away).sum(axis=1) < SIGNAL_RANGE**2)
-        for q in np.flatnonzero(near).tolist():
+        for q in self._near(x, y):
             links = slice(self._offset[q], self._offset[q + 1])
             self._fill(q, self._ids[q], time, state[links], until[q])
         return Signals(self._offset, state, until)
+
+    def green(self, x: float, y: float) -> Bools:
+        """[links] whether each shows green, for vehicles at a place (m).
+
+        Not so where the signal is off or farther away than SIGNAL_RANGE.
+        """
+        lit = np.zeros(int(self._offset[-1]), np.bool_)
+        for q in self._near(x, y):
+            links = lit[self._offset[q] : self._offset[q + 1]]
+            letters = self._get.getRedYellowGreenState(self._ids[q])[: len(links)]
+            links[: len(letters)] = [letter in _LIT_GREEN for letter in letters]
+        return lit
+
+    def _near(self, x: float, y: float) -> list[int]:
+        """The signals within SIGNAL_RANGE of a place."""
+        away = np.maximum(np.maximum(self._low - (x, y), (x, y) - self._high), 0.0)
+        near: list[int] = np.flatnonzero(
+            self._known & ((away * away).sum(axis=1) < SIGNAL_RANGE**2)
+        ).tolist()
+        return near
 
     def _fill(self, q: int, name: str, time: float, state: Ints, until: Floats) -> None:
         """The rows of one signal: `state` [links, K] and `until` [K], as in Signals."""

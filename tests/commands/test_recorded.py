@@ -190,6 +190,26 @@ def test_an_episode_is_chosen_and_a_file_is_named(several: Path) -> None:
     assert (several / "figures" / "crossing--mcts--8.png").is_file()
 
 
+def test_the_head_line_tells_how_long_the_ego_stood(several: Path) -> None:
+    words = ("explain", several, "--episode", "crossing--mcts--7", "--at", "0.7")
+    head = call(*words).out.splitlines()[0]
+    assert "stood" not in head  # nothing is known of it
+    row = {
+        "key": "crossing--mcts--7",
+        "scenario": "crossing",
+        "variant": "mcts",
+        "outcome": "arrived",
+    }
+    known = {"stopped_s": 41.25, "longest_stop_s": 30.0, "stopped_at_green_s": 0.0}
+    records.append_row(several, {**row, **known})
+    assert call(*words).out.splitlines()[0] == (
+        f"{head}; the ego stood 41.2 s in all, 30.0 s at a stretch, 0.0 s at green"
+    )
+    assert json.loads(call(*words, "--json").out)["stood"] == known
+    records.append_row(several, {**row, **known, "longest_stop_s": -1.0, "stopped_s": "long"})
+    assert call(*words).out.splitlines()[0] == f"{head}; the ego stood 0.0 s at green"
+
+
 def test_a_trace_that_tells_less_is_explained_as_far_as_it_goes(several: Path) -> None:
     answer = call("explain", several, "--episode", "crossing--mcts--7", "--at", "0.7")
     assert answer.status == 0

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.records.highlights import HARDEST, TraceSelection, is_highlight
+from sumo_mcts.records.highlights import HARDEST, STUCK_S, TraceSelection, is_highlight, reasons
 from sumo_mcts.reporting.highlights import choose_highlights
 
 SCORES = st.one_of(st.none(), st.sampled_from([0.0, 0.5, 1.0, 2.0, 4.5]))
@@ -15,7 +15,7 @@ QUIET = {
     "key": "k", "scenario": "s", "variant": "a", "planner": "mcts", "seed": 1, "ego": None,
     "outcome": "arrived", "at_fault": None, "prediction": "idm",
     "failsafe_interventions": 0, "imposed_max_decel_mps2": 0.0, "min_ttc_s": None,
-    "min_pet_s": None,
+    "min_pet_s": None, "longest_stop_s": 0.0,
 }  # fmt: skip
 
 
@@ -31,10 +31,11 @@ def rows(draw: st.DrawFn) -> list[dict[str, Any]]:
             "key": f"{variant}-{k}", "scenario": "s", "variant": variant, "planner": "mcts",
             "seed": seeds[k], "ego": None, "at_fault": None,
             "prediction": "idm", "outcome": draw(st.sampled_from(["arrived", "arrived", "arrived",
-            "collision"])),
+            "arrived", "collision", "timeout"])),
             "failsafe_interventions": draw(st.sampled_from([0, 0, 0, 0, 1, None])),
             "imposed_max_decel_mps2": draw(SCORES), "min_ttc_s": draw(SCORES),
             "min_pet_s": draw(SCORES),
+            "longest_stop_s": draw(st.sampled_from([None, 0.0, 29.9, 30.0, 45.0, 80.0])),
         }
         for variant in ("a", "b")
         for k in range(draw(st.integers(0, 25)))
@@ -47,6 +48,7 @@ def rows(draw: st.DrawFn) -> list[dict[str, Any]]:
             "imposed_max_decel_mps2",
             "min_ttc_s",
             "min_pet_s",
+            "longest_stop_s",
         )
     }
     return draw(
@@ -70,6 +72,13 @@ def obvious(found: list[dict[str, Any]]) -> set[str]:
                 (r for r in of if r["imposed_max_decel_mps2"]),
                 key=lambda r: (-r["imposed_max_decel_mps2"], r["key"]),
             )[:HARDEST]
+        }
+        stood = [
+            row for row in of if (row["longest_stop_s"] or 0) >= 30 and row["outcome"] != "timeout"
+        ]
+        kept |= {
+            row["key"]
+            for row in sorted(stood, key=lambda r: (-r["longest_stop_s"], r["key"]))[:HARDEST]
         }
         for name in ("min_ttc_s", "min_pet_s"):
             close = [row for row in of if row[name] is not None and row["outcome"] != "collision"]
@@ -151,3 +160,27 @@ def test_an_unknown_row_is_judged(rule: str) -> None:
     worth = TraceSelection(rule)
     assert is_highlight(nothing, worth.bar("s", "a")) is (rule != "none")
     assert worth.add(nothing) == ({"k"} if rule == "none" else set())
+
+
+def stuck(row: dict[str, Any], twin: dict[str, Any] | None) -> bool:
+    return any(each.kind == 1 for each in reasons(row, twin))
+
+
+def test_stuck_is_an_ego_whose_time_was_up_or_that_stood_far_longer_than_its_twin() -> None:
+    twin = {**QUIET, "planner": "sumo", "longest_stop_s": 40.0}
+    stood = {**QUIET, "longest_stop_s": 40.0 + STUCK_S}
+    assert stuck(stood, twin)
+    assert not stuck({**stood, "longest_stop_s": 69.9}, twin)  # as at a red light
+    for unknown in (None, {**twin, "longest_stop_s": None}):
+        assert not stuck(stood, unknown)
+    for waited in (0.0, None):
+        assert stuck({**QUIET, "outcome": "timeout", "longest_stop_s": waited}, twin)
+    assert not stuck({**stood, "longest_stop_s": None}, twin)
+
+
+def test_a_row_from_before_these_keys_is_judged() -> None:
+    """A batch that an older version began goes on."""
+    old = {key: value for key, value in QUIET.items() if key != "longest_stop_s"}
+    assert reasons(old, {**old, "planner": "sumo"}) == []
+    assert [each.words for each in reasons({**old, "outcome": "timeout"})] == ["timeout"]
+    assert TraceSelection("worth").add(old) == set()

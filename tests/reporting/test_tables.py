@@ -211,6 +211,19 @@ def test_what_is_unknown_did_neither_happen_nor_not() -> None:
     )
 
 
+def test_standing_and_time_lost_stand_beside_the_twin_s() -> None:
+    """The longest stop of all, the mean at green, the median of what was lost; older rows tell
+    nothing."""
+    stood = [(3.0, 0.0, 5.0), (90.0, 6.0, 120.0), (None, None, None)]
+    keys = ("longest_stop_s", "stopped_at_green_s", "time_lost_s")
+    rows = [
+        made_row(seed=seed, **dict(zip(keys, each, strict=True))) for seed, each in enumerate(stood)
+    ]
+    twins = [made_row(variant="sumo", **dict(zip(keys, (2.0, 0.0, 4.0), strict=True)))]
+    found = cells("comfort", [*rows, *twins])
+    assert [[row[key] for key in keys] for row in found] == [[90.0, 3.0, 62.5], [2.0, 0.0, 4.0]]
+
+
 def test_an_oracle_is_labelled() -> None:
     rows = [
         made_row(prediction="script"),
