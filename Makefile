@@ -51,8 +51,8 @@ endurance: $(VENV)/.installed-dev
 
 # The stamps say that a step was finished, so an interrupted one is done again.
 $(VENV)/.created:
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || \
-		{ echo "$(PYTHON) is missing or older than Python 3.11; name another one: make PYTHON=/path/to/python $(MAKECMDGOALS)" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' 2>/dev/null || \
+		{ echo "$(PYTHON) is missing or not Python 3.11, 3.12 or 3.13; name another one: make PYTHON=/path/to/python $(MAKECMDGOALS)" >&2; exit 1; }
 	@echo "creating $(VENV)"
 	@$(PYTHON) -m venv $(VENV) || { echo "$(PYTHON) cannot create $(VENV); on Debian and Ubuntu: apt-get install python3-venv" >&2; exit 1; }
 	@touch $@

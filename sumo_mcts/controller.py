@@ -11,7 +11,6 @@ import math
 import weakref
 from collections.abc import Mapping
 from contextlib import suppress
-from types import TracebackType
 from typing import Any, NoReturn, Self
 
 from sumo_mcts import config as scenario_files
@@ -89,12 +88,7 @@ class Controller:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.release()
 
     @property

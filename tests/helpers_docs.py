@@ -27,9 +27,9 @@ This page is generated: `python tests/helpers_docs.py` writes it anew.
 
 
 def unpack(page: str, folder: Path) -> None:
-    """Write every fenced example of a page that names a file after its language."""
+    """Write every fenced example of a page that has the name of a file as its title."""
     for name, text in re.findall(
-        r"^```\w+ ([\w./]+)\n(.*?)^```",
+        r'^```\w+ title="([\w./]+)"\n(.*?)^```',
         (DOCS / page).read_text(encoding="utf-8"),
         re.DOTALL | re.MULTILINE,
     ):

@@ -124,6 +124,13 @@ def test_lines_are_short(page: Path) -> None:
     ]
 
 
+def test_fences_are_such_that_the_site_knows() -> None:
+    """A language and, at most, a title: with anything else the site shows the fence as text."""
+    opened = [(page.name, line) for page, line in pages(r"^```([^`\n]+)$")]
+    assert len(opened) > 30
+    assert not [each for each in opened if not re.fullmatch(r'\w+( title="[\w./]+")?', each[1])]
+
+
 def test_every_key_has_a_meaning_a_type_and_a_default() -> None:
     rows = [line for line in tables(config.json_schema()).splitlines() if line.startswith("| `")]
     for row in rows:

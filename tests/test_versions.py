@@ -8,7 +8,7 @@ import pytest
 import versions
 
 RUN = versions.run
-PROJECT = {"requires-python": ">=3.11,<3.15"}
+PROJECT = {"requires-python": ">=3.11,<3.14"}
 
 
 def interpreter(path: Path, says: str, status: int = 0) -> Path:
@@ -24,8 +24,8 @@ def interpreter(path: Path, says: str, status: int = 0) -> Path:
     [
         ((3, 10, 14), False),
         ((3, 11, 0), True),
-        ((3, 14, 9), True),
-        ((3, 15, 0), False),
+        ((3, 13, 9), True),
+        ((3, 14, 0), False),
         ((2, 7, 18), False),
     ],
 )

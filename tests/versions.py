@@ -58,7 +58,7 @@ class Result(NamedTuple):
 
 
 def supported(project: dict[str, object], version: Version) -> bool:
-    """Whether requires-python, as in >=3.11,<3.15, admits a version."""
+    """Whether requires-python, as in >=3.11,<3.14, admits a version."""
     least, below = (
         tuple(map(int, bound))
         for bound in re.findall(r"[>=<]+(\d+)\.(\d+)", str(project["requires-python"]))

@@ -88,7 +88,7 @@ def run(
     chosen = {
         "planner.name": planner, "prediction.name": prediction, "planner.iterations": iterations,
         "planner.time_budget_ms": time_budget, "planner.enforce_deadline": enforce_deadline or None,
-        "episode.time_limit_s": time_limit, "episode.stop_time_s": time_limit,
+        "episode.stop_time_s": time_limit,  # goes before episode.time_limit_s
     }  # fmt: skip
     named = (f"{key}={value}" for key, value in chosen.items() if value is not None)
     options, silent = behind_dashes(context), quiet or as_json

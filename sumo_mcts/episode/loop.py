@@ -1,8 +1,6 @@
 """The closed loop: steps SUMO until an ego needs a decision, and takes the decisions."""
 
 from collections.abc import Mapping
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -23,7 +21,7 @@ MOST_REDRAWN = 20  # draws in a row without an escape: then no draw will help
 
 
 class Loop:
-    """A scenario that runs, from its construction to close(), or as a context manager.
+    """A scenario that runs, from its construction to close().
 
     While scenes() returns some, give apply() a decision for each; rows() says what came of it.
     """
@@ -44,17 +42,6 @@ class Loop:
         self._running = self._launcher.launch()
         self._departures = self._watch_departures()
         self._oracles = SimulationOracles(self._running, self._driven)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def scenes(self) -> dict[str, Scene]:
         """What each ego that needs a decision now knows, by id. Empty: the episode is over."""

@@ -83,7 +83,7 @@ def open_episode(
     options = options or LaunchOptions()
     began = time.perf_counter()
     recorders = {ego.id: Recorder() for ego in config.egos}
-    with announced(options.progress), Loop(config, seed, options) as loop:
+    with announced(options.progress), contextlib.closing(Loop(config, seed, options)) as loop:
         drivers = _drivers(loop)
         warm_up(config, loop.world.road, loop.world.physics)
         while scenes := loop.scenes():

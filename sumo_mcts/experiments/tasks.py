@@ -6,6 +6,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
@@ -137,7 +138,7 @@ def rehearse(
     options = LaunchOptions(sumo_options=without_outputs(config.sumo), measured=measured)
     soon = {ego.id for ego in config.egos} <= {actor.id for actor in config.traffic.actors}
     try:
-        with Loop(config, seed, options) as loop:
+        with closing(Loop(config, seed, options)) as loop:
             road, physics = loop.world.road, loop.world.physics
             Driver(config, road, physics, 0, loop.oracles)  # plugins check their options
             if decide:

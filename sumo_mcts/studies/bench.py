@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -283,9 +284,8 @@ def _cycles(share: float, range_m: float) -> tuple[list[float], int]:
     in_range = 0
     with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as folder:
         arguments = write_grid(Path(folder), VEHICLES, SETTLE_S)
-        with Simulation(
-            [*arguments, "--step-length", "0.1", "--time-to-teleport", "-1", "--seed", "1"]
-        ) as simulation:
+        arguments += ["--step-length", "0.1", "--time-to-teleport", "-1", "--seed", "1"]
+        with closing(Simulation(arguments)) as simulation:
             controller = Controller(
                 "ego", {"planner": {"iterations": 1000}, "sensor": {"range_m": range_m}}
             )

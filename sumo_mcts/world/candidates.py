@@ -5,6 +5,7 @@ import math
 import re
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -56,7 +57,7 @@ def candidates(
     """
     found: list[Candidate] = []
     give_up = time.monotonic() + patience_s
-    with Simulation(arguments) as simulation:
+    with closing(Simulation(arguments)) as simulation:
         sumo = import_libsumo()
         last = min(simulation.time + lasting_s, simulation.end)
         while (

@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from sumo_mcts import files
 from sumo_mcts.errors import ConfigError
@@ -99,17 +98,6 @@ class Simulation:
         except Exception as error:  # libsumo's two exception types share no base of their own
             self._libsumo.close()  # writes its log to the end
             raise ConfigError(f"SUMO does not start: {self._reason(error)}") from None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def step(self) -> None:
         """One step. Raises SimulationError with SUMO's own message."""

@@ -96,6 +96,20 @@ def test_what_was_set_is_read_in_the_key_and_a_digest_stands_for_what_is_no_word
     assert variant("egos=[{id: ego, until: beyond}]") == "mcts-idm-1000-until-beyond"
 
 
+def test_a_time_limit_is_one_setting_in_the_key_and_holds_in_a_scene_with_one_of_its_own(
+    tmp_path: Path,
+) -> None:
+    for scene in (LINE, f"{LINE}-scripted"):  # the second ends after 20 s, its own limit
+        assert run(scene, *SUMO, "--time-limit", 2, "--quiet", "--out", tmp_path).status == 0
+    rows = records.read_rows(tmp_path)
+    assert [row["key"] for row in rows] == [
+        f"{LINE}--sumo-episode.stop_time_s-2.0--0",
+        f"{LINE}-scripted--sumo-episode.stop_time_s-2.0--0",
+    ]
+    assert [row["outcome"] for row in rows] == ["timeout", "timeout"]
+    assert all(row["cycles"] <= 5 for row in rows)
+
+
 CHOICES = {
     "cost.headway_s": ("1.2", "2.0", "2", "0.5"), "planner.iterations": ("1000", "50"),
     "planner.name": ("mcts", "sumo"), "failsafe.on": ("true", "false"),

@@ -1,5 +1,6 @@
 """A loop is built, with SUMO running, or it is not, with nothing left behind."""
 
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -39,7 +40,7 @@ def test_wrong_input_leaves_nothing_running(wrong: str, temporary: Path) -> None
 
 
 def test_a_loop_runs_from_its_construction_to_its_end(temporary: Path) -> None:
-    with Loop(scene(), 0) as loop:
+    with closing(Loop(scene(), 0)) as loop:
         assert is_running()
         known = loop.scenes()
         assert list(known) == ["ego"]

@@ -1,6 +1,7 @@
 """What a user's .sumocfg asks for while egos are looked for, and which egos there can be."""
 
 import gzip
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -141,7 +142,7 @@ def test_egos_that_sumo_could_make(ego: str, packed: bool, tmp_path: Path) -> No
         (tmp_path / "mine.rou.xml").unlink()
         (tmp_path / "mine.rou.xml.gz").write_bytes(gzip.compress(FLOWS.encode()))
         path.write_text(path.read_text().replace("rou.xml", "rou.xml.gz"))
-    with Simulation(["-c", str(path)]):
+    with closing(Simulation(["-c", str(path)])):
         require_named("egos", [ego], ["actor"])
         with pytest.raises(
             ConfigError,
@@ -153,5 +154,5 @@ def test_egos_that_sumo_could_make(ego: str, packed: bool, tmp_path: Path) -> No
 def test_whom_an_included_file_names_is_not_known(tmp_path: Path) -> None:
     path = sumocfg(tmp_path, routes='<routes><include href="further.rou.xml"/></routes>')
     (tmp_path / "further.rou.xml").write_text((FILES / "one.rou.xml").read_text())
-    with Simulation(["-c", str(path)]):
+    with closing(Simulation(["-c", str(path)])):
         require_named("egos", ["ego", "whoever"], [])
