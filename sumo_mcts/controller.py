@@ -1,4 +1,4 @@
-"""For a libsumo loop of your own, of which the controller drives one vehicle:
+"""Drives one vehicle in a libsumo loop of your own:
 
 libsumo.start(["sumo", "-c", "my.sumocfg"])
 with Controller("ego") as controller:
@@ -42,16 +42,16 @@ class Controller:
     Where the loop does something unusual:
 
     - Another simulation in the same process (libsumo.load, another libsumo.start, an earlier
-      state): the next step() begins anew in it, as a new controller with the same arguments would.
-      While none runs, step() raises ConfigError.
+      state): the next step() begins again in it, like a new controller with the same arguments.
+      While no simulation runs, step() raises ConfigError.
     - Another controller of the same vehicle raises ConfigError. One that was released, has ended
       its drive or is garbage leaves the vehicle to others.
     - A second step() before the same step of SUMO does nothing: that step is commanded already.
     - A step of SUMO without step(): the vehicle keeps its speed in it, whatever happens. The plan
       goes on where it would be by then.
-    - The vehicle never departs: simulationStep() raises ConfigError that names similar ids,
-      `episode.depart_limit_s` after the controller was made, or as soon as SUMO expects no more
-      vehicles after there were some.
+    - The vehicle never departs: simulationStep() raises ConfigError, which names similar ids. It
+      does so `episode.depart_limit_s` after the controller was made, or earlier if SUMO had
+      vehicles and expects no more.
     - The vehicle is gone: the drive is over. One that gets the same id later is another vehicle,
       for another controller.
 
@@ -111,7 +111,7 @@ class Controller:
             raise
 
     def release(self) -> None:
-        """Give the vehicle back to SUMO, for good. Never raises."""
+        """Give the vehicle back to SUMO; the controller ends. Never raises."""
         self._released = True
         self._finish()
 
@@ -119,7 +119,7 @@ class Controller:
         """Get ready for the simulation that runs now. Raises ConfigError."""
         self._config = _scenario(self._ego, self._asked, self._allow_plugins)
         self._world = running_world(self._config.planner.period_s)
-        oracles = Oracles(self._world.observer.way, _no_script, _no_copy)
+        oracles = Oracles(self._world.observer.coming_lanes, _no_script, _no_copy)
         self._driver = Driver(
             self._config, self._world.road, self._world.physics, streams(self._seed).search, oracles
         )
@@ -171,7 +171,7 @@ class Controller:
         """
         comes = simulation.expected() > 0
         self._traffic = self._traffic or comes
-        # where there was no traffic at all so far, the loop is going to add it
+        # without any traffic so far, the loop is going to add it
         finished = self._traffic and not comes
         why = never_departed(waited_s, self._config.episode.depart_limit_s, finished)
         if why:

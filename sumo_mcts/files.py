@@ -43,7 +43,7 @@ def problem(path: str | Path) -> str:
 
 
 def absolute(path: Path) -> Path:
-    """The path with its links followed. Loops and impossible names stay: `problem` tells them."""
+    """The path with its links followed. Loops and impossible names stay: `problem` reports them."""
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError):
@@ -54,8 +54,8 @@ def absolute(path: Path) -> Path:
 def naming(path: Path, temporary: Path | None = None) -> Iterator[None]:
     """Every OSError that is raised inside names a file.
 
-    That is `path` where the error names none, as that of a full disk does, or where it names the
-    `temporary` file that was to replace it.
+    That is `path` if the error names no file, as with a full disk. It is also `path` if the error
+    names the `temporary` file that was to replace it.
     """
     try:
         yield
@@ -169,7 +169,7 @@ class _RootLooker:
         except expat.ExpatError as error:
             if not self.root:  # SUMO reads what follows
                 raise ValueError(str(error)) from None
-        except (LookupError, TypeError) as error:  # an encoding that Python does not know
+        except (LookupError, TypeError) as error:  # an encoding that Python does not support
             raise ValueError(str(error)) from None
 
     def _element(self, name: str, _: object) -> None:

@@ -23,7 +23,7 @@ class PlannerRow(NamedTuple):
     section: str = "planner"  # of a scenario, with the steps of its look-ahead
     # (scenario, step of SUMO (s), step of the forecast (s)) -> s that it looks into a forecast
     horizon: str = "sumo_mcts.planners.mcts:horizon_s"
-    label: str = ""  # `explain`: what a decision rests on whose reason is the planner's name
+    label: str = ""  # `explain`: the reason of decisions that give only the planner's name
     rank: int = PLUGIN_RANK  # its place in tables of results, ascending
     colour: str = ""  # CSS; "": that of all planners without a colour of their own
 
@@ -34,8 +34,8 @@ class PredictorRow(NamedTuple):
     name: str
     make: str  # its factory (options, scenario) -> Predictor, as a plugin has it
     # an oracle: the question that it asks of prediction/interface.py::Oracles
-    oracle: Literal["way", "script", "clone"] | None = None
-    label: str = ""  # what an oracle tells, in the description of `prediction.name`
+    oracle: Literal["lanes", "script", "clone"] | None = None
+    label: str = ""  # of an oracle: its answers, in the description of `prediction.name`
     rank: int = 1  # its place where predictors are compared, ascending
 
 
@@ -83,7 +83,7 @@ _PLANNERS = (
         name="constant",
         make="sumo_mcts.planners.baselines:make_constant",
         reads_forecast=False,
-        label="the speed of the take-over is held; nobody is looked at",
+        label="the speed of the take-over is held; other agents are ignored",
         rank=6,
         colour="light-dark(#9c3f86, #e08cc8)",
     ),
@@ -107,7 +107,7 @@ _PREDICTORS = (
     PredictorRow(
         name="routes",
         make="sumo_mcts.prediction.predictors:Routes",
-        oracle="way",
+        oracle="lanes",
         label="idm along the agents' true next lanes",
     ),
     PredictorRow(
@@ -137,12 +137,12 @@ def searches(planner: str) -> bool:
 
 
 def asks(predictor: str, question: str) -> bool:
-    """Whether it is a built-in oracle that asks this question of Oracles."""
+    """Whether a predictor is a built-in oracle that asks this question of Oracles."""
     return predictor in PREDICTORS and PREDICTORS[predictor].oracle == question
 
 
 def is_oracle(prediction: str | None) -> bool:
-    """Whether a forecast, as results name it, knows what no sensor sees."""
+    """Whether a forecast, by its name in results, uses an oracle."""
     return prediction is not None and (prediction in ORACLES or prediction.endswith(ORACLE_MARK))
 
 

@@ -14,7 +14,7 @@ from sumo_mcts.world.candidates import Candidate, candidates
 from sumo_mcts.world.roadmap import known_roadmap
 
 LISTED = 25  # candidates shown
-SEARCHED = 100_000  # vehicles looked at for `--ego any`
+SEARCHED = 100_000  # vehicles checked for `--ego any`
 Note = Callable[[str], None]
 
 

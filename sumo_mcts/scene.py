@@ -1,7 +1,7 @@
 """The shared vocabulary: plain tuples of arrays, no behaviour.
 
-In order: the network, what a cycle knows (Scene), forecasts, decisions, what a driver carries on,
-what the referee sees (Frame).
+In order: the network, the inputs of a cycle (Scene), forecasts, decisions, the memory of a driver,
+the inputs of the referee (Frame).
 
 SI units; angles in radians, counter-clockwise from east; left is left, also where traffic drives on
 the left. Every index array uses -1 for "none". A lane position ``s`` is SUMO's: metres from the
@@ -151,7 +151,7 @@ class Agents(NamedTuple):
 
 
 class EgoState(NamedTuple):
-    """The ego vehicle as its own sensors and its owner know it."""
+    """The ego vehicle, from its own sensors and documents."""
 
     id: str
     x: float  # centre of the box, m
@@ -243,9 +243,9 @@ class Scripted(NamedTuple):
 
 
 class Answers(NamedTuple):
-    """What oracles told in one cycle: nothing, unless a scenario asks for one.
+    """The answers of oracles in one cycle; empty unless a scenario names an oracle.
 
-    N agents of the scene; K agents whose coming T states were told.
+    N agents of the scene; K agents with T coming states.
     """
 
     # [N] the lanes that each agent is really going to take; empty: not asked
@@ -307,7 +307,7 @@ class RootChild(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What the planner wants, and why."""
+    """The planner's decision and its reason."""
 
     command: Follow | Release
     plan: Plan | None

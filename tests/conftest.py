@@ -1,14 +1,14 @@
-"""Settings for all tests: of hypothesis, and signals as a terminal leaves them."""
+"""Settings for all tests: hypothesis profiles, and the default handler of SIGHUP."""
 
 import signal
 
 from hypothesis import settings
 
-# The first call of a kernel may compile it. The same examples every time; new ones are looked for
-# with --hypothesis-profile=explore.
+# No deadline, since the first call of a kernel may compile it. The examples are the same every time;
+# --hypothesis-profile=explore draws more and other ones.
 settings.register_profile("fixed", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile("fixed")
 
-# Under nohup it is ignored, by all processes that the tests start too.
+# nohup lets processes ignore SIGHUP, and the processes that the tests start would inherit that.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)

@@ -33,7 +33,7 @@ class Lane(NamedTuple):
     speed: float = 15.0
     width: float = 3.2
     junction: str = ""  # makes it an internal lane
-    signal: str = ""
+    signal: str = ""  # id of the signal that controls the lane, and its link
     link: int = -1
     rule: int = PRIORITY
     direction: int = STRAIGHT
@@ -136,8 +136,10 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
 
 
 def _joints(lanes: Sequence[Lane]) -> tuple[dict[str, str], dict[str, str]]:
-    """The junctions at which edges begin and end; where lanes join without one it is named after
-    the edge before."""
+    """The junctions at which edges begin and at which they end.
+
+    Where lanes join without a junction, the joint is named after the edge before it.
+    """
     begins: dict[str, str] = {}
     ends: dict[str, str] = {}
     by_id = {f"{lane.edge}_{lane.number}": lane for lane in lanes}
@@ -267,8 +269,8 @@ def edges(road: RoadMap, *names: str) -> tuple[int, ...]:
 def place(
     road: RoadMap, name: str, s: float, length: float, d: float = 0.0
 ) -> tuple[float, float, float]:
-    """Centre x, y and heading of a box whose front stands at lane position s, d m left of the
-    centre line: the lane's heading at the front."""
+    """Centre x, y and heading of a box with its front at lane position s, d m left of the centre
+    line. The heading is that of the lane at the front."""
     k = lane(road, name)
     shape = road.points[road.point_offset[k] : road.point_offset[k + 1]]
     arc = road.point_s[road.point_offset[k] : road.point_offset[k + 1]]
@@ -351,7 +353,7 @@ def agents_at(road: RoadMap, *those: Agent) -> Agents:
 
 
 def lights(*states: int) -> Signals:
-    """One signal whose links show these states for an unknown time; without states: no signal."""
+    """One signal with these states of its links, for an unknown time; without states: no signal."""
     q = 1 if states else 0
     return Signals(
         _ints([0, len(states)] if states else [0]),
@@ -363,16 +365,16 @@ def lights(*states: int) -> Signals:
 def frame_of(
     road: RoadMap, time: float, ego: EgoState, *agents: Agent, signals: Signals | None = None
 ) -> Frame:
-    """A frame in which nothing is amiss: nobody was asked for a leader or a path.
+    """A frame without collisions, leaders and paths of agents.
 
     Change further fields with _replace.
     """
-    everybody = agents_at(road, *agents)
+    agents_now = agents_at(road, *agents)
     links = int(road.link.max()) + 1
-    n = len(everybody.ids)
+    n = len(agents_now.ids)
     shown = signals or lights(*([GREEN] * links))
     return Frame(
-        time=time, ego=ego, present=True, agents=everybody,
+        time=time, ego=ego, present=True, agents=agents_now,
         signals=shown, green=shown.state[:, 0] == GREEN, leader=("",) * n,
         paths=(np.zeros(0, np.int32),) * n, collisions=(), collision_type="", teleported=False,
         arrived=False, ttc=nan, pet=nan, drac=nan,

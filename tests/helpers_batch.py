@@ -1,5 +1,7 @@
-"""Small experiments, the command in a process of its own, and drivers of episodes that crash: in a
-module that worker processes can import."""
+"""Small experiments, the `batch` command as a process, and functions that crash in a worker.
+
+Worker processes import this module.
+"""
 
 import json
 import os
@@ -54,23 +56,22 @@ def write(folder: Path, text: str = SMALL, name: str = "small.yaml") -> Path:
 
 
 def timeless(rows: list[Row]) -> list[dict[str, Any]]:
-    """The rows without what a clock says."""
+    """The rows without keys that depend on the clock."""
     return [{key: row[key] for key in (*ROW_KEYS, "redrawn") if key not in CLOCK} for row in rows]
 
 
 def plan(folder: Path, text: str) -> Plan:
-    """What such an experiment file stands for."""
+    """The plan of an experiment file with this text."""
     return load(write(folder, text))
 
 
 def on_disk(out: Path) -> list[dict[str, Any]]:
-    """Every line of episodes.jsonl; raises where one is torn."""
+    """Every line of episodes.jsonl; raises where one is incomplete."""
     return [json.loads(line) for line in (out / records.ROWS).read_text().splitlines()]
 
 
 def start(experiment: Path, out: Path, jobs: int, **more: Any) -> subprocess.Popen[str]:
-    """The command in a group of processes of its own, with its temporary files beside the
-    experiment."""
+    """Start the command in its own process group, with its temporary files beside the experiment."""
     words = [
         sys.executable,
         "-m",
@@ -95,7 +96,7 @@ def start(experiment: Path, out: Path, jobs: int, **more: Any) -> subprocess.Pop
 
 
 def wait_for(there: Callable[[], bool], process: subprocess.Popen[str] | None) -> None:
-    """Fails where the process ends before, or patience does."""
+    """Wait until `there()`. Fails after a minute, or where the process ends before."""
     until = time.monotonic() + 60.0
     while not there():
         assert time.monotonic() < until
@@ -103,7 +104,7 @@ def wait_for(there: Callable[[], bool], process: subprocess.Popen[str] | None) -
         time.sleep(0.02)
 
 
-def nobody(group: int) -> bool:
+def is_gone(group: int) -> bool:
     """Whether no process of a group is left."""
     try:
         os.killpg(group, 0)
@@ -117,7 +118,7 @@ def count(out: Path) -> int:
 
 
 def begun(whole: Reference, folder: Path, text: str = SMALL) -> tuple[Path, Path]:
-    """An experiment, and a folder in which it was begun and no episode has ended."""
+    """An experiment, and the folder of a batch of it that was begun: a manifest, no rows."""
     manifest = json.loads((whole[0] / records.MANIFEST).read_text())
     path = write(folder, text)
     records.write_manifest(folder / "out", {**manifest, "experiment_digest": load(path).digest})
@@ -133,8 +134,10 @@ def network(egos: str, more: str = "") -> str:
 
 
 def crash_or_drive(episode: Episode, bar: Bar) -> Driven:
-    """Take the process along where the environment's CRASH is the key; leave a file for each start
-    in the folder STARTS."""
+    """Crash the process if the key equals CRASH of the environment.
+
+    Each start leaves a file in the folder STARTS.
+    """
     key = episode.keys[0]
     number = len(list(Path(os.environ["STARTS"]).glob(f"{key}.*")))
     (Path(os.environ["STARTS"]) / f"{key}.{number}").touch()
@@ -144,21 +147,21 @@ def crash_or_drive(episode: Episode, bar: Bar) -> Driven:
 
 
 def hang_or_drive(episode: Episode, bar: Bar) -> Driven:
-    """Stop the process, as nothing but its death ends, where the environment's HANG is the key."""
+    """Suspend the process for ever if the key equals HANG of the environment."""
     if episode.keys[0] == os.environ["HANG"]:
         os.kill(os.getpid(), signal.SIGSTOP)
     return drive(episode, bar)
 
 
-def die_for_want_of_memory_or_drive(episode: Episode, bar: Bar) -> Driven:
-    """End the process as a system without memory does where the environment's STARVE is the key."""
+def out_of_memory_or_drive(episode: Episode, bar: Bar) -> Driven:
+    """Kill the process, as Linux does without memory, if the key equals STARVE."""
     if episode.keys[0] == os.environ["STARVE"]:
         os.kill(os.getpid(), signal.SIGKILL)
     return drive(episode, bar)
 
 
 def exhaust_or_drive(episode: Episode, bar: Bar) -> Driven:
-    """Drive with no file left to open where the environment's EXHAUST is the key."""
+    """Drive without a free file descriptor if the key equals EXHAUST of the environment."""
     if episode.keys[0] != os.environ["EXHAUST"]:
         return drive(episode, bar)
     most = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -170,7 +173,7 @@ def exhaust_or_drive(episode: Episode, bar: Bar) -> Driven:
 
 
 class Picky:
-    """A planner that takes one number only."""
+    """A planner with one valid option: number 1."""
 
     needs_forecast = False
 
@@ -199,7 +202,7 @@ def echo(value: object) -> object:
 
 
 def raise_value_error() -> None:
-    """Fail like a function, not like a process."""
+    """Raise an error, which does not end the process."""
     raise ValueError("as asked")
 
 

@@ -1,6 +1,8 @@
-"""Damaged traces and maps: columns of a good file with other numbers, cut off, or gone; and what
-may come of it. As a program: so many of them, in plain Python, where reading beyond an array is an
-error and not a crash.
+"""Damaged traces and maps, and the errors that they may cause.
+
+A column of a good file gets other numbers, is cut off, or has another type. As a program this
+tries COUNT damaged copies of a folder. Without the JIT an index beyond an array is an error, not a
+crash.
 
     NUMBA_DISABLE_JIT=1 python tests/helpers_damage.py FOLDER KEY COUNT SEED
 """
@@ -28,7 +30,7 @@ Columns = dict[str, NDArray[Any]]
 
 
 def columns_of(path: Path) -> Columns:
-    """What is in a file."""
+    """The columns of a file by name."""
     with np.load(path) as archive:
         return dict(archive)
 
@@ -43,16 +45,16 @@ def damaged(columns: Columns, rng: np.random.Generator) -> tuple[Columns, list[s
 
 
 def _damaged(column: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
-    way = rng.integers(8)
-    if way == 0:
+    kind = rng.integers(8)
+    if kind == 0:
         return column[: rng.integers(len(column) + 1)]
-    if way == 1:
+    if kind == 1:
         return column.astype(str)
-    if way == 2:
+    if kind == 2:
         return column.reshape(-1, 1)
     places = (
         np.arange(len(column))
-        if way == 3
+        if kind == 3
         else rng.integers(max(len(column), 1), size=rng.integers(1, 4))
     )
     if not len(column):
@@ -66,9 +68,8 @@ def _damaged(column: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
     elif column.dtype.kind == "b":
         column[places] = rng.random(len(places)) < 0.5
     else:
-        within = int(
-            column[rng.integers(len(column))]
-        )  # of another place: nothing is beyond its bounds
+        # a value from another place of the column, so inside its bounds
+        within = int(column[rng.integers(len(column))])
         bounds = np.iinfo(column.dtype)
         column[places] = min(
             max((*WHOLE, within, within)[rng.integers(len(WHOLE) + 2)], int(bounds.min)),
@@ -78,7 +79,7 @@ def _damaged(column: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
 
 
 def copy_damaged(source: Path, target: Path, rng: np.random.Generator) -> list[str]:
-    """A copy of a folder with one trace and one map, in one of which something is damaged; what."""
+    """Copy a folder with one trace and one map, and damage one of them. Returns the damaged columns."""
     shutil.rmtree(target, ignore_errors=True)
     kinds = (records.TRACES, records.MAPS)
     hit = kinds[rng.integers(2)]
@@ -96,7 +97,7 @@ def copy_damaged(source: Path, target: Path, rng: np.random.Generator) -> list[s
 def uses(
     folder: Path, key: str, at: float, *sets: str, again: bool
 ) -> dict[str, Callable[[], object]]:
-    """Everything that reads a trace and its map."""
+    """All functions that read a trace and its map; `again`: the slow ones too."""
     trace = lambda: recorded.trace_of(folder, key)  # noqa: E731
     silent = lambda text: None  # noqa: E731
     found: dict[str, Callable[[], object]] = {
@@ -113,17 +114,17 @@ def uses(
     return found
 
 
-def _not_failed(told: dict[str, Any]) -> None:
-    """A planner whose error was caught would have read beyond an array where it is compiled."""
-    reason = told["replan"]["decision"]["reason"]
+def _not_failed(explained: dict[str, Any]) -> None:
+    """The driver catches errors of the planner. An IndexError would be a crash in compiled code."""
+    reason = explained["replan"]["decision"]["reason"]
     assert "failed: IndexError" not in reason, reason
 
 
 def outcome(use: Callable[[], object]) -> str:
-    """ "" where it worked, else the one line that it was refused with."""
+    """The error message, of one line; "" where `use` succeeds."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of numbers that are large, not wrong
+            warnings.simplefilter("ignore", RuntimeWarning)  # overflows of large but valid numbers
             use()
     except ConfigError as error:
         return _one_line(str(error))
@@ -136,7 +137,7 @@ def _one_line(message: str) -> str:
 
 
 def main(source: Path, key: str, count: int, seed: int) -> None:
-    """Damage so many copies, and use each for everything."""
+    """Damage `count` copies, and read each with every function."""
     rng, refused = np.random.default_rng(seed), 0
     for _ in range(count):
         what = copy_damaged(source, source.with_name("damaged"), rng)

@@ -1,7 +1,7 @@
-"""Examples in the documents as files, the page that lists the commands, and where functions are.
+"""Writes docs/commands.md, corrects references to functions, and unpacks examples of the documents.
 
-`python tests/helpers_docs.py` writes docs/commands.md anew, corrects the file of every function that
-moved (`file.py::name`), and ends with the names that it does not find.
+The documents name functions as `file.py::name`. `python tests/helpers_docs.py` corrects the file of
+every function that was moved, and prints the names that it does not find.
 """
 
 import ast
@@ -57,20 +57,20 @@ def _section(name: str, command: Any) -> str:
 
 
 def _metavar(param: Any) -> str:
-    """An argument as usage shows it."""
+    """An argument as the usage line shows it."""
     name = f"{param.name.upper()}{'...' if param.nargs == -1 else ''}"
     return name if param.required else f"[{name}]"
 
 
 def _paragraphs(text: str | None) -> Iterator[str]:
-    """The help text, its lines as they are in the source."""
+    """The help text, with the line breaks of the source."""
     for paragraph in (text or "").strip().split("\n\n"):
         yield from (line.strip() for line in paragraph.split("\n"))
         yield ""
 
 
 def _row(param: Any) -> str:
-    """One parameter: how it is written, its default, what it means."""
+    """One parameter as a row: name, default, meaning."""
     if not param.opts[0].startswith("-"):
         label = f"`{_metavar(param)}`"
     elif param.is_flag:
@@ -93,7 +93,10 @@ def definitions(package: Path) -> dict[str, list[str]]:
 
 
 def relocated(text: str, files: Mapping[str, list[str]]) -> str:
-    """The text with the present file of every function that moved, in its package if possible."""
+    """The text with the present file of each function that was moved, if it can be found.
+
+    Of several files with the name, the one in the same package is taken.
+    """
 
     def present(match: re.Match[str]) -> str:
         file, name = match.groups()

@@ -1,7 +1,4 @@
-"""What fuzzing needs.
-
-Examples are as many as the profile says: 1000 and more with --hypothesis-profile=explore.
-"""
+"""Functions for fuzzing: hostile values, damaged XML trees, and error messages."""
 
 import copy
 import random
@@ -10,7 +7,7 @@ from xml.etree import ElementTree
 
 from sumo_mcts.errors import ConfigError
 
-# What a number in a file may be replaced by.
+# Replacements for a number in a file.
 HOSTILE = (
     "nan", "inf", "-inf", "0", "-1", "1e300", "-1e300", "1e-300", "", "x", "999999999",
     "99999999999999999999", "-999999999", ":", "1e", "é", "a b",
@@ -20,7 +17,7 @@ HOSTILE = (
 
 
 def refusal(function: Callable[[], object]) -> str:
-    """In which words a function refuses its input; "" where it takes it."""
+    """The message of the ConfigError that a function raises; "" where it raises none."""
     try:
         function()
     except ConfigError as error:

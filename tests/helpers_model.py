@@ -1,4 +1,4 @@
-"""Situations for the model and the planners, made by hand: no SUMO."""
+"""Small situations for tests of the model and the planners. No SUMO."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
@@ -34,12 +34,12 @@ def scenario(*sets: str, **keys: Any) -> ScenarioConfig:
 
 
 def compiled(function: F) -> F:
-    """A kernel that only kernels call, for tests to call compiled."""
+    """A kernel for other kernels, made callable from Python as compiled code."""
     return entry(getattr(function, "py_func", function))
 
 
 def lanes_east(count: int = 3, length: float = 600.0, speed: float = 15.0) -> RoadMap:
-    """One edge of parallel lanes that mirrors into itself at y = 0."""
+    """One edge of parallel lanes, symmetric about y = 0."""
     middle = (count - 1) / 2
     return build(
         [
@@ -80,7 +80,7 @@ def scene_of(
 def task_of(
     road: RoadMap, ego: EgoState, config: ScenarioConfig | None = None, physics: Physics = PHYSICS
 ) -> Task:
-    """What a planner gets once."""
+    """What a planner gets once, when the episode begins."""
     config = config or scenario()
     params = ego_params(config, ego, physics)
     route = route_map(
@@ -98,7 +98,7 @@ def task_of(
 def traffic_params(
     step: float = 0.2, *, interacting: bool = True, config: ScenarioConfig | None = None
 ) -> TrafficParams:
-    """The configuration's, at forecast times `step` s apart."""
+    """The traffic parameters of the configuration, for forecast times `step` s apart."""
     return params.traffic_params(config or scenario(), PHYSICS)._replace(
         step=step, interacting=interacting
     )
@@ -118,20 +118,20 @@ def forecast_of(
     scene: Scene,
     seconds: float = 10.0,
     params: TrafficParams | None = None,
-    told: OracleData | None = None,
+    oracle: OracleData | None = None,
 ) -> Forecast:
-    """The forecast, with an ego that follows its leader."""
+    """The forecast, which takes the ego to follow its leader."""
     state = ego_state(task.route, scene.ego)
     assert state is not None
     lanes = np.array(ego_lanes(task.route, state), np.int32)
     question = Question(scene, lanes, np.zeros(0), params or traffic_params(), seconds)
-    return predict(task.road, question, told or OracleData())
+    return predict(task.road, question, oracle or OracleData())
 
 
 def situation_of(
     task: Task, scene: Scene, cleared: frozenset[int] = frozenset(), seconds: float = 10.0
 ) -> Situation:
-    """What a planner gets each cycle."""
+    """What a planner gets in each cycle."""
     state = ego_state(task.route, scene.ego)
     assert state is not None
     return Situation(scene, state, forecast_of(task, scene, seconds), cleared)
@@ -144,7 +144,7 @@ def local_of(
     seconds: float = 10.0,
     reactive: int = 0,
 ) -> tuple[LocalMap, State]:
-    """What compiled code reads, and the ego's state in it."""
+    """The local map of a cycle, and the ego's state in it."""
     situation = situation_of(task, scene, cleared, seconds)
     return base.local_of(task, situation, reactive), situation.state
 

@@ -1,4 +1,4 @@
-"""Networks made on the spot, and SUMO running in them."""
+"""Makes small networks with netconvert, and runs SUMO in them."""
 
 import subprocess
 from collections.abc import Iterator, Sequence
@@ -10,7 +10,7 @@ import sumo
 
 
 def netconvert(folder: Path, nodes: str, edges: str, connections: str, *options: str) -> str:
-    """The network file that netconvert makes of the elements of its three kinds of input."""
+    """Run netconvert on the XML elements of its three input files. Returns the network file."""
     for name, text in (("nodes", nodes), ("edges", edges), ("connections", connections)):
         (folder / f"{name}.xml").write_text(f"<{name}>{text}</{name}>")
     command = [
@@ -39,7 +39,7 @@ def netconvert(folder: Path, nodes: str, edges: str, connections: str, *options:
 def simulation(
     net: str, routes: Sequence[Path | str], step: float = 0.1, change_s: float = 3.0, seed: int = 1
 ) -> Iterator[None]:
-    """SUMO with these routes, until the end of the block."""
+    """Inside the block SUMO runs with these routes."""
     files = [
         "-n",
         net,

@@ -1,4 +1,4 @@
-"""Recorded episodes for tests: of a network that a user brings along, and as folders of results."""
+"""Recorded episodes for tests, in a network of a user's own and in built-in scenes."""
 
 import subprocess
 import sys
@@ -35,8 +35,10 @@ RULES = ("--default-junction-type", "allway_stop", "--tls.set", "B1")
 
 
 def of_a_user(folder: Path) -> ScenarioConfig:
-    """A grid with a light and all-way stops, as somebody would bring it along, with flows and twice
-    the usual step."""
+    """A scenario from a .sumocfg: a grid with a light, all-way stops and flows.
+
+    The step is twice the usual one.
+    """
     binary = (
         Path(sumo.SUMO_HOME)
         / "bin"
@@ -63,7 +65,7 @@ def of_a_scene(name: str, *sets: str) -> ScenarioConfig:
 
 
 def keep(folder: Path, result: EpisodeResult) -> None:
-    """Rows, traces and map, as `run --out` leaves them."""
+    """Save rows, traces and map like `run --out`."""
     for row in result.rows:
         records.append_row(folder, row)
     for trace in result.traces:
@@ -73,5 +75,5 @@ def keep(folder: Path, result: EpisodeResult) -> None:
 
 
 def keep_trace(folder: Path, trace: Trace) -> None:
-    """A trace where the commands look for it."""
+    """Save a trace where the commands look for it."""
     records.save_trace(folder / records.TRACES / f"{trace.key}.npz", trace)

@@ -46,10 +46,10 @@ def drive(
     step: float = STEP,
     **goal: Any,
 ) -> tuple[Referee, str | None]:
-    """The verdict over an ego that was at these lane positions, one a step."""
-    ways = [ego_at(road, name, s, v, route=edges(road, *route)) for name, s in where]
-    judge = referee(road, frame_of(road, 0.0, ways[0]), *route, step=step, **goal)
+    """The referee and its verdict for an ego at these lane positions, one for each step."""
+    states = [ego_at(road, name, s, v, route=edges(road, *route)) for name, s in where]
+    judge = referee(road, frame_of(road, 0.0, states[0]), *route, step=step, **goal)
     outcome = None
-    for k, ego in enumerate(ways[1:], 1):
+    for k, ego in enumerate(states[1:], 1):
         outcome = judge.observe(frame_of(road, k * step, ego))
     return judge, outcome

@@ -1,4 +1,4 @@
-"""Rows of episodes that nobody drove, and folders with them. No SUMO."""
+"""Rows of invented episodes, and folders with them. No SUMO."""
 
 import json
 from collections.abc import Iterable
@@ -19,7 +19,7 @@ VARIANTS = {
 def made_row(
     scenario: str = "left", variant: str = "mcts-idm-100", seed: int = 0, **known: Any
 ) -> dict[str, Any]:
-    """An episode in which nothing happened."""
+    """The row of an episode without incidents; `known` replaces or adds keys."""
     planner, iterations = VARIANTS.get(variant, (variant, None))
     usual = {
         "key": episode_key(scenario, variant, seed), "scenario": scenario, "variant": variant,
@@ -63,7 +63,7 @@ def made_rows(seeds: int = 6) -> list[dict[str, Any]]:
 
 
 def write_rows(folder: Path, rows: Iterable[dict[str, Any]], manifest: object = None) -> Path:
-    """A folder as `run` and `batch` leave it, without traces."""
+    """Write the folder of a `run` or `batch`, without traces."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / ROWS).write_text("".join(json.dumps(row) + "\n" for row in rows))
     if manifest is not None:
@@ -72,8 +72,10 @@ def write_rows(folder: Path, rows: Iterable[dict[str, Any]], manifest: object = 
 
 
 def write_traces(folder: Path, *keys: str) -> None:
-    """A trace for each key: the crossing, with a fail-safe manoeuvre and a tried action that is
-    lost."""
+    """Write a trace for each key.
+
+    It is helpers_trace.crossing_trace, where the fail-safe acts in three cycles.
+    """
     from helpers_trace import crossing_trace
 
     trace = crossing_trace()

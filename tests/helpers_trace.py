@@ -84,8 +84,10 @@ def highway_trace(cycles: int = 30) -> Trace:
 
 @cache
 def busy_trace(cycles: int = 120, others: int = 30) -> Trace:
-    """As much as an episode of a minute leaves behind: forecasts of 30 agents that turn and brake,
-    each differently."""
+    """A trace as large as that of an episode of a minute.
+
+    It has forecasts of 30 agents, which turn and brake, each in another manner.
+    """
     rng = np.random.default_rng(1)
     trace = crossing_trace(cycles, 8, "busy--mcts--1")
     return trace._replace(
@@ -99,7 +101,7 @@ def busy_trace(cycles: int = 120, others: int = 30) -> Trace:
 
 
 def _crowd(agents: Agents, count: int) -> Agents:
-    """So many agents: the given ones, over and over."""
+    """`count` agents: the given ones, repeated."""
     copied = Agents(*(np.resize(column, count) for column in agents))
     return copied._replace(ids=tuple(f"car.{i:02d}" for i in range(count)))
 
@@ -202,7 +204,10 @@ def _cycle(
 def _children(
     path: Path, along: float, v: float, accel: float
 ) -> tuple[tuple[RootChild, ...], int]:
-    """The tried actions; the one nearest to what the ego does is the most visited."""
+    """The actions at the root, and which is chosen: the one nearest to the acceleration `accel`.
+
+    It has the most visits.
+    """
     tried = np.array([-8.0, -4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.6])
     chosen = int(np.argmin(np.abs(tried - accel)))
     time = STEP * np.arange(1.0, 51.0)
@@ -252,7 +257,7 @@ def _forecast(
 
 
 def _agents(actors: list[tuple[Path, float, float, float, str]], time: float) -> Agents:
-    """Those between the ends of their road now."""
+    """The agents that are between the ends of their road at `time`."""
     here = sorted(
         (a for a in actors if 0 <= a[1] + a[2] * time <= _length(a[0])), key=lambda actor: actor[4]
     )
@@ -281,8 +286,10 @@ def _agents(actors: list[tuple[Path, float, float, float, str]], time: float) ->
 
 
 def _actors(count: int) -> list[tuple[Path, float, float, float, str]]:
-    """(path, position at time 0, m/s, length, id): half of them oncoming, the others behind it on
-    the crossing road."""
+    """(path, position at time 0, m/s, length, id) of each actor.
+
+    Half of them come towards the ego. The others drive behind it or on the crossing road.
+    """
     w = LANE_WIDTH
     south, north = _line((-1.5 * w, ARM), (-1.5 * w, -ARM)), _line((1.5 * w, -ARM), (1.5 * w, ARM))
     west = _line((ARM, 0.5 * w), (-ARM, 0.5 * w))
@@ -304,7 +311,7 @@ def _actors(count: int) -> list[tuple[Path, float, float, float, str]]:
 
 
 def _ego_speeds(cycles: int) -> Floats:
-    """[steps] approach, wait about four seconds in the junction, then go."""
+    """[steps] m/s: the ego approaches, waits for about four seconds in the junction, then goes."""
     count = round(cycles * PERIOD / STEP) + 60
     speeds, v = [], 10.0
     for k in range(count):
@@ -348,7 +355,7 @@ def _pose(path: Path, along: float) -> tuple[float, float, float]:
 
 
 def _lanes() -> Lanes:
-    """Two lanes a direction on four arms, and the straight and left-turning ways across the
+    """Four arms with two lanes in each direction, and lanes straight on and left in the
     junction."""
     w, shapes = LANE_WIDTH, []
     for quarter in range(4):

@@ -1,6 +1,6 @@
-"""Searches on scenes made by hand, and their trees as plain data.
+"""Searches in small scenes, and their trees as plain data.
 
-Run as a program it renews the golden trees.
+`python tests/helpers_tree.py` writes the golden trees again.
 """
 
 import json
@@ -44,7 +44,7 @@ class Toy(NamedTuple):
 
 
 class Grown(NamedTuple):
-    """A tree with all that it was grown from."""
+    """A tree, and all inputs of its search."""
 
     tree: Tree
     local: LocalMap
@@ -52,18 +52,18 @@ class Grown(NamedTuple):
     q: SearchParams
     actions: Floats
     root: State
-    done: int
-    known: int
+    done: int  # passes to the horizon
+    known: int  # passes that ended in a known terminal node
 
 
 def on_three_lanes(ego: EgoState | None = None, *agents: Agent, sets: tuple[str, ...] = ()) -> Toy:
-    """The ego in the middle of three lanes at 10 m/s, 100 m along, if nothing else is said."""
+    """By default the ego in the middle one of three lanes, at 100 m and 10 m/s."""
     road = lanes_east(3, 900.0)
     return Toy(road, scene_of(ego or ego_at(road, "a_1", 100.0, 10.0), road, *agents), sets)
 
 
 def mirrored(toy: Toy) -> Toy:
-    """Left and right exchanged, on lanes that mirror into themselves at y = 0."""
+    """The scene with left and right exchanged, for lanes that are symmetric about y = 0."""
     ego, others, last = toy.scene.ego, toy.scene.agents, len(toy.road.lane_ids) - 1
     ego = ego._replace(y=-ego.y, heading=-ego.heading, d=-ego.d, lane=last - ego.lane)
     others = others._replace(
@@ -90,8 +90,7 @@ def before_a_light(shows: int, distance: float = 60.0, v: float = 12.0) -> Toy:
 
 
 def steady(toy: Toy) -> Toy:
-    """The same with a search that tries everything until its passes are made, and draws its
-    rollouts."""
+    """The same scene for a search that is not adaptive: all passes, drawn rollouts."""
     return toy._replace(sets=(*toy.sets, "planner.adaptive=false"))
 
 
@@ -118,7 +117,7 @@ TOYS = {
 def grow(toy: Toy, iterations: int, seed: int = 1, *, each: bool = False) -> Grown:
     """The tree after a number of passes.
 
-    `each`: with the best of every root action (see rollout.SearchParams).
+    `each`: the search also finds the best sequence of every root action (rollout.SearchParams).
     """
     config = scenario(*toy.sets)
     task = task_of(toy.road, toy.scene.ego, config)
@@ -148,7 +147,7 @@ def grow(toy: Toy, iterations: int, seed: int = 1, *, each: bool = False) -> Gro
 
 
 def decide(toy: Toy, *sets: str, seed: int = 1) -> Decision:
-    """What the planner of the configuration decides."""
+    """The decision of the planner that the configuration names."""
     config = scenario(*toy.sets, *sets)
     planner = make_planner(config)
     task = task_of(toy.road, toy.scene.ego, config)
@@ -157,7 +156,7 @@ def decide(toy: Toy, *sets: str, seed: int = 1) -> Decision:
 
 
 def plain(grown: Grown) -> dict[str, Any]:
-    """The tree to the bit: floats as hexadecimal text."""
+    """The tree as JSON data; floats as hexadecimal text, which is exact."""
     tree, used = grown.tree, int(grown.tree.used[0])
     return {
         "passes": [grown.done, grown.known],
@@ -169,7 +168,7 @@ def plain(grown: Grown) -> dict[str, Any]:
 
 
 def rough(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The same with values as numbers, for comparison across platforms."""
+    """The same data with floats as numbers, for comparison across platforms."""
     return {
         **data,
         "best": [float.fromhex(best) if best != "inf" else math.inf for best in data["best"]],
@@ -177,7 +176,7 @@ def rough(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def small_trees(iterations: int = 150) -> dict[str, Any]:
-    """The toys' trees after a few passes, and without adapting."""
+    """The trees of all toys after a few passes, from the adaptive search and from the other one."""
     return {
         name: plain(grow(toy, iterations))
         for name, toy in (

@@ -1,4 +1,4 @@
-"""Slow and obvious twins of the compiled kernels: plain Python, numpy and shapely."""
+"""Slow and simple versions of compiled kernels, to compare with: plain Python, numpy, shapely."""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ class Box(NamedTuple):
     width: float
 
     def polygon(self, grown: float = 0.0) -> Polygon:
-        """Its outline, each half size longer by `grown` m."""
+        """The outline of the box, `grown` m larger on every side."""
         c, s, u, v = (
             math.cos(self.heading),
             math.sin(self.heading),
@@ -37,7 +37,7 @@ class Box(NamedTuple):
         )
 
     def flat(self) -> tuple[float, float, float, float, float, float]:
-        """As the kernels want it."""
+        """The numbers that kernels take: x, y, cos, sin, half length, half width."""
         return (
             self.x,
             self.y,
@@ -49,20 +49,22 @@ class Box(NamedTuple):
 
 
 def distance(a: Box, b: Box) -> float:
-    """Between two boxes, m."""
+    """The distance between two boxes, m."""
     return float(a.polygon().distance(b.polygon()))
 
 
 def overlap_area(a: Box, b: Box) -> float:
-    """m2 that two boxes share."""
+    """The area that two boxes share, m2."""
     return float(a.polygon().intersection(b.polygon()).area)
 
 
 def share_in_view(
     x: float, y: float, boxes: Sequence[Box], blocks: Sequence[bool], rays: int
 ) -> list[float]:
-    """The share of the rays that hit each box of which it is the first that they hit, looking past
-    those that do not block."""
+    """For each box: how many of the rays that hit it do so before they hit a box that blocks.
+
+    `rays` leave (x, y) at equal angles. nan where no ray hits the box.
+    """
     hits, free = [0] * len(boxes), [0] * len(boxes)
     outlines = [box.polygon() for box in boxes]
     for k in range(rays):
@@ -73,14 +75,14 @@ def share_in_view(
             for i, outline in enumerate(outlines)
             if ray.intersects(outline)
         }
-        for i, way in met.items():
+        for i, away in met.items():
             hits[i] += 1
-            free[i] += all(way <= met[j] for j in met if blocks[j])
+            free[i] += all(away <= met[j] for j in met if blocks[j])
     return [a / b if b else math.nan for a, b in zip(free, hits, strict=True)]
 
 
 def point_at(points: Sequence[tuple[float, float]], along: float) -> tuple[float, float]:
-    """The point of a polyline at an arc length; beyond its ends straight on."""
+    """The point of a polyline at an arc length; beyond the ends the line goes straight on."""
     line = LineString(points)
     if 0.0 <= along <= line.length:
         point = line.interpolate(along)
@@ -92,8 +94,11 @@ def point_at(points: Sequence[tuple[float, float]], along: float) -> tuple[float
 
 
 def cap(route: RouteMap, node: int, s: float, decel: float, goal: Sequence[bool]) -> float:
-    """The speed at (node, s) from which every lower limit and dead end further down is met with
-    `decel`: the least over all places ahead."""
+    """The highest speed at (node, s) from which braking with `decel` is enough, m/s.
+
+    It is enough for every lower limit and for the end of the lane, so the result is the least over
+    all places ahead.
+    """
     found = [float(route.limit[node])]
     to_end = max(float(route.length[node]) - s, 0.0)  # the last row lies at the end or beyond
     while True:
@@ -108,7 +113,7 @@ def cap(route: RouteMap, node: int, s: float, decel: float, goal: Sequence[bool]
 
 
 def rows_of(route: RouteMap, node: int) -> list[tuple[int, float]]:
-    """(table row, position on the node) of each of its rows."""
+    """(table row, position on the node, m) of each table row of a node."""
     return [
         (int(route.row[node]) + k, k * SPACING)
         for k in range(int(route.row[node + 1] - route.row[node]))
@@ -116,7 +121,7 @@ def rows_of(route: RouteMap, node: int) -> list[tuple[int, float]]:
 
 
 def chain_of(route: RouteMap, node: int) -> list[int]:
-    """The nodes from `node` on down its way."""
+    """The nodes that are driven from `node` on, itself first."""
     chain = [node]
     while route.next[chain[-1]] >= 0:
         chain.append(int(route.next[chain[-1]]))
@@ -126,8 +131,10 @@ def chain_of(route: RouteMap, node: int) -> list[int]:
 def desired_gap(
     v: float, leader_v: float, gap: float, headway: float, accel: float, decel: float
 ) -> float:
-    """s* of the intelligent driver model (Treiber, Hennecke, Helbing 2000), never below the gap at
-    standstill, m."""
+    """s* of the intelligent driver model (Treiber, Hennecke, Helbing 2000), m.
+
+    Never below the gap at standstill.
+    """
     return max(gap, gap + headway * v + v * (v - leader_v) / (2.0 * math.sqrt(accel * decel)))
 
 
@@ -144,8 +151,10 @@ def follow(p: EgoParams, v: float, limit: float, gap: float, leader_v: float) ->
 def free_drive(
     s: float, v: float, limit: float, accel: float, step: float, times: int
 ) -> list[tuple[float, float]]:
-    """(position, speed) of a car alone on an endless road below its limit, accelerating as it likes
-    up to it, by trapezoids."""
+    """(position, speed) of a car on an empty road, which accelerates with `accel` up to the limit.
+
+    Positions are integrated by trapezoids.
+    """
     states = [(s, v)]
     for _ in range(times - 1):
         faster = min(v + step * accel, limit)
@@ -155,8 +164,10 @@ def free_drive(
 
 
 def light_at(signals: Signals, signal: int, link: int, time: float) -> int:
-    """What a link shows at a time from now: the phase whose end is the first after it; the last one
-    stays."""
+    """What a link shows `time` s from now: the state of the first phase that ends later.
+
+    The last phase has no end.
+    """
     phases = len(signals.until[signal])
     for k in range(phases):
         if time < signals.until[signal][k]:
@@ -165,7 +176,7 @@ def light_at(signals: Signals, signal: int, link: int, time: float) -> int:
 
 
 def stopping_distance(p: EgoParams, v: float, a: float) -> float:
-    """How far the ego goes with the strongest braking that its bounds allow, m."""
+    """The distance until the ego stands, with the strongest braking in its bounds, m."""
     driven = 0.0
     while v > 0.0:
         jerk = p.emergency_jerk  # braking beyond comfort is asked for at once
@@ -176,7 +187,7 @@ def stopping_distance(p: EgoParams, v: float, a: float) -> float:
 
 
 def arc_lengths(points: Sequence[tuple[float, float]]) -> list[float]:
-    """Of each vertex of a polyline."""
+    """The arc length at each vertex of a polyline, m."""
     arcs = [0.0]
     for a, b in pairwise(points):
         arcs.append(arcs[-1] + math.dist(a, b))
@@ -184,7 +195,7 @@ def arc_lengths(points: Sequence[tuple[float, float]]) -> list[float]:
 
 
 def successors_of(road: RoadMap, lane: int) -> list[int]:
-    """The lanes driven next."""
+    """The lanes that may be driven after a lane."""
     return [
         int(i)
         for i in road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]

@@ -40,13 +40,13 @@ def print_json(document: Any) -> None:
 
 
 def tell_errors(lines: list[str]) -> None:
-    """Tell what went wrong while a command did its work."""
+    """Print what went wrong while a command worked."""
     for line in lines:
         ending.tell(f"error: {line}")
 
 
 def fail_with(lines: list[str]) -> None:
-    """Tell what went wrong, and end with exit status 1 where anything did."""
+    """Print what went wrong, and end with exit status 1 if anything did."""
     tell_errors(lines)
     if lines:
         raise typer.Exit(ending.FAILED)

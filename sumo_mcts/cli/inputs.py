@@ -37,7 +37,7 @@ def validate(
     ],
     allow_plugins: AllowPlugins = False,
 ) -> None:
-    """Check all that `run` and `batch` check before a planner decides, and tell every mistake."""
+    """Check all that `run` and `batch` check before a planner decides, and list every mistake."""
     from sumo_mcts.commands.validate import problems_of
 
     bad = False

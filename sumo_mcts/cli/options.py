@@ -42,7 +42,7 @@ Jobs = Annotated[
     typer.Option(min=1, max=MOST_JOBS, metavar="N", help="Processes. Default: one a core."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
-NoProgress = Annotated[bool, typer.Option("--quiet", help="Tell nothing of the progress.")]
+NoProgress = Annotated[bool, typer.Option("--quiet", help="Print no progress.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
 
 

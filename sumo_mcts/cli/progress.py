@@ -1,4 +1,4 @@
-"""The voice of commands that take long: it tells on standard error how far they are."""
+"""Progress of commands that take long, on standard error."""
 
 import datetime
 import math
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def progress(what: str, *, quiet: bool) -> Iterator[Callable[[str], None]]:
-    """Gives a function that tells what is going on, at first `what`.
+    """Gives a function that shows a text as the current activity, at first `what`.
 
     On a terminal it is a line that changes. Elsewhere the words before two spaces are printed, each
     once, unless they begin with a number.
@@ -36,7 +36,7 @@ def progress(what: str, *, quiet: bool) -> Iterator[Callable[[str], None]]:
 
 
 class BatchProgress:
-    """Tells how far a batch is: a bar on a terminal, elsewhere a line every ten seconds."""
+    """Shows the progress of a batch: a bar on a terminal, elsewhere a line every ten seconds."""
 
     EVERY_S = 10.0
 
@@ -65,7 +65,7 @@ class BatchProgress:
             self._bar.stop()
 
     def tell(self, at: "Progress") -> None:
-        """Tell what has changed."""
+        """Show what has changed."""
         if self._bar is not None:
             words = at.doing or _how_far(at)
             total = at.total or None

@@ -86,7 +86,7 @@ def explain(
     allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
 ) -> None:
-    """Tell why the ego did what it did at a moment of a recorded episode."""
+    """Explain what the ego did at a moment of a recorded episode."""
     from sumo_mcts.commands import recorded
     from sumo_mcts.records import json_text
 

@@ -52,7 +52,7 @@ Every = Annotated[
 ]
 Converged = Annotated[
     bool,
-    typer.Option("--converged", help="Measure the reference itself, against 100 times its effort."),
+    typer.Option("--converged", help="Measure the reference itself, against 100 times its budget."),
 ]
 RegretFolder = Annotated[
     Optional[Path],

@@ -186,7 +186,7 @@ def _begun(
 
 
 def _harvested(found: Future[Harvest], scenario: str, seed: int | None, note: Note) -> Harvest:
-    """The result of an episode; one whose worker died counts as error."""
+    """The result of an episode; one whose worker crashed counts as error."""
     try:
         return watched(found, kept_kernels, note)
     except workers.DeadWorkerError as error:

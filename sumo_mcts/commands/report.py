@@ -19,7 +19,7 @@ class Report(NamedTuple):
 
     document: dict[str, Any]  # what --json prints
     text: str  # the first tables, as Markdown; report.md has them all
-    files: tuple[Path, ...]  # what a person wants to open
+    files: tuple[Path, ...]  # the file to open in a browser
 
 
 def report(folders: Sequence[Path], out: Path, command: Sequence[str], note: Note) -> Report:

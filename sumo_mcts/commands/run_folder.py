@@ -20,7 +20,7 @@ class Kept(NamedTuple):
 
     result: EpisodeResult  # under the keys that it has in the folder
     remarks: tuple[str, ...]  # for a person: what was replaced, or renamed
-    files: tuple[Path, ...]  # what a person wants to open
+    files: tuple[Path, ...]  # the files to open first
 
 
 def keep(result: EpisodeResult, out: Path, command: Sequence[str]) -> Kept:

@@ -76,8 +76,8 @@ def inputs(
 ) -> dict[str, Any]:
     """For the manifest: options for SUMO, SHA-256 of the files, and `identity`.
 
-    `identity` tells scenarios of one name apart. It is a digest of the scenario's own settings and
-    of its files; the ego of a .sumocfg does not count, the command line names it.
+    `identity` distinguishes scenarios of one name. It is a digest of the scenario's own settings
+    and of its files; the ego of a .sumocfg does not count, the command line names it.
     """
     scenario, files = own or config, contents(files_of(config.sumo))
     plain = scenario.model_copy(

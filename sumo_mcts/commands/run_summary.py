@@ -15,7 +15,7 @@ def summary(result: EpisodeResult) -> str:
 def summary_of(row: Row) -> str:
     """A row: what was driven, its outcome, and a line for each kind of measure."""
     lines = [_title(row), _line("outcome", _outcome(row))]
-    if row["free_flow_s"] is None:  # the ego was never on its way
+    if row["free_flow_s"] is None:  # the ego never drove
         return "\n".join(lines)
     lines += [
         _line("travel time", _travel_time(row)),

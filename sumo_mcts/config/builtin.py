@@ -7,7 +7,7 @@ from pathlib import Path
 from sumo_mcts import files
 from sumo_mcts.errors import ConfigError, near
 
-NAMED = 3  # near names that a message tells
+NAMED = 3  # similar names that a message lists
 
 
 def root() -> Path:

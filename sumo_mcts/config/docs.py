@@ -1,6 +1,6 @@
 """The tables of docs/scenario-file.md and configs/schema.json from the schema of a scenario file.
 
-`python -m sumo_mcts.config.docs` in a checkout writes both anew.
+`python -m sumo_mcts.config.docs` in a checkout writes both again.
 """
 
 import json
@@ -49,7 +49,7 @@ def tables(schema: Schema) -> str:
 
 
 def refreshed(text: str, schema: Schema) -> str:
-    """The text with everything between BEGIN and END made anew.
+    """The text with everything between BEGIN and END made again.
 
     Raises ValueError where the marks are missing.
     """

@@ -12,7 +12,7 @@ _LARGEST = sys.float_info.max
 
 
 def whole(key: str, value: object, least: int) -> int:
-    """A whole number from `least` on, as a program hands it over. Raises ConfigError."""
+    """A whole number from `least` on, as an argument of a function. Raises ConfigError."""
     number = (
         None if isinstance(value, bool) or not isinstance(value, SupportsIndex) else index(value)
     )
@@ -22,7 +22,7 @@ def whole(key: str, value: object, least: int) -> int:
 
 
 def positive(key: str, value: object) -> float:
-    """A number above 0, as a program hands it over. Raises ConfigError."""
+    """A number above 0, as an argument of a function. Raises ConfigError."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= _LARGEST:
         raise ConfigError(f"{key}: a number greater than 0, got {shown(value)}")
     return float(value)
@@ -43,8 +43,8 @@ _ALLOWED = {
 
 
 def refused(error: ValidationError, model: type[BaseModel], origin: str) -> ConfigError:
-    """What is wrong with the input for a model: an error that tells the first mistake and holds
-    all of them in `every`."""
+    """An error about the input for a model. It names the first mistake, and holds all of them in
+    `every`."""
     lines = [f"{origin}: {line}" for line in problems(error, model)]
     return ConfigError(
         lines[0] + (f" (and {len(lines) - 1} more)" if len(lines) > 1 else ""), lines

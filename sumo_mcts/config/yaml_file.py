@@ -83,13 +83,13 @@ class _Loader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """As the library's, where there is room for one more."""
         self._depth, self._count = self._depth + 1, self._count + 1
-        _require_room(self.peek_event(), self._count, self._depth - 1)  # type: ignore[no-untyped-call]  # the library has no types
+        _require_small(self.peek_event(), self._count, self._depth - 1)  # type: ignore[no-untyped-call]  # the library has no types
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
 
 
-# A number to JSON, to YAML 1.2 and to readers; YAML 1.1, which the library reads, wants a point in
+# A number in JSON, in YAML 1.2 and to readers. YAML 1.1, which the library reads, needs a point in
 # it.
 _Loader.add_implicit_resolver(f"{_TAG}float", _EXPONENT, list("-+0123456789"))
 
@@ -109,7 +109,7 @@ def _measure(node: yaml.Node, known: dict[int, _Measure | None]) -> _Measure:
     for child in _children(node):
         below = _measure(child, known)
         count, depth = count + below[0], max(depth, below[1] + 1)
-        _require_room(node, count, depth)
+        _require_small(node, count, depth)
     known[id(node)] = count, depth
     return count, depth
 
@@ -120,7 +120,7 @@ def _children(node: yaml.Node) -> list[yaml.Node]:
     return list(node.value) if isinstance(node, yaml.SequenceNode) else []
 
 
-def _require_room(where: Any, count: int, depth: int) -> None:
+def _require_small(where: Any, count: int, depth: int) -> None:
     """Raise YamlError where there are too many values, or they lie too deep."""
     if depth > MOST_DEPTH:
         raise _wrong(where.start_mark, f"lists and mappings more than {MOST_DEPTH} deep")
@@ -196,7 +196,7 @@ def _is_text(key: yaml.Node) -> bool:
 
 
 def _merged(loader: _Loader, node: yaml.Node) -> dict[str, Any]:
-    """What the mappings say together that `<<` names; the first one wins."""
+    """The mappings that `<<` names, merged; of the same key the first one counts."""
     found: dict[str, Any] = {}
     for part in node.value if isinstance(node, yaml.SequenceNode) else [node]:
         if not isinstance(part, yaml.MappingNode):

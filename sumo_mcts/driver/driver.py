@@ -141,7 +141,7 @@ class Driver:
     def placed(self, scene: Scene) -> tuple[Task, State] | None:
         """The task, and where the ego is on its route; None where it is not on it.
 
-        The route is laid out anew where SUMO changed it.
+        The route is laid out again where SUMO changed it.
         """
         self._keep_route(scene.ego)
         state = self._state(scene)

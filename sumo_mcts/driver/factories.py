@@ -6,7 +6,7 @@ from sumo_mcts.planners.base import Planner
 from sumo_mcts.prediction.interface import Predictor
 from sumo_mcts.registry import ORACLE_MARK, PLANNERS, PREDICTORS, PlannerRow, code
 
-_PLUGIN = PlannerRow(name="", make="")  # of a plugin a row knows nothing but the defaults
+_PLUGIN = PlannerRow(name="", make="")  # the row of a plugin holds the defaults only
 
 
 def make_planner(config: ScenarioConfig) -> Planner:

@@ -1,4 +1,4 @@
-"""Asks predictors what the other agents will do, from what the driver knows in a cycle."""
+"""Asks predictors what the other agents will do, with the inputs that the driver has in a cycle."""
 
 from typing import NamedTuple
 
@@ -58,7 +58,7 @@ class Forecaster:
         """What the scenario's predictor says, as far as its planner looks, and "". Where a plugin
         fails, what FALL_BACK says instead, and why.
 
-        Raises ConfigError where a recorded oracle does not know the answer.
+        Raises ConfigError where a recorded oracle has no answer.
         """
         name = self._config.prediction.name
         try:
@@ -89,7 +89,7 @@ class Forecaster:
         found = self._predictor(name).predict(question)
         if name not in PREDICTORS:
             found = checked(found, self._road, question)
-        # a copy of the simulation knows where pedestrians walk
+        # a copy of the simulation has the paths of pedestrians
         on_foot_m = 0.0 if asks(name, "clone") else self._config.prediction.room_on_foot_m
         return inflate(found, cycle.scene, self._room_m, on_foot_m)
 

@@ -9,7 +9,7 @@ CENTRED = 0.02  # m from the middle of its lane within which no lane change is u
 
 
 def as_seen(road: RoadMap, ego: EgoState) -> EgoState:
-    """The ego with the progress of its lane change told from its offset.
+    """The ego with the progress of its lane change computed from its offset.
 
     SUMO may refuse a change, be slower than its own clock, or end one in a junction.
     """

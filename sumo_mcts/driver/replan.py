@@ -22,10 +22,10 @@ READ = ("planner", "prediction", "ego_model", "cost", "paper", "idm", "failsafe"
 def recorded_config(
     setting: Setting, overrides: Sequence[str] = (), *, allow_plugins: bool = False
 ) -> ScenarioConfig:
-    """The scenario of a trace, with some keys set anew.
+    """The scenario of a trace, with some keys changed.
 
-    Raises ConfigError, also where no decision depends on such a key or where the scenario names
-    code and that is not allowed; TraceError where the trace holds no scenario.
+    Raises ConfigError, also where no decision depends on such a key, or where the scenario names
+    code and that is not allowed. Raises TraceError where the trace holds no scenario.
     """
     config = build(
         scenario_of(setting), "the trace's scenario", tuple(overrides), allow_plugins=allow_plugins
@@ -42,7 +42,7 @@ def recorded_config(
 def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> PlanningResult:
     """The decision of a cycle, taken again from the record.
 
-    Raises ConfigError where an oracle would be asked that the record does not know, TraceError
+    Raises ConfigError where an oracle is needed that the episode did not ask. Raises TraceError
     where the record is damaged, and PlannerError where the planner fails too often.
     """
     require_fit(trace, road, range(max(cycle - 1, 0), cycle + 1))
@@ -91,7 +91,7 @@ def _recorded_oracles(now: CycleRecord, recorded: str, config: ScenarioConfig) -
     ]
     row = {now.agents.ids[i]: k for k, i in enumerate(answers.agent.tolist())}
 
-    def way(vehicle: str, lane: int) -> Ints:
+    def lanes(vehicle: str, lane: int) -> Ints:
         if not answers.ways:
             raise ConfigError(
                 f"prediction.name: {asked} asks where {vehicle} goes, and the oracle of this "
@@ -113,7 +113,7 @@ def _recorded_oracles(now: CycleRecord, recorded: str, config: ScenarioConfig) -
             for k, i in enumerate(answers.agent)
         }
 
-    return Oracles(way, script, clone)
+    return Oracles(lanes, script, clone)
 
 
 def _first(states: Scripted, recorded_step: float, step: float, count: int) -> Scripted:

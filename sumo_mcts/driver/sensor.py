@@ -43,7 +43,7 @@ class Sensor:
         self._begin = 0.0
 
     def perceive(self, scene: Scene) -> Scene:
-        """What the ego knows of a true scene: the same scene where the sensor has no fault."""
+        """The scene as the sensor shows it. Without faults it is the true scene."""
         if not is_faulty(self._sensor):
             return scene
         if self._last is None:
@@ -198,11 +198,11 @@ def with_errors(road: RoadMap, agents: Agents, error: Floats) -> Agents:
 
 
 def matched(road: RoadMap, agents: Agents) -> Agents:
-    """The agents with lane, s and d anew from their poses.
+    """The agents with lane, s and d computed from their poses.
 
     The lane is the one where the agent was, or the lane beside it whose middle is nearer to the
-    agent's front. A tracker knows along which lanes an agent came, so no agent jumps to lanes of
-    another path, and none leaves the ends of its lane.
+    agent's front. A tracker would know the lanes along which an agent came. So no agent jumps to
+    lanes of another path, and none leaves the ends of its lane.
     """
     lane, s, d = agents.lane.copy(), agents.s.copy(), agents.d.copy()
     for i in np.flatnonzero(lane >= 0):
@@ -240,8 +240,8 @@ def _front(agents: Agents, i: int) -> tuple[float, float]:
 
 
 def share_in_view(x: float, y: float, agents: Agents, blocks: Bools) -> Floats:
-    """[N] of the angle under which each agent appears from (x, y), the share that is in view: no
-    box of an agent that blocks ([N]) lies before it.
+    """[N] the share of each agent that is in view from (x, y), by angle. The rest is behind the
+    boxes of agents that block ([N]).
 
     Between the directions of two neighbouring corners boxes that do not overlap keep their order,
     so one ray for each such sector is exact.
@@ -329,8 +329,8 @@ def moved_on(road: RoadMap, scene: Scene, seconds: float, aside: float) -> Agent
 
 
 def _still_aside(before: Agents, moved: Agents) -> Agents:
-    """The moved agents; one that blinks, had begun to leave its lane and is still taken to be on it
-    does not go back to its middle."""
+    """The moved agents. An agent that blinks and has begun to leave its lane is not moved back to
+    the lane's middle."""
     side = np.where(moved.lane == before.lane, before.blinker, 0)
     back = side * np.maximum(side * (before.d - moved.d), 0.0)
     return moved._replace(

@@ -66,7 +66,7 @@ class EgoVehicle:
         self._commanded: float | None = None  # when the last command was given
 
     def look(self) -> Frame:
-        """What the referee has to know of the step that has just ended."""
+        """The inputs of the referee about the step that has just ended."""
         self._frame = self._world.observer.frame(self._vehicle, self._commander.change, self._frame)
         self._time = self._frame.time
         return self._frame

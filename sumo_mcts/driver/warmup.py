@@ -96,7 +96,7 @@ def _still_life(road: RoadMap, step: float) -> Scene:
 
 
 def _all_green(road: RoadMap) -> Signals:
-    """Signals that show green for good."""
+    """Signals that always show green."""
     links = [
         int(road.link[road.signal == signal].max(initial=-1)) + 1
         for signal in range(len(road.signal_ids))

@@ -96,7 +96,7 @@ class Ego:
             self.fail(message)
 
     def row(self) -> Row:
-        """The keys of its row that states alone tell."""
+        """The keys of its row that follow from states alone."""
         judged = (
             self._referee.row()
             if self._referee is not None

@@ -30,7 +30,7 @@ class LaunchOptions(NamedTuple):
 
     gui: bool = False  # with SUMO's window
     sumo_options: Sequence[str] = ()  # as on SUMO's command line
-    progress: Progress | None = None  # is told what the episode waits for
+    progress: Progress | None = None  # gets a message about what the episode waits for
     measured: Sequence[str] = ()  # egos of later episodes in this process: see run_episode
 
 

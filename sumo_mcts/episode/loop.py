@@ -44,7 +44,7 @@ class Loop:
         self._oracles = SimulationOracles(self._running, self._driven)
 
     def scenes(self) -> dict[str, Scene]:
-        """What each ego that needs a decision now knows, by id. Empty: the episode is over."""
+        """The scene of each ego that needs a decision now, by id. Empty: the episode is over."""
         while not all(ego.done for ego in self._egos):
             due = {}
             for ego in self._egos:
@@ -73,11 +73,11 @@ class Loop:
         self._ego(vehicle).fail(message)
 
     def judged(self, vehicle: str) -> Row:
-        """What the row of an ego would be if the episode ended now, as far as states tell."""
+        """The row of an ego if the episode ended now, with the keys that follow from states."""
         return self._ego(vehicle).row()
 
     def rows(self) -> tuple[Row, ...]:
-        """One row an ego, as far as states tell."""
+        """A row for each ego, with the keys that follow from states."""
         return tuple(ego.row() for ego in self._egos)
 
     def close(self) -> None:
@@ -142,7 +142,7 @@ class Loop:
             self._departures.report(ego.id)
 
     def _take_over(self, ego: Ego) -> None:
-        """Take an ego over; where this draw of the traffic leaves it no escape, draw anew."""
+        """Take an ego over; where this draw of the traffic leaves it no escape, draw again."""
         taken = take_over(self.config, ego.config, ego.noise, self._running, self._oracles.futures)
         if self._running.varied and taken.hindsight is not None and taken.hindsight.unavoidable():
             self._redraw(ego)
@@ -152,7 +152,7 @@ class Loop:
             window.follow(ego.id)
 
     def _redraw(self, ego: Ego) -> None:
-        """Start anew with the next draw."""
+        """Start again with the next draw."""
         if self.redrawn == MOST_REDRAWN:
             ego.fail(
                 f"inevitable at its start in each of {self.redrawn + 1} draws: no motion of the "

@@ -1,5 +1,7 @@
-"""What the running simulation tells that no sensor sees: for forecasts that are labelled as
-oracles, and for the verdict on collisions."""
+"""Answers from the running simulation that no sensor could give.
+
+They serve forecasts that are labelled as oracles, and the verdict on collisions.
+"""
 
 import math
 from collections.abc import Callable, Mapping
@@ -30,11 +32,11 @@ class SimulationOracles:
 
     def oracles(self) -> Oracles:
         """The questions that predictors may ask."""
-        return Oracles(self.path, self.scripted, self.copied)
+        return Oracles(self.lanes, self.scripted, self.copied)
 
-    def path(self, vehicle: str, lane: int) -> Ints:
+    def lanes(self, vehicle: str, lane: int) -> Ints:
         """[K] the lanes that a vehicle on this lane is really going to take, this one first."""
-        return self._running.world.observer.way(vehicle, lane)
+        return self._running.world.observer.coming_lanes(vehicle, lane)
 
     def scripted(self, vehicle: str, now: float, dt: float, count: int) -> Scripted | None:
         """The coming `count` states of a scripted actor, `dt` s apart; None without a script, and

@@ -56,7 +56,7 @@ def run_episode(
     seed: without one SUMO keeps its own.
     gui: with SUMO's window.
     sumo_options: as on SUMO's command line.
-    progress: is told what goes on.
+    progress: gets messages about the progress.
     variant: the name in rows and keys; default planner-prediction-iterations.
     watch: is called with every set of decisions, before they are executed.
     measured: egos of later episodes in this process. SUMO measures TTC, DRAC and PET only of

@@ -1,5 +1,8 @@
-"""Which agents touch the ego within a step: whether two boxes meet while both move, from their
-poses at the beginning and at the end of the step."""
+"""Finds the agents that touch the ego within a step.
+
+Two boxes move from their poses at the beginning of the step to those at its end; this tells whether
+they meet.
+"""
 
 from math import ceil, cos, hypot, sin
 from typing import NamedTuple

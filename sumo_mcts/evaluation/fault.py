@@ -1,4 +1,4 @@
-"""Whether the ego is to blame for a collision. Definition: docs/measures.md, `at_fault`."""
+"""Whether the ego is at fault in a collision. Definition: docs/measures.md, `at_fault`."""
 
 from collections.abc import Mapping
 from math import hypot, inf
@@ -63,8 +63,10 @@ def is_at_fault(
 
 
 def _hit_by_other(contact: Contact, ego: EgoState, agents: Agents, i: int, drifts: bool) -> bool:
-    """Whether the place of the contact shows that agent i ran into the ego: with its front, or
-    sideways (`drifts`), and not into or from the ego's front."""
+    """Whether the place of the contact shows that agent i ran into the ego.
+
+    It did with its front or sideways (`drifts`), and the ego's front has no part in it.
+    """
     half = np.array([ego.length / 2, ego.width / 2])
     its_half = np.array([agents.length[i] / 2, agents.width[i] / 2])
     point = touch_point(contact, half, its_half)
@@ -79,8 +81,8 @@ def _hit_by_other(contact: Contact, ego: EgoState, agents: Agents, i: int, drift
 
 
 def _moves(before: Agents, j: int, now: Agents, i: int, step: float) -> bool:
-    """Whether agent i (j before, -1: not there) drives, or is moved to the side by a lane change,
-    as SUMO does with those that stand, too."""
+    """Whether agent i (j before, -1: not there) drives or changes lanes. SUMO moves even standing
+    vehicles to the side."""
     if j < 0:
         return bool(now.v[i] >= STANDING)
     moved = hypot(now.x[i] - before.x[j], now.y[i] - before.y[j])

@@ -31,7 +31,7 @@ def errors(forecast: Forecast, after: float, centre: Floats, lane: Ints, there: 
     high, near = min(low + 1, last), round(place)
     share = max(place - low, 0.0)
     valid = forecast.valid[0, [low, high]]
-    # where the agent is gone at one of the two times, the other tells
+    # where the agent is gone at one of the two times, the other one counts
     share_of_high = np.where(valid.all(axis=0), share, valid[1])[:, None]
     expected = (
         forecast.pose[0, low, :, :2] * (1.0 - share_of_high)
@@ -50,8 +50,8 @@ def together(parts: Sequence[Errors]) -> Errors:
 
 
 def statistics(found: Errors) -> dict[str, float | int | None]:
-    """Number of pairs; mean, 95th percentile and maximum of their position errors, m; the share on
-    the right lane; the number of agents that the forecast wrongly had gone."""
+    """The number of pairs; mean, 95th percentile and maximum of their position errors, m; the share
+    on the right lane. And the number of agents that the forecast wrongly took to be gone."""
     known = found.distance[~np.isnan(found.distance)]
     return {
         "pairs": len(found.distance),

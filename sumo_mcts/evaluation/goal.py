@@ -62,8 +62,8 @@ class RouteProgress:
         )
 
     def ends_at_goal(self, last: EgoState | None, step: float) -> bool:
-        """Whether an ego that SUMO has taken out of the traffic had come to the edge that counts,
-        or came to it within its last step (s). `last`: the last state before."""
+        """Whether an ego that SUMO has removed had reached the edge of the goal, or reached it
+        within its last step (s). `last`: the last state before."""
         edges, road = self._goal.edges, self._road
         goal = self._success if self._goal.success_edge >= 0 else len(edges) - 1
         if goal <= self._at or last is None or last.lane < 0:

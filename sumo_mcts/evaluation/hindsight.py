@@ -56,7 +56,7 @@ CHECK_S = 0.05  # s between two looks at the boxes
 MARGIN = 0.1
 ACCEL, SIDE = 0, 1  # columns of an action
 ASIDE = 0.2  # m off the middle of a lane from which a lane change must be under way
-ALIVE, TOUCHED, HOME = range(3)
+ALIVE, TOUCHED, DONE = range(3)
 
 
 class Future(NamedTuple):
@@ -100,7 +100,8 @@ class Hindsight:
     def __init__(
         self, road: RoadMap, goal: Goal, take_over: EgoState, params: EgoParams, futures: Futures
     ) -> None:
-        """`take_over`: the ego with all of its route ahead. `futures` has to know all others."""
+        """`take_over`: the ego with all of its route ahead. `futures` has to hold all other
+        agents."""
         ego = take_over
         self._road, self._params, self._futures = road, params, futures
         self._route = route_map(
@@ -112,7 +113,7 @@ class Hindsight:
             ego.max_speed,
             params.approach_decel,
         )
-        self._home = _home(self._route, goal)
+        self._goal_nodes = _goal_nodes(self._route, goal)
         self._scenes: deque[Scene] = deque(maxlen=round(BEFORE_S / params.step) + 1)
 
     def note(self, scene: Scene) -> None:
@@ -139,7 +140,7 @@ class Hindsight:
         rules = Rules(served, p.comfort_decel, claim_s=0.0)
         local = build_local(self._road, self._route, state, scene, forecast, rules)
         grain = Grain(ply, plies, max(1, round(p.step / CHECK_S)), CELL)
-        return len(escape(local, p, state, actions(p), self._home, grain)) == 0
+        return len(escape(local, p, state, actions(p), self._goal_nodes, grain)) == 0
 
 
 def actions(p: EgoParams) -> Floats:
@@ -149,7 +150,7 @@ def actions(p: EgoParams) -> Floats:
     return np.array([(a, float(side)) for side in (1, -1, 0) for a in accelerations])
 
 
-def _home(route: RouteMap, goal: Goal) -> Bools:
+def _goal_nodes(route: RouteMap, goal: Goal) -> Bools:
     """[W] nodes on which the ego has arrived, as the referee sees it."""
     success = max((k for k, edge in enumerate(goal.edges) if edge == goal.success_edge), default=-1)
     beyond = (route.leg >= len(goal.edges)) | ((route.leg == len(goal.edges) - 1) & route.internal)
@@ -194,11 +195,11 @@ def escape(
     p: EgoParams,
     root: State,
     choice: Floats,
-    home: Bools,
+    goals: Bools,
     grain: Grain,
 ) -> Indices:
-    """[K] rows of `choice` [A, 2], one after the other without a contact, for all plies or until a
-    node of `home` [W]; empty where there are none.
+    """[K] rows of `choice` [A, 2]: a sequence without a contact, for all plies or until a node of
+    `goals` [W]. Empty if there is none.
 
     Depth first, since most states have many escapes: only where there is none all actions have to
     be tried.
@@ -215,7 +216,7 @@ def escape(
                 continue
             begun = begin_change(local, p, state, side) if side != 0 else state
             at, accel = level * grain.ply, choice[k, ACCEL]
-            after, end = drive(local, p, home, begun, accel, at, grain.ply, grain.looks)
+            after, end = drive(local, p, goals, begun, accel, at, grain.ply, grain.looks)
             if end == TOUCHED:
                 continue
             place = _cell_of(after, level + 1, grain.cell)
@@ -224,7 +225,7 @@ def escape(
             seen.add(place)
             taken.append((last, k))
             todo.append((after, level + 1, len(taken) - 1))
-            if end == HOME or level + 1 == grain.plies:
+            if end == DONE or level + 1 == grain.plies:
                 found = np.zeros(level + 1, np.int64)
                 last = len(taken) - 1
                 for i in range(level, -1, -1):
@@ -246,7 +247,7 @@ def _cell_of(state: State, level: int, cell: Cell) -> tuple[int, int, int, int, 
 def drive(
     local: LocalMap,
     p: EgoParams,
-    home: Bools,
+    goals: Bools,
     state: State,
     accel: float,
     at: int,
@@ -254,7 +255,7 @@ def drive(
     looks: int,
 ) -> tuple[State, int]:
     """Where `steps` steps towards an acceleration (m/s2) from step `at` on lead, and ALIVE, TOUCHED
-    or HOME. A red light run is no contact."""
+    or DONE. A red light run is no contact."""
     for k in range(at, at + steps):
         before = state
         state, event = advance(local, p, state, accel, k * p.step)
@@ -263,8 +264,8 @@ def drive(
                 local, p, within_step(local, p, before, state, look / looks), k, look / looks
             ):
                 return state, TOUCHED
-        if event == GOAL or home[state.node]:
-            return state, HOME
+        if event == GOAL or goals[state.node]:
+            return state, DONE
     return state, ALIVE
 
 

@@ -37,7 +37,7 @@ class LightRecord:
 
     def leave_junction(self, lanes: Iterable[int]) -> None:
         """Forget the junction entered against red, if none of the lanes under the ego is on it: an
-        ego that comes back enters anew."""
+        ego that comes back enters again."""
         if self.red_junction not in {int(self._road.junction[lane]) for lane in lanes}:
             self.red_junction = -1
 

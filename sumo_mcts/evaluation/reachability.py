@@ -1,5 +1,5 @@
-"""How a vehicle gets from one place on the lanes to another, and where two vehicles can meet: what
-the referee has to know of the roads."""
+"""Paths of vehicles from one place on the lanes to another, and places where two vehicles can meet,
+for the referee."""
 
 from math import inf
 from typing import NamedTuple

@@ -1,7 +1,7 @@
 """What really happened to one ego: its outcome, its faults, and which rules it broke.
 
 Judged from the frames that SUMO's states make up, once a simulation step, for any driver of the ego
-alike. Nothing here knows what a planner intended. docs/measures.md defines all of it.
+alike. It does not use what a planner intended. docs/measures.md defines all of it.
 """
 
 from math import inf, isfinite, isnan
@@ -112,7 +112,7 @@ class Referee:
         return self._outcome
 
     def row(self) -> dict[str, Any]:
-        """The keys of an episode's row that states alone can tell; None where undefined."""
+        """The keys of an episode's row that follow from states alone; None where undefined."""
         row = {
             "outcome": self._outcome,
             "error": self._error,
@@ -290,7 +290,7 @@ class Referee:
         return self._progress.ends_at_goal(last, self._step)
 
     def _is_at_fault(self, before: Frame, frame: Frame, hits: dict[str, Contact | None]) -> bool:
-        """Whether the ego is to blame for one of these collisions."""
+        """Whether the ego is at fault in one of these collisions."""
         conduct = Conduct(
             lanes_under(self._road, frame.ego, self._trail),
             self._change_began,

@@ -63,12 +63,12 @@ def run_batch(  # ten parameters, all but two by keyword: a public function, one
         Otherwise what is done there is not done again.
     allow_plugins: run code that the experiment or its scenarios name as module:name.
     episode_timeout_s: an episode that takes longer (wall time, s) is ended with outcome `error`.
-    command: goes into the manifest. watch: is told the progress, about twice a second.
+    command: goes into the manifest. watch: gets the progress, about twice a second.
 
     Every row is on the disk as soon as its episode ends: a batch may be interrupted at any time,
     and called again. The rows are the same with any number of workers, except for times. An episode
-    whose worker dies is driven once more, then its outcome is `error`. Where the worker was killed
-    from outside, as a system without memory does, the next call drives it again.
+    whose worker crashes is driven once more, then its outcome is `error`. Where the worker was
+    killed from outside, as a system without memory does, the next call drives it again.
 
     In a script call it under `if __name__ == "__main__":`: the workers import the script. Raises
     ConfigError where the input is wrong, or `out` holds something else; BatchError where the batch
@@ -114,8 +114,8 @@ def listed(
 
 
 def tried(path: Path, seconds: float, *, allow_plugins: bool = False) -> list[str]:
-    """What is wrong with an experiment file, a line each: every scenario is started in this process
-    with every kind of driver, as far as there is time for it. Raises ConfigError where the file
+    """The problems of an experiment file, a line for each. Every scenario is started in this
+    process with every kind of driver, as long as time is left. Raises ConfigError where the file
     itself is wrong."""
     plan, until = load(path, allow_plugins=allow_plugins), time.monotonic() + seconds
     return [

@@ -20,7 +20,7 @@ from sumo_mcts.numerics.kernel import kept_kernels
 from sumo_mcts.records import MAPS, TRACES, Row
 from sumo_mcts.records.highlights import Bar, TraceSelection
 
-TRIES = 2  # of an episode whose worker dies
+TRIES = 2  # of an episode whose worker crashes
 NEWS_S = 0.5  # between two reports of the progress
 
 Drive = Callable[[Episode, Bar], Driven]
@@ -62,7 +62,7 @@ class Dispatch:
                     self._take(future, crew.deaths)
                 self._report()
         finally:
-            with suppress(OSError):  # what ended the batch is told instead
+            with suppress(OSError):  # the error that ended the batch is reported instead
                 folder.settle(self._out, self._all)
             self._report(last=True)
         return folder.done(self._out, self._all)

@@ -75,13 +75,13 @@ def load(path: Path, *, allow_plugins: bool = False) -> Plan:
         for named in config.plugin_names(found)
     }:
         config.require_permission(f"{path}: {key}", name, allow_plugins)
-    told = experiment.model_dump(mode="json", by_alias=True, exclude={"description"})
+    settings = experiment.model_dump(mode="json", by_alias=True, exclude={"description"})
     configs = {
         case.name: {variant: config.digest(found) for variant, found in case.configs.items()}
         for case in cases
     }
     digest = hashlib.sha256(
-        json.dumps([told, configs], sort_keys=True, default=str).encode()
+        json.dumps([settings, configs], sort_keys=True, default=str).encode()
     ).hexdigest()
     return Plan(str(path), experiment, variants, cases, digest)
 
@@ -172,7 +172,7 @@ def _grid(sweep: Mapping[str, Sequence[Any]]) -> Iterator[Changes]:
 
 
 def _short(key: str, sweep: Mapping[str, object]) -> str:
-    """The last part of a key where that tells it from the others."""
+    """The last part of a key, if it differs from those of the others."""
     last = key.rpartition(".")[2]
     return last if sum(other.rpartition(".")[2] == last for other in sweep) == 1 else key
 

@@ -55,7 +55,7 @@ def manifest_of(plan: Plan, part: tuple[int, int], command: Sequence[str]) -> di
 def contents(paths: Iterable[str]) -> dict[str, list[str]]:
     """SHA-256 of the files of each name, in whatever folder.
 
-    What is missing is told when SUMO starts.
+    Missing files are reported when SUMO starts.
     """
     found: dict[str, set[str]] = {}
     for path in map(Path, paths):
@@ -133,8 +133,8 @@ def _rehearse(plan: Plan, egos: ChosenEgos, crew: Crew, tell: Watch, decide: boo
 def asked(plan: Plan, name: str, future: "Future[_T]", crew: Crew, tell: Watch) -> _T:
     """The answer of a worker about scenario `name`.
 
-    Raises ConfigError where the worker says so, or dies of the question; BatchError where the
-    machine fails.
+    Raises ConfigError where the worker says so, or crashes on the question. Raises BatchError where
+    the machine fails.
     """
     try:
         return watched(future, kept_kernels, lambda news: tell(before_the_first(news)))

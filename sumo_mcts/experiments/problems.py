@@ -22,19 +22,20 @@ def kept(out: Path, write: Callable[[], object]) -> None:
 
 
 def lost(error: BaseException) -> BatchError:
-    """What to say where no worker is left."""
+    """The error if no worker is left."""
     return BatchError(
-        f"the workers are lost ({_told(error)}); what is done is kept, and the same command goes on"
+        f"the workers are lost ({_reason(error)}); what is done is kept, and the same command "
+        "goes on"
     )
 
 
 def exhausted(where: str, error: BaseException) -> BatchError:
-    """What to say where the machine has no memory, disk or the like for more."""
-    told = getattr(error, "strerror", None) or _told(error)
+    """The message if the machine has no memory, disk space, processes or files left."""
+    reason = getattr(error, "strerror", None) or _reason(error)
     return BatchError(
-        f"{where}: {told}; what is done is kept, and the same command goes on when that is mended"
+        f"{where}: {reason}; what is done is kept, and the same command goes on when that is mended"
     )
 
 
-def _told(error: BaseException) -> str:
+def _reason(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__} {error}".split())

@@ -39,7 +39,7 @@ def _seeds(value: object) -> object:
     if not parts:
         raise ValueError("a range such as 0..9, or a list of numbers and ranges")
     ranges = [_range(part) for part in parts]
-    # a range of more than an index can tell has no length
+    # len() fails for ranges larger than an index
     if sum(each.stop - each.start for each in ranges) > MOST_EPISODES:
         raise ValueError(f"at most {MOST_EPISODES} seeds")
     return tuple(sorted(set(itertools.chain.from_iterable(ranges))))

@@ -95,7 +95,7 @@ def drive_within(seconds: float, episode: Episode, bar: Bar) -> Driven:
 
 
 def of_shortage(row: Row) -> bool:
-    """Whether a row tells of a shortage of the machine: then its episode is driven again."""
+    """Whether a row reports a shortage of the machine: then its episode is driven again."""
     return str(row.get("error") or "").startswith(SHORTAGE)
 
 

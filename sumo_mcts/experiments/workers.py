@@ -24,7 +24,7 @@ from sumo_mcts.errors import ConfigError, in_one_line
 from sumo_mcts.experiments.experiment import DECIDING
 from sumo_mcts.process.supervisor import die_with_parent, silence_libraries
 
-PATIENCE_S = 3.0  # for a worker that was told to end, before it is killed
+PATIENCE_S = 3.0  # from the request to end until a worker is killed
 # tasks of one process, then a new one takes over: it grows by 4 MB in a hundred episodes
 LONGEST = 200
 ANSWER_S = 20.0  # for a scheduler, whatever it is asked
@@ -51,11 +51,11 @@ class SilentWorkerError(Exception):
 
 
 class Crew(NamedTuple):
-    """An executor with what a batch has to know of it."""
+    """An executor, and what a batch needs to know about it."""
 
     executor: Executor
     most: Callable[[], int]  # how many episodes to hand out at a time
-    deaths: type[Exception]  # what a future raises where its worker died
+    deaths: type[Exception]  # what a future raises where its worker crashed
 
 
 def cores() -> int:
@@ -97,7 +97,7 @@ def cluster(address: str) -> Iterator[Crew]:
         raise ConfigError(
             "--scheduler: needs dask.distributed: pip install 'sumo-mcts[cluster]'"
         ) from None
-    with _unheard("distributed"):
+    with _without_logging("distributed"):
         try:
             client: Any = _answer(lambda: Client(address, timeout=ANSWER_S, set_as_default=False))  # type: ignore[no-untyped-call]
         except (OSError, ValueError) as error:
@@ -136,21 +136,21 @@ def _answer(ask: Callable[[], _T]) -> _T:
 
 
 @contextmanager
-def _unheard(package: str) -> Iterator[None]:
-    """A package logs nothing meanwhile: what it would say of a lost scheduler, with tracebacks, is
-    told in one line instead."""
+def _without_logging(package: str) -> Iterator[None]:
+    """Inside the block a package logs nothing. Its messages about a lost scheduler, with
+    tracebacks, become one line."""
     known = [
         logging.getLogger(name)
         for name in list(logging.root.manager.loggerDict)
         if name.partition(".")[0] == package
     ]
-    heard = [logger for logger in known if not logger.disabled]
-    for logger in heard:
+    enabled = [logger for logger in known if not logger.disabled]
+    for logger in enabled:
         logger.disabled = True
     try:
         yield
     finally:
-        for logger in heard:
+        for logger in enabled:
             logger.disabled = False
 
 
@@ -186,9 +186,10 @@ class _Alone(Executor):
 
 
 class LocalPool(Executor):
-    """Processes (spawned, not forked). Where one dies, its task fails and a new one is started.
+    """Processes (spawned, not forked). If a process crashes, its task fails and a new process is
+    started.
 
-    `ProcessPoolExecutor` instead fails all tasks, and does not tell which one died.
+    `ProcessPoolExecutor` instead fails all tasks, and does not report which process crashed.
     """
 
     def __init__(self, count: int, longest: int = LONGEST, patience_s: float | None = None) -> None:
@@ -324,7 +325,7 @@ class _Worker:
         return answer
 
     def end(self) -> None:
-        """End the process, which has nothing to do any more, or is dead."""
+        """End the process, which has no more tasks, or has crashed."""
         self._pipe.close()
         self.process.join(PATIENCE_S)
         if self.process.exitcode is None:

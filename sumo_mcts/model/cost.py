@@ -13,16 +13,16 @@ from sumo_mcts.numerics.kernel import kernel
 
 PICK_UP = 2.6  # m/s2 with which lost speed is valued
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
-SLOW = 1.0  # m/s below which the ego stands in the way of others
-# rad between box and lane from which the rear is still in the lane that the ego leaves
+SLOW = 1.0  # m/s below which the ego counts as blocking others
+# rad between box and lane: beyond this the rear is still in the lane that the ego leaves
 STRADDLING = 0.2
 STANDS_BEFORE = 2.0  # m before the line of a stop sign: the place to stand
-NEAR_SIGN = 5.0  # m before that place within which less and less of a second counts as lost,
-ROLLS = 0.3  # m/s below which, there, likewise
-UP_TO_SIGN = 30.0  # m before that place within which the distance to it counts at the horizon,
-MOVE_UP = 4.0  # m/s as if driven with this
-# by how much dearer, at the horizon, a lane is that the route leaves if the ego cannot get as fast
-# any more as those it has to move between
+NEAR_SIGN = 5.0  # m before that place over which the cost of lost time falls to 0
+ROLLS = 0.3  # m/s below which that cost falls to 0 too, at that place
+UP_TO_SIGN = 30.0  # m before that place within which the distance to it has a cost at the horizon:
+MOVE_UP = 4.0  # m/s, the time that driving up to it with this speed takes
+# Factor of an additional cost at the horizon, in a lane that the route leaves: for an ego that can
+# no longer reach the speed of the vehicles between which it has to move.
 RUN_UP = 0.1
 
 
@@ -41,15 +41,18 @@ def step_comfort(p: EgoParams, c: CostParams, before: State, after: State) -> fl
 
 @kernel
 def step_passability(local: LocalMap, p: EgoParams, c: CostParams, after: State) -> float:
-    """C_p of one simulation step: time lost against the limit or before a stop sign, a lane that
-    the route leaves, standing in a junction or straddling lanes."""
+    """C_p of one simulation step.
+
+    It has terms for time lost against the limit or before a stop sign, for a lane that the route
+    leaves, and for standing in a junction or across two lanes.
+    """
     limit = local.node[after.node, LIMIT]
     rate = c.progress * (1.0 - min(after.v, limit) / limit + _before_sign(local, after))
     rate += c.route * _urgent(local, after.node)
     if after.v < SLOW:
         if local.node[after.node, INTERNAL] > 0.0:
             rate += c.blocking
-        # an ego that is held at a dead end leaves it as it can
+        # at the end of a lane that leads nowhere any angle is allowed
         if abs(after.turn) > STRADDLING and not leads_nowhere(local, after.node):
             rate += c.astride
     return rate * p.step
@@ -82,9 +85,9 @@ def step_own(
     """The user's own cost of one simulation step that ends `time` s from now, `gap` m behind the
     leader (inf: none).
 
-    At least 0, since the search takes costs to add up, and at most that of a contact for a second;
-    what is no number costs nothing. Lanes are counted from the right among those that the ego may
-    use; inside junctions they are all 0.
+    It is at least 0, since the search takes costs to add up, and at most that of a contact for a
+    second. nan counts as 0. Lanes are counted from the right among those that the ego may use;
+    inside junctions they are all 0.
     """
     if term is None:  # numba leaves out the rest where there is none
         return 0.0
@@ -99,13 +102,15 @@ def step_own(
 
 @kernel
 def terminal(local: LocalMap, c: CostParams, state: State, gap: float, leader_v: float) -> float:
-    """What is still to come at the horizon: the time lost until the limit is reached, and for
-    tail_s more behind a slow leader, before a dead end, and in a lane that the route leaves.
+    """The cost of the time after the horizon.
 
-    Nothing here may fall by more than 1 / limit for a metre less driven, the time that is gained by
-    driving it, or it would pay to stand. So speed counts behind a leader only as far as there is
-    room for it, before a red light or a dead end not at all (LocalMap.free). The limit is that of
-    the lane where the ego is now, the same for all.
+    This is the time lost until the ego reaches the limit. For tail_s more it is the time lost
+    behind a slow leader, before the end of the road, and in a lane that the route leaves.
+
+    If a metre less driven lowered this by more than 1 / limit, the time that driving it takes, it
+    would pay to stand. So behind a leader speed has a value only as far as the gap allows. Before a
+    red light or the end of the road it has none (LocalMap.free). The limit is that of the lane
+    where the ego is now, in all states.
     """
     useful = min(state.v, leader_v + gap / local.limit)
     missing = max(0.0, local.limit - useful) if local.free else 0.0
@@ -125,23 +130,24 @@ def terminal(local: LocalMap, c: CostParams, state: State, gap: float, leader_v:
 
 @kernel
 def _too_slow(local: LocalMap, state: State) -> float:
-    """Share of the speed of those it has to move between that the ego cannot reach any more before
-    its lane ends: an ego that stands there finds no gap."""
-    room = local.node[state.node, REACH] - state.s
-    if math.isinf(room):
+    """How far the speed that the ego can still reach falls short of the target lane's, as a share.
+
+    It counts up to the end of the ego's lane: an ego that stands there finds no gap.
+    """
+    distance = local.node[state.node, REACH] - state.s
+    if math.isinf(distance):
         return 0.0
     return max(
         0.0,
         1.0
-        - math.sqrt(state.v * state.v + 2.0 * PICK_UP * max(room, 0.0))
+        - math.sqrt(state.v * state.v + 2.0 * PICK_UP * max(distance, 0.0))
         / max(local.target_lane_speed, 1.0),
     )
 
 
 @kernel
 def _before_sign(local: LocalMap, state: State) -> float:
-    """Share of a second that is lost before the ego stands at the stop sign ahead: its turn comes
-    only after that."""
+    """Share of the time that counts as lost before the ego stands at the stop sign ahead."""
     if math.isinf(local.stop_at):
         return 0.0
     return min(max(_to_sign(local, state) / NEAR_SIGN, state.v / ROLLS), 1.0)
@@ -149,7 +155,7 @@ def _before_sign(local: LocalMap, state: State) -> float:
 
 @kernel
 def _to_sign(local: LocalMap, state: State) -> float:
-    """m to where it has to stand; 0 where it has, or there is none."""
+    """m to the place where the ego has to stand; 0 if it has stood there, or there is none."""
     if math.isinf(local.stop_at):
         return 0.0
     return max(local.stop_at - local.node[state.node, STATION] - state.s - STANDS_BEFORE, 0.0)

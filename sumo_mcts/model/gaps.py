@@ -8,11 +8,11 @@ from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.numerics.krauss import CAREFUL_S, STANDSTILL, safe_speed
 
-# m/s by which a careful driver has to slow down for a lane change of the ego that costs as much as
-# a second in a place that it is about to need,
+# m/s by which a careful driver has to slow down for a lane change of the ego. For each time so much
+# the change costs as much as a second in a place that the driver is about to need.
 TAKEN = 2.5
-# or this share of its speed, where that is more: on motorways no driver keeps a careful driver's
-# distance
+# The same as a share of the driver's speed; the larger of the two counts. On motorways drivers keep
+# shorter distances than a careful driver.
 TAKEN_SHARE = 0.2
 
 
@@ -44,8 +44,8 @@ def gap_behind(local: LocalMap, state: State, node: int, s: float) -> float:
 
 @kernel
 def gap_to_leaving(local: LocalMap, state: State, i: int, s: float, now: int) -> float:
-    """m from the ego's front to the rear of an agent that is ahead, in another lane already but not
-    yet wholly out of the ego's; inf: it is not."""
+    """m from the ego's front to the rear of an agent ahead that is leaving the ego's lane: its
+    front is in another lane, its rear still here. inf: the agent is none of these."""
     left = lane_left(local, i, now)
     if left < 0:
         return math.inf

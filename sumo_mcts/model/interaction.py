@@ -1,5 +1,7 @@
-"""How the ego meets the others: contact, headway, gaps and right of way, the inputs of the cost of
-safety (C_s in equation 1 of the paper)."""
+"""The ego and the others at one moment: contact, headway, gaps and right of way.
+
+These are the inputs of the cost of safety, C_s in equation 1 of the paper.
+"""
 
 import math
 from typing import NamedTuple
@@ -40,10 +42,10 @@ from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.scene import Floats
 
-SIGHT = 80.0  # m beyond which an agent is not looked at
-# share of the cost of an occupied place that it costs to stand in the way of a person on foot: a
-# whole one would be dearer than a contact
-WAY_ROUND = 0.1
+SIGHT = 80.0  # m beyond which agents are ignored
+# Cost of standing on the path of a person on foot, as a share of that of an occupied place. In full
+# it would exceed that of a contact.
+ROUND_SHARE = 0.1
 
 
 class Neighbours(NamedTuple):
@@ -162,10 +164,10 @@ def _nearness(
     # with a deceleration the ego may have come to its stand in this step
     round_it = local.trait[i, GOES_ROUND] > 0.0 and state.v == 0.0 and state.a == 0.0
     if _touch(local, state, wide, other, v, at, i):
-        return WAY_ROUND * c.claim if round_it else math.inf
+        return ROUND_SHARE * c.claim if round_it else math.inf
     if moved:
         return 0.0
-    return (WAY_ROUND if round_it else 1.0) * (
+    return (ROUND_SHARE if round_it else 1.0) * (
         late_cost(local, c, state, box, now, i) + occupancy_cost(local, c, state, box, now, i)
     )
 
@@ -209,8 +211,11 @@ def _swept(box: Box, driven: float) -> Box:
 def place_is_free(
     local: LocalMap, p: EgoParams, c: CostParams, changed: State, index: int, most: float = math.inf
 ) -> bool:
-    """Whether a change that begins now (`changed`: the state right after it began) leaves every
-    agent that reacts a gap to cope with, which costs at `most`."""
+    """Whether a change that begins now leaves every agent that reacts a sufficient gap, at a cost
+    of at `most`.
+
+    `changed`: the state right after the change began.
+    """
     now = min(index, local.agent.shape[0] - 1)
     target = changed.other if changed.other >= 0 else changed.node
     for i in range(local.agent.shape[1]):

@@ -39,22 +39,21 @@ from sumo_mcts.scene import (
 # m of the route behind the ego where followers are seen: as far as on the lanes that lead into it
 BACK = UPSTREAM_VIEW
 VIEW = 400.0  # m of the route ahead that a search may see
-# m/s2 beyond which the ego does not stop for red, where yellow was short or it departs before a red
-# light
+# m/s2 of braking beyond which the ego does not stop for red: yellow was short, or it departs right
+# before a red light
 RED_DECEL = 6.0
-# s of driving before a lane is lost at which a lane change that the route needs begins to be
-# urgent,
+# A lane change that the route needs begins to be urgent so many s before the lane leaves the route,
 AHEAD_S = 14.4
-GROWS_S = 9.0  # and in which it becomes so altogether,
-URBAN = 13.9  # m/s at the limit, or this: 200 m in town
-# m before and behind the ego in which the speed of those that it has to move between is looked at
+GROWS_S = 9.0  # and is urgent in full so many s later.
+URBAN = 13.9  # m/s: least speed for these times, so that they are at least 200 m
+# m before and behind the ego within which vehicles count for the speed of the target lane
 TARGET_LANE_VIEW = 100.0
-# m kept clear aside by a lane change yet to begin, half of it by one that has begun: else every
-# inaccuracy would stop it half-way
+# m that a lane change keeps clear to the side before it begins, and half of that later: else small
+# errors would stop a change that has begun
 ASIDE = 0.2
-FREE_BEYOND = 50.0  # m beyond what the ego could drive within the forecast
+FREE_BEYOND = 50.0  # m, added to the distance that the ego could drive within the forecast
 MOST_FOLLOWERS = 63  # bits of a mask
-CRAWLS = 1.0  # m/s below which people may take the ego for one that stops for them
+CRAWLS = 1.0  # m/s of the ego below which people on foot walk round it
 CHAIN = 250.0  # m beyond its end over which one lane is followed into the next
 
 
@@ -165,16 +164,17 @@ def _places(
 def _fill_upstream(
     node: Indices, s: Floats, lane: Ints, lane_node: Indices, upstream: Upstream, to: Indices
 ) -> None:
-    """Of agents [T, N] on lanes that lead into the ego's, write down which node they come to and
-    how far before it they are; not of those that turn off.
+    """Fill node and s of agents [T, N] on lanes that lead into the ego's, except those that turn
+    off.
 
-    `to` [lanes of the road] is room to work in, all -1.
+    `node` gets the node that they come to, `s` their position from its start (negative), m. `to`
+    [lanes of the road] is working memory, all -1.
     """
     for k in range(len(upstream.lane)):
         if lane_node[upstream.onto[k]] >= 0:
             to[upstream.lane[k]] = k
     for i in range(lane.shape[1]):
-        comes = True  # until it is known better: at the end of the forecast
+        comes = True  # assumed at the end of the forecast
         for t in range(len(lane) - 1, -1, -1):
             if node[t, i] != -1:
                 comes = node[t, i] >= 0
@@ -189,15 +189,15 @@ def _fill_upstream(
 def _levels(
     road: RoadMap, own: Indices, lane: Ints, s: Floats, length: Floats
 ) -> tuple[Indices, Indices]:
-    """How the ego's lanes `own` [W] meet the lanes of the agents [T, N], which stand at s [T, N]
-    and are so long [N], m.
+    """Which of the ego's lanes `own` [W] may touch which lanes of agents: not those on bridges.
 
-    Boxes that overlap in the plane touch only on the same edge, or near a junction cluster that
-    both lanes have to do with: else one road is a bridge over the other.
+    The agents are on `lane` [T, N] at s [T, N], m, and have a `length` [N], m. Boxes that overlap
+    in the plane touch only on the same edge, or near a junction cluster of both lanes. Elsewhere
+    one road is a bridge over the other.
 
-    Returns level [W, K] and place [T, N]. Bit 3 i + j of level: the cluster of kind i (0 the lane
-    lies in it, 1 ends there, 2 begins there) of the ego's lane is that of kind j of the other; bit
-    j of place: the agent is near the cluster of kind j.
+    Returns level [W, K] and place [T, N]. A lane has clusters of three kinds: 0 the one it lies in,
+    1 the one where it ends, 2 the one where it begins. Bit 3 i + j of level: cluster i of the ego's
+    lane is cluster j of the other lane. Bit j of place: the agent is near cluster j of its lane.
     """
     those, column = np.unique(lane, return_inverse=True)
     mine, theirs = (
@@ -272,8 +272,10 @@ def _goes_round(agents: Agents, count: int, state: State) -> Bools:
 
 
 def _reach(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) -> Floats:
-    """LocalMap.reach of centres [T, N, 2], speeds [T, N] and half sizes [N]: a superset, to tell at
-    one look which agents are too far away to matter."""
+    """LocalMap.reach from centres [T, N, 2], speeds [T, N] and half sizes [N].
+
+    The bounds are too large rather than too small. They serve to skip distant agents quickly.
+    """
     last = len(where) - 1
     swept = (half + 0.5 * v * dt)[..., None]
     low, high = where - swept, where + swept
@@ -326,8 +328,8 @@ def _fill_ahead(ahead: Floats, nxt: Indices, length: Floats, first: int) -> None
 def _followers(
     node: Indices, s: Floats, reacts: Bools, bits: Indices, ahead: Floats, state: State, first: int
 ) -> int:
-    """Bit mask of the agents that react and whose lane leads to where the ego is, with the ego in
-    front of them."""
+    """Bit mask of the agents that react and follow the ego: their lane leads to the ego, which is
+    ahead of them."""
     result = 0
     for i in range(len(node)):
         for target in (state.node, state.other):
@@ -339,13 +341,14 @@ def _followers(
 
 
 def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
-    """[W] the number of changes needed (at most 3, positive to the left) where the lane is about to
-    be lost, falling to 0 at AHEAD_S for each of them."""
-    room = np.maximum(route.station[view] + route.reach[view] - here, 1.0)
+    """[W] lane changes needed (at most 3, positive to the left), weighed by how soon.
+
+    The weight is 1 where the lane leaves the route soon, and falls to 0 at AHEAD_S for each change.
+    """
+    distance = np.maximum(route.station[view] + route.reach[view] - here, 1.0)
     needed = np.clip(route.needed[view], -3, 3)
-    seconds = room / max(
-        route.limit[view][needed != 0].max(initial=0.0), URBAN
-    )  # one speed for all, or going on could cost more than standing
+    # one speed for all nodes, or going on could cost more than standing
+    seconds = distance / max(route.limit[view][needed != 0].max(initial=0.0), URBAN)
     return np.where(
         needed != 0,
         np.clip((AHEAD_S - seconds / np.maximum(np.abs(route.needed[view]), 1)) / GROWS_S, 0.0, 1.0)
@@ -357,8 +360,7 @@ def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
 def _target_lane_speed(
     route: RouteMap, view: slice, here: float, node: Indices, s: Floats, v: Floats
 ) -> float:
-    """LocalMap.target_lane_speed, of agents [N]; those that come into such a lane from beside the
-    route count."""
+    """LocalMap.target_lane_speed from agents [N], also those on lanes that lead into the route."""
     to = np.where(node <= UPSTREAM, UPSTREAM - node, node)
     at = np.maximum(to, 0)  # -1 and GONE are no nodes
     beside = (

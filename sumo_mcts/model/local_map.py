@@ -37,7 +37,7 @@ class LocalMap(NamedTuple):
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
     trait: Floats  # [N, 9] HALF_LENGTH .. GOES_ROUND below
-    # [T, N, 4] WEST .. NORTH: bounds of what counts of an agent's box: just before, then, and its
+    # [T, N, 4] WEST .. NORTH: bounds of an agent's box at that time and LATE earlier, and of its
     # predicted occupancy
     reach: Floats
     # [K, 5] OWN_NODE .. MERGES below: stretches of a junction that an agent is going to use and
@@ -45,24 +45,24 @@ class LocalMap(NamedTuple):
     obligation: Floats
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
-    # mean speed of the others around the ego in the lanes that the route goes on in, m/s; without
-    # others their limit
+    # mean speed of the others near the ego in the lanes in which the route goes on, m/s; without
+    # others the limit of these lanes
     target_lane_speed: float
-    free: bool  # no light that stays red and no dead end ahead of the ego, as far as it could come
-    # m along the route (STATION) where the next stop line is if it is that of a stop sign at which
-    # the ego has still to stand; else inf
+    # no light that stays red, and no end of the road, within the distance that the ego could drive
+    free: bool
+    # m along the route (STATION) of the next stop line, if it has a stop sign at which the ego has
+    # not stood yet; else inf
     stop_at: float
     # bit mask (trait BIT) of the agents that are behind the ego in its lane and react: their
     # contact is imposed braking
     followers: int
-    # m to the side that a lane change keeps clear, since it may come out a little otherwise than
-    # planned
+    # m to the side that a lane change keeps clear, since it may differ a little from its plan
     aside: float
     dt: float  # s between forecast times
 
 
-# Columns of LocalMap.agent after those of the pose: speed, m/s; NODE, which lane the front is on
-# (see above); lane position there, m (upstream of a node: negative); m driven from now on.
+# Columns of LocalMap.agent after those of the pose. V: speed, m/s. NODE: the lane of the front (see
+# above). S: lane position there, m, negative upstream of the node. DRIVEN: m from now on.
 V, NODE, S, DRIVEN = range(4, 8)
 
 # Columns of LocalMap.trait:
@@ -75,16 +75,16 @@ V, NODE, S, DRIVEN = range(4, 8)
 #               none
 #   UNTIL       the last forecast time at which it does
 #   BIT         its bit among the followers; -1: it is too far away to be one
-#   GOES_ROUND  1 where it is on foot and walks round the ego, which crawls at most, once it stands
+#   GOES_ROUND  1 where it is on foot, and walks round the ego once the ego stands
 HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, GOES_ROUND = range(9)
 
-# Columns of LocalMap.obligation: the ego's node, where the stretch ends on it (m), the agent, what
-# the agent drives until it enters the stretch (m), and 1 where both lead into the same lane.
+# Columns of LocalMap.obligation: the ego's node; where the stretch ends on it, m; the agent; m that
+# the agent drives until it enters the stretch; 1 where both lead into the same lane.
 OWN_NODE, STRETCH_END, AGENT, ENTERS, MERGES = range(5)
 
 # Columns of LocalMap.reach, m.
 WEST, EAST, SOUTH, NORTH = range(4)
-OCCUPANCY_SAMPLES = 2  # how often an agent's path ahead is looked at
+OCCUPANCY_SAMPLES = 2  # points of an agent's path ahead that are checked
 LATE = 0.4  # s that an agent may come later than its forecast
 
 # Columns of the arrays that states are kept in (keep_state).
@@ -92,7 +92,7 @@ WHERE_NODE, WHERE_OTHER = range(2)
 MOTION_S, MOTION_V, MOTION_A, MOTION_PROGRESS, MOTION_TURN = range(5)
 
 NEARBY = 10.0  # m beside its length within which a vehicle is near a junction cluster
-# rad between box and lane from which it is no longer a matter of how curves are drawn
+# rad between box and lane; smaller angles may come from the polylines of curves
 TURNED = 0.035
 
 
@@ -105,8 +105,8 @@ class State(NamedTuple):
     a: float
     progress: float  # of a lane change, 0 none; in the second half `node` is already the target
     other: int  # the other lane of the change
-    # rad between its box and the lane, to the left: in a lane change the rear follows the front,
-    # also when the change is over
+    # rad between its box and the lane, left positive: in a lane change the rear follows the front,
+    # even after the end of the change
     turn: float
 
 

@@ -59,8 +59,8 @@ def advance(
 ) -> tuple[State, int]:
     """One step of the simulation towards an acceleration (m/s2), from `time` (s from now) on.
 
-    Returns the new state and FREE, RED_LINE (crossed a closed stop line), GOAL (beyond the end of
-    the route) or OFF_END (ran into the end of a lane that leads nowhere).
+    Returns the new state and an event: FREE, RED_LINE (crossed a closed stop line), GOAL (beyond
+    the end of the route) or OFF_END (at the end of a lane that leads nowhere).
     """
     v, look = state.v, max(LOOK_AHEAD, p.step)
     line = _to_line(local, p, state, time)
@@ -157,8 +157,8 @@ def _move(
 
 @kernel
 def within_step(local: LocalMap, p: EgoParams, before: State, after: State, share: float) -> State:
-    """Where the front is after a share of the step from `before` to `after`, at the speed of its
-    end; in the lane of before where that has not ended yet."""
+    """The front after a share of the step from `before` to `after`, driven at the speed of `after`.
+    It is in the lane of `before` up to its end."""
     if share >= 1.0:
         return after
     moved = _moved(p, before.v, after.v)
@@ -176,8 +176,8 @@ def within_step(local: LocalMap, p: EgoParams, before: State, after: State, shar
 
 @kernel
 def can_change(local: LocalMap, p: EgoParams, state: State, side: int) -> bool:
-    """Whether a change to the left (+1) or right (-1) may begin: a lane is there, and long enough
-    for the change to take place on it."""
+    """Whether a change to the left (+1) or right (-1) may begin: there is a lane, and it is long
+    enough for the change."""
     if state.progress > 0.0:
         return False
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
@@ -185,8 +185,8 @@ def can_change(local: LocalMap, p: EgoParams, state: State, side: int) -> bool:
     if state.v < STANDING and local.node[state.node, NEXT] < 0:
         return target >= 0
     # SUMO moves a vehicle along its old lane first and changes lanes at the end of the step
-    room = max(state.v * 0.5 * p.change_duration, (state.v + p.max_accel * p.step) * p.step) + 0.5
-    return target >= 0 and state.s + room < local.node[state.node, LENGTH]
+    needed = max(state.v * 0.5 * p.change_duration, (state.v + p.max_accel * p.step) * p.step) + 0.5
+    return target >= 0 and state.s + needed < local.node[state.node, LENGTH]
 
 
 @kernel
@@ -274,10 +274,10 @@ def _towards_line(p: EgoParams, v: float, distance: float, look: float) -> float
     late, in comfort, or evenly; inf: too late to stop."""
     if v * v > 2.0 * p.max_decel * (distance + 0.1):
         return math.inf
-    room = distance - p.stop_gap - v * look
+    to_stop = distance - p.stop_gap - v * look
     cap = (
-        math.sqrt(2.0 * p.approach_decel * room)
-        if room > 0.0
+        math.sqrt(2.0 * p.approach_decel * to_stop)
+        if to_stop > 0.0
         else max(0.0, 0.5 * (distance - p.stop_gap))
     )
     # a stop takes less where positions follow the speed at the end of a step

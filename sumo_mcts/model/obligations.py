@@ -1,5 +1,5 @@
-"""Yield obligations: where agents with the right of way are going to use a stretch of a junction
-that the ego's route shares."""
+"""Yield obligations: stretches of a junction that the ego's route shares with agents that have the
+right of way."""
 
 import math
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.lanes import Ahead, Areas, ahead_of, areas_of, leads_to
 from sumo_mcts.scene import Bools, Floats, Indices, Ints, RoadMap
 
-JUNCTION_VIEW = 120.0  # m of the route within which the obligations at junctions are looked at
+JUNCTION_VIEW = 120.0  # m of the route ahead within which junctions count
 MOST = 256  # obligations in one cycle
 
 
@@ -29,8 +29,11 @@ class Coming(NamedTuple):
 def obligations(
     road: RoadMap, route: RouteMap, first: int, last: int, here: float, coming: Coming
 ) -> Floats:
-    """[K, 5] LocalMap.obligation: on the nodes [first, last) of the route, inside the junctions of
-    the next JUNCTION_VIEW metres from `here` (m from the start of the route)."""
+    """[K, 5] LocalMap.obligation, on the nodes [first, last) of the route.
+
+    It covers the junctions of the next JUNCTION_VIEW metres from `here`, m from the start of the
+    route.
+    """
     nodes = np.arange(first, last)
     near = (
         route.internal[nodes]

@@ -50,7 +50,7 @@ def occupancy_cost(
     local: LocalMap, c: CostParams, state: State, box: Box, now: int, i: int
 ) -> float:
     """Cost per second of standing where agent i is predicted to be within claim_s of forecast time
-    `now`; the sooner, the dearer."""
+    `now`; the cost is higher the sooner this is."""
     if local.trait[i, POLITE] != 0.0:
         return 0.0
     for k in range(1, OCCUPANCY_SAMPLES + 1):
@@ -95,8 +95,8 @@ def _meets(local: LocalMap, box: Box, at: int, i: int) -> bool:
 
 @kernel
 def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, now: int) -> float:
-    """Cost per second of being inside a junction while an agent with the right of way comes near:
-    drivers brake for any vehicle on it."""
+    """Cost per second of being inside a junction while an agent with the right of way comes near.
+    Drivers brake for any vehicle in a junction."""
     rate = 0.0
     for k in range(local.obligation.shape[0]):
         node, i = int(local.obligation[k, OWN_NODE]), int(local.obligation[k, AGENT])

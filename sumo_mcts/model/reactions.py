@@ -93,8 +93,8 @@ def react(
 def seen(
     local: LocalMap, others: Floats, i: int, now: int
 ) -> tuple[float, float, float, float, float, float, int]:
-    """Agent i at forecast time `now`, wherever it is by then: centre x, y, cos and sin of the
-    heading, speed, lane position, and when it was to be there."""
+    """Agent i at forecast time `now`: centre x, y, cos and sin of the heading, speed, lane
+    position, and the time at which the forecast has it there."""
     r = int(local.trait[i, SLOT])
     if r < 0 or others[r, CLOCK] >= now:
         row = local.agent[now, i]

@@ -1,5 +1,5 @@
-"""The lanes an ego may use along its route, laid out for the search: what follows, what lies
-beside, where it is allowed to be how fast."""
+"""The lanes that an ego may use along its route, in tables for the search: successors, neighbours,
+speed limits."""
 
 import heapq
 import math
@@ -53,7 +53,7 @@ class RouteMap(NamedTuple):
 
     lane: Indices  # [W] lane of the RoadMap
     leg: Indices  # [W] index of the route's edge; internal lanes: of the edge before
-    next: Indices  # [W] node driven next, -1: the end of the route or a dead end
+    next: Indices  # [W] node driven next, -1: the route ends, or the lane leads nowhere
     left: Indices  # [W]
     right: Indices  # [W]
     length: Floats  # [W] m
@@ -75,7 +75,7 @@ class RouteMap(NamedTuple):
     # its end
     row: Indices
     pose: Floats  # [R, 4] centre x, y, cos, sin of the ego's box with its front there
-    # [R] speed from which all lower limits and dead ends ahead are reached with approach_decel
+    # [R] highest speed from which approach_decel is enough for all lower limits and lane ends ahead
     cap: Floats
     # [W, 12] next .. station, reach, stop, internal, first and last row, and junction, once more,
     # for compiled code
@@ -93,8 +93,8 @@ def is_rest_of(route: tuple[int, ...], edges: tuple[int, ...]) -> bool:
 
 
 def stop_ahead(route: RouteMap, node: int, s: float, within: float = math.inf) -> tuple[int, float]:
-    """The first node from `node` on, down its chain, that ends at a stop line, and how far that is
-    from s (m); -1 and inf where there is none `within` m."""
+    """The first node from `node` on that ends at a stop line, and the distance to that line from s,
+    m. -1 and inf where there is none `within` m."""
     distance = -s
     while node >= 0 and distance < within:
         distance += float(route.length[node])

@@ -1,4 +1,4 @@
-"""What is said while kernels are compiled: that takes a quarter of a minute."""
+"""Messages while kernels are compiled, which takes a quarter of a minute."""
 
 import math
 import sys
@@ -10,21 +10,21 @@ from typing import TypeVar
 
 COMPILING = "compiling the search, once for this version"
 WAITING = "waiting for another process, which is compiling the search"
-PATIENCE_S = 2.0  # of waiting before it is said
-LOOK_S = 0.5  # between two looks at what other processes do
+PATIENCE_S = 2.0  # of waiting before a message; of no new kernel before compiling counts as over
+LOOK_S = 0.5  # between two checks of another process
 _T = TypeVar("_T")
 Note = Callable[[str], object]
 
 
-class Teller:
-    """Tells `note` what is going on. What follows two spaces is new each time."""
+class Announcer:
+    """Sends messages to `note`. The text after two spaces changes from message to message."""
 
     def __init__(self, note: Note) -> None:
         self._note, self._count = note, 0
-        self._plan: tuple[int, int] | None = None  # kernels that are compiled, and that are needed
+        self._plan: tuple[int, int] | None = None  # kernels compiled so far, kernels needed
 
     def compiles(self) -> None:
-        """One more kernel is being compiled."""
+        """The compilation of one more kernel begins."""
         self._count += 1
         done = (
             f"{self._count} kernels"
@@ -34,68 +34,71 @@ class Teller:
         self._note(f"{COMPILING}  {done}")
 
     def plans(self, plan: tuple[int, int] | None) -> None:
-        """So many kernels are compiled of so many; None: it is not known how many are needed."""
+        """Set how many kernels are compiled, and how many are needed; None: unknown."""
         self._plan = plan
 
     def waits(self, seconds: float) -> None:
-        """For so long another process has been compiling what is needed here."""
+        """Another process has been compiling for so many seconds, and this one waits for it."""
         if seconds > PATIENCE_S:
             self._note(f"{WAITING}  {seconds:.0f} s")
 
     def notes(self, line: str) -> None:
-        """Something that is to stay on the screen."""
+        """A line that is to stay on the screen."""
         _to_stderr(line)
 
 
-class _Silent(Teller):
+class _Silent(Announcer):
     def notes(self, line: str) -> None:
-        """Nothing: another process has said it."""
+        """Print nothing: another process has printed the line."""
 
 
-_said: set[str] = set()
+_said: set[str] = set()  # lines that were printed already
 
 
 def _to_stderr(text: str) -> None:
     line = text.partition("  ")[0]
     if line not in _said:
         _said.add(line)
-        with suppress(OSError, ValueError, AttributeError):  # closed, or not there at all
+        with suppress(OSError, ValueError, AttributeError):  # closed, or missing
             sys.stderr.write(f"sumo-mcts: {line}\n")
 
 
-_tellers = [Teller(_to_stderr)]  # the last one tells
+_announcers = [Announcer(_to_stderr)]  # the last one is in use
 
 
-def teller() -> Teller:
-    """The one that tells now; where no note is given, standard error is told, and once."""
-    return _tellers[-1]
+def announcer() -> Announcer:
+    """The announcer in use. The first one prints each line once, on standard error."""
+    return _announcers[-1]
 
 
 @contextmanager
 def announced(note: Note | None) -> Iterator[None]:
-    """`note` is told whatever is compiled meanwhile, kernel by kernel. None: as outside of this."""
-    with _told_by(teller() if note is None else Teller(note)):
+    """Inside the block `note` gets a message for each kernel that is compiled.
+
+    None: messages go where they went before the block.
+    """
+    with _announced_by(announcer() if note is None else Announcer(note)):
         yield
 
 
 @contextmanager
 def unannounced() -> Iterator[None]:
-    """Nothing is said, since another process says it."""
-    with _told_by(_Silent(lambda _: None)):
+    """Inside the block there are no messages, since another process prints them."""
+    with _announced_by(_Silent(lambda _: None)):
         yield
 
 
 @contextmanager
-def _told_by(one: Teller) -> Iterator[None]:
-    _tellers.append(one)
+def _announced_by(one: Announcer) -> Iterator[None]:
+    _announcers.append(one)
     try:
         yield
     finally:
-        _tellers.remove(one)
+        _announcers.remove(one)
 
 
 class Growth:
-    """Sees from the number of kept kernels whether any process is compiling."""
+    """Detects from the number of kernels on disk, `count()`, whether any process is compiling."""
 
     def __init__(self, count: Callable[[], int]) -> None:
         self._count = count
@@ -103,7 +106,7 @@ class Growth:
         self._grown_at = -math.inf
 
     def news(self) -> str:
-        """What to say of it; "" where nothing is being compiled."""
+        """The message about it; "" where no process is compiling."""
         now, before = self._count(), self._last
         self._last = now
         if now > before:
@@ -116,10 +119,10 @@ class Growth:
 
 
 def watched(future: "Future[_T]", count: Callable[[], int], note: Note) -> _T:
-    """The answer of another process.
+    """Wait for the result of another process and return it.
 
-    Meanwhile `note` is told where kernels are compiled, of which `count` tells how many are kept.
-    Raises what it raises.
+    While that process compiles, `note` gets messages; `count` returns the number of kernels on
+    disk. Raises the exception of the other process, if it ended with one.
     """
     growth = Growth(count)
     while not wait([future], LOOK_S).done:

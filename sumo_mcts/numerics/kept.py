@@ -1,5 +1,7 @@
-"""Where compiled kernels are kept: files in a folder of this user's alone, since what is loaded
-from them is executed."""
+"""The files of compiled kernels, in a folder to which only this user can write.
+
+The content of these files is executed, so no other user may change them.
+"""
 
 import atexit
 import hashlib
@@ -20,12 +22,11 @@ except ImportError:  # not on Windows
     fcntl = None  # type: ignore[assignment]
 NAME = "sumo_mcts"
 SUFFIX = ".kernel"
-NOTHING_KEPT = "compiled kernels are not kept"  # how the line begins that says so
-MOST_LINKS = 40  # on the way to a folder, as many as Linux follows
-POLL_S = 0.05  # between two looks whether another process is done
-LONGEST_WAIT_S = (
-    120.0  # for what another process compiles: one that is stopped must not stop others
-)
+NOTHING_KEPT = "compiled kernels are not kept"  # begin of the message, the reason follows
+MOST_LINKS = 40  # symbolic links in the path of a folder, as many as Linux follows
+POLL_S = 0.05  # between two checks whether another process has finished
+# Longest wait for another process that compiles: if that one is suspended, this one must go on.
+LONGEST_WAIT_S = 120.0
 _DIGEST = hashlib.sha256().digest_size
 Note = Callable[[str], object]
 
@@ -34,9 +35,10 @@ Note = Callable[[str], object]
 
 
 def folder_for(key: str, note: Note) -> Path | None:
-    """A folder of this user's alone for what was compiled under `key`.
+    """A folder to which only this user can write, for kernels compiled under `key`.
 
-    Where none lasts, one for this process, and `note` is told; None: nowhere.
+    If no lasting folder can be used, it is one for this process, and `note` gets a message.
+    None: no folder can be made.
     """
     for base in _bases():
         folder = base / f"kernels-{key}"
@@ -44,40 +46,38 @@ def folder_for(key: str, note: Note) -> Path | None:
             _make(folder)
             if is_ours(folder):
                 return folder
-    return _passing(note)
+    return _for_this_process(note)
 
 
 def is_ours(folder: Path) -> bool:
-    """Whether only this user can write there, and only this user or root can put another folder in
-    its place."""
-    if not hasattr(os, "getuid"):  # on Windows a user's folders are the user's
+    """Whether only this user can write to a folder, and only this user or root can replace it."""
+    if not hasattr(os, "getuid"):  # Windows: folders of a user are private
         return True
     try:
         state = folder.lstat()
         alone = (
             stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and not _others_write(state)
         )
-        return alone and os.access(folder, os.W_OK | os.X_OK) and _is_safe_way(folder.parent)
+        return alone and os.access(folder, os.W_OK | os.X_OK) and _is_safe_path(folder.parent)
     except OSError:
         return False
 
 
 def _make(folder: Path) -> None:
-    """Make a folder, and those that are missing on the way, for this user alone."""
+    """Make a folder and its missing parents, for this user alone."""
     if not folder.parent.exists():
         _make(folder.parent)
     folder.mkdir(mode=0o700, exist_ok=True)
 
 
 def _bases() -> Iterator[Path]:
-    """Where the folder may lie: in the user's cache folder, else in a folder of the user's own in
-    the temporary folder."""
+    """Possible parents of the folder: in the user's cache folder, then in the temporary folder."""
     named = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if named.is_absolute():  # others are to be ignored, as the specification says
+    if named.is_absolute():  # the XDG specification: ignore relative paths
         yield named / NAME
     else:
-        with suppress(RuntimeError):  # a user without a home
-            if Path.home().is_dir():  # else root would make one
+        with suppress(RuntimeError):  # the user has no home folder
+            if Path.home().is_dir():  # else root would create it
                 yield Path.home() / ".cache" / NAME
     own = _temporary() / (f"{NAME}-{os.getuid()}" if hasattr(os, "getuid") else NAME)
     with suppress(OSError):
@@ -87,14 +87,16 @@ def _bases() -> Iterator[Path]:
 
 
 def _temporary() -> Path:
-    """The temporary folder that lasts longer than this process, which may have one of its own
-    (supervisor.py)."""
+    """The temporary folder of the system.
+
+    The tempfile module may return one that the supervisor removes when this process ends.
+    """
     named = Path(os.environ.get("TMPDIR", ""))
     return named if named.is_absolute() else Path("/tmp")
 
 
-def _passing(note: Note) -> Path | None:
-    """A folder for this process alone, which goes when it ends."""
+def _for_this_process(note: Note) -> Path | None:
+    """A folder for this process alone, removed when the process ends."""
     try:
         folder = Path(tempfile.mkdtemp(prefix=f"{NAME}-"))
     except OSError as error:
@@ -102,20 +104,23 @@ def _passing(note: Note) -> Path | None:
         return None
     atexit.register(_remove, folder, os.getpid())
     note(
-        f"{NOTHING_KEPT}: neither the cache folder nor {_temporary()} has room for a folder that "
-        "is this user's alone"
+        f"{NOTHING_KEPT}: neither in the cache folder nor in {_temporary()} is there a folder "
+        "to which only this user can write"
     )
     return folder
 
 
 def _remove(folder: Path, process: int) -> None:
-    if os.getpid() == process:  # not in a fork of it
+    if os.getpid() == process:  # not in a fork of that process
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _is_safe_way(folder: Path) -> bool:
-    """Whether every folder and link on the way belongs to this user or root, and no other user can
-    replace what lies in it. Raises OSError."""
+def _is_safe_path(folder: Path) -> bool:
+    """Whether no other user can replace a folder.
+
+    So every folder and link of its path must belong to this user or root, and no other user may
+    write to the folders. Raises OSError.
+    """
     here, todo, links = Path(folder.anchor), list(folder.parts[:0:-1]), 0
     while todo:
         if not _is_safe(here.lstat()):
@@ -137,7 +142,7 @@ def _is_safe_way(folder: Path) -> bool:
 def _others_write(state: os.stat_result) -> bool:
     """Whether other users may write to a file or folder.
 
-    A group of this user alone, as many systems give each user one, is no other.
+    Many systems give each user a group of one member. Such a group counts as this user.
     """
     by_group = state.st_mode & stat.S_IWGRP and not _is_of_user_alone(state.st_gid)
     return bool(state.st_mode & stat.S_IWOTH or by_group)
@@ -156,8 +161,10 @@ def _is_of_user_alone(group: int) -> bool:
 
 
 def _is_safe(state: os.stat_result) -> bool:
-    """Of a folder: with the sticky bit, as /tmp has it, others may add files but not replace
-    ours."""
+    """Whether no other user can replace files in a folder.
+
+    With the sticky bit, as in /tmp, other users may add files but not replace ours.
+    """
     open_to_others = _others_write(state) and not state.st_mode & stat.S_ISVTX
     return stat.S_ISDIR(state.st_mode) and state.st_uid in (0, os.getuid()) and not open_to_others
 
@@ -166,18 +173,18 @@ def _is_safe(state: os.stat_result) -> bool:
 
 
 class Kept:
-    """Something that one process makes and all may read: a file, which is its lock too.
+    """A file that one process writes and all may read. The file is also the lock for writing it.
 
-    It holds a digest, then the content; it is empty where nothing is kept, or the process was
-    interrupted.
+    It holds a digest, then the content. It is empty until the content was written, also where the
+    writing process was interrupted.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._file: int | None = None  # descriptor, while we hold the lock
+        self._file: int | None = None  # file descriptor, while this object holds the lock
 
     def read(self) -> bytes | None:
-        """The content; None where there is none, or not as it was written."""
+        """The content; None where it is missing or damaged."""
         with suppress(OSError):
             written = self._path.read_bytes()
             content = written[_DIGEST:]
@@ -186,7 +193,7 @@ class Kept:
         return None
 
     def is_there(self) -> bool:
-        """Whether something was written, is whole, and is not being written now."""
+        """Whether the content is complete, and no other process is writing it."""
         with suppress(OSError):
             return self._path.stat().st_size > 0 and not self.is_taken() and self.read() is not None
         return False
@@ -200,10 +207,10 @@ class Kept:
         return not free
 
     def take(self, waiting: Callable[[float], object]) -> None:
-        """Hold the lock.
+        """Take the lock, and wait for it while another process holds it.
 
-        `waiting` is told, again and again, for how many seconds another process has held it; after
-        LONGEST_WAIT_S we go on without.
+        During the wait `waiting` is called again and again with the seconds so far. After
+        LONGEST_WAIT_S this returns without the lock.
         """
         began = time.monotonic()
         while not self._try() and time.monotonic() - began < LONGEST_WAIT_S:
@@ -211,7 +218,7 @@ class Kept:
             time.sleep(POLL_S)
 
     def write(self, content: bytes) -> None:
-        """Keep the content, if we hold the lock. Raises OSError, and then keeps nothing."""
+        """Write the content, if this object holds the lock. After an OSError the file is empty."""
         if self._file is None:
             return
         try:
@@ -221,7 +228,7 @@ class Kept:
             raise
 
     def release(self) -> None:
-        """Give the lock back, if we hold it."""
+        """Release the lock, if this object holds it."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -234,10 +241,10 @@ class Kept:
             content = content[os.write(self._file, content) :]
 
     def _try(self) -> bool:
-        """Take the lock, unless another process holds it.
+        """Take the lock if it is free. Returns False where another process holds it.
 
-        Where there are no locks, as on some disks of a network, or no file, there is nothing to
-        wait for.
+        Returns True without a lock where the file cannot be opened, or the disk has no locks (some
+        network disks): waiting would not help.
         """
         if fcntl is None:
             return True
@@ -251,6 +258,6 @@ class Kept:
             os.close(file)
             return False
         except OSError:
-            pass  # written without a lock; the digest tells what is whole
+            pass  # written without a lock: the digest shows whether the content is complete
         self._file = file
         return True

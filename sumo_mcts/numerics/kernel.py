@@ -1,4 +1,9 @@
-"""The one door to numba: every compiled function of the package is a `@kernel` or an `@entry`."""
+"""The only module that uses numba: the decorators for compiled functions, and their cache on disk.
+
+kernel, inlined          called by other kernels
+entry                    called by Python
+making_arrays, lengthy   called by Python, and allocate arrays
+"""
 
 import hashlib
 import pickle
@@ -14,12 +19,12 @@ from typing import Any, TypeVar, cast
 
 import numba.core.serialize
 
-from sumo_mcts.numerics.announce import teller
+from sumo_mcts.numerics.announce import announcer
 from sumo_mcts.numerics.kept import NOTHING_KEPT, SUFFIX, Kept, folder_for
 
 _F = TypeVar("_F", bound=Callable[..., Any])
-Types = tuple[Any, ...]  # of arguments, as numba calls them
-_NUMBA: Any = numba.core  # has few type hints
+Types = tuple[Any, ...]  # numba types of the arguments of a kernel
+_NUMBA: Any = numba.core  # Any, since numba has few type hints
 _TYPES: Any = numba.types
 _SETTINGS: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -32,18 +37,20 @@ _COMPILED = ("numerics", "prediction", "model", "planners", "evaluation")  # pac
 def kernel(function: _F) -> _F:
     """A function that other kernels call: compiled, and kept on disk.
 
-    Where Python calls it, it runs as plain Python, with the same results.
+    Python can call it too, but then it runs as plain Python, with the same results. A wrapper for
+    compiled calls from Python would take a third of the compile time; `entry` makes one.
 
-    What Python would need to call it compiled takes a third of all compilation; see `entry`.
-    Compiled without reference counts, which would cost more than the arithmetic: such a function
-    cannot make arrays of its own. With NUMBA_DISABLE_JIT=1 everything runs as plain Python.
+    The code is compiled without reference counts, which would cost more than the arithmetic. So
+    the function cannot allocate arrays. With NUMBA_DISABLE_JIT=1 everything runs as plain Python.
     """
     return _compiled(Part, function, _nrt=False, no_cpython_wrapper=True)
 
 
 def inlined(function: _F) -> _F:
-    """A kernel that becomes part of its callers: for those with which trying showed that it helps
-    (docs/architecture.md)."""
+    """A kernel that is inlined into its callers.
+
+    For the few functions that were measured to be faster so (docs/decisions/inlined-kernels.md).
+    """
     return _compiled(Part, function, _nrt=False, no_cpython_wrapper=True, forceinline=True)
 
 
@@ -53,25 +60,30 @@ def entry(function: _F) -> _F:
 
 
 def making_arrays(function: _F) -> _F:
-    """A kernel that Python calls, and that makes arrays of its own."""
+    """A kernel that Python calls, and that allocates arrays."""
     return _compiled(Kernel, function)
 
 
 def lengthy(function: _F) -> _F:
-    """The same, where plain Python would take minutes."""
+    """Like `making_arrays`, for a function that would take minutes as plain Python.
+
+    It is compiled at its first call, even during the trial of prepare.py.
+    """
     return _compiled(Lengthy, function)
 
 
 def scalar_function(function: _F, signature: str) -> _F:
-    """A function of scalars as an argument of kernels: all of one `signature` are one type to
-    numba, so that kernels are compiled, and kept on disk, once for all of them. A function that is
-    a kernel already is compiled anew."""
+    """A function of scalars that can be passed to kernels as an argument.
+
+    All functions of one `signature` have one type in numba. So kernels are compiled, and kept on
+    disk, once for all of them. A `function` that is a kernel already is compiled again.
+    """
     plain = getattr(function, "py_func", function)
     return cast(_F, plain if is_plain() else numba.cfunc(signature, error_model="numpy")(plain))
 
 
 def is_plain() -> bool:
-    """Whether nothing is compiled at all."""
+    """Whether compilation is off (NUMBA_DISABLE_JIT=1)."""
     return bool(_SETTINGS.DISABLE_JIT)
 
 
@@ -90,37 +102,36 @@ def _compiled(kind: "type[Kernel]", function: _F, **options: Any) -> _F:
     return cast(_F, made)
 
 
-# --- where they are kept ---
+# --- the cache on disk ---
 
 
-_given: list[Path] = []  # the folder of the process that this one assists
+_given: list[Path] = []  # in a second process (prepare.py): the folder of the first one
 
 
 def folder() -> Path | None:
-    """Where compiled kernels are kept; None: nowhere."""
+    """The folder of compiled kernels; None: they are not kept."""
     return _given[-1] if _given else _own_folder()
 
 
 def keep_in(place: Path) -> None:
-    """Keep them there from now on."""
+    """Keep compiled kernels in this folder from now on."""
     _given.append(place)
 
 
 @cache
 def _own_folder() -> Path | None:
-    """One for each state of the sources and each environment."""
+    """A folder for this state of the sources and this environment."""
     files = [path for package in _COMPILED for path in sorted((_PACKAGE / package).glob("*.py"))]
-    # numba overlooks a change in another file that a kernel calls
+    # of all files, since numba misses a change in another file with a function that a kernel calls
     sources = b"".join(path.read_bytes() for path in [*files, _PACKAGE / "scene.py"])
     return folder_for(
         hashlib.sha256(repr(environment()).encode() + sources).hexdigest()[:16],
-        lambda line: teller().notes(line),
+        lambda line: announcer().notes(line),
     )
 
 
 def environment() -> tuple[object, ...]:
-    """What compiled code depends on beside the sources: versions, processor, level of
-    optimisation."""
+    """What compiled code depends on beside the sources: versions, processor, optimisation level."""
     processor = _NUMBA.registry.cpu_target.target_context.codegen().magic_tuple()
     return (
         numba.__version__,
@@ -133,7 +144,7 @@ def environment() -> tuple[object, ...]:
 
 
 def kept_kernels() -> int:
-    """How many compiled kernels are there for this environment."""
+    """The number of compiled kernels on disk for this environment."""
     where = None if is_plain() else folder()
     return 0 if where is None else sum(path.stat().st_size > 0 for path in where.glob(f"*{SUFFIX}"))
 
@@ -144,9 +155,9 @@ def _source(path: str) -> bytes:
 
 
 class _Cache:
-    """The compiled kernels of one function, in the form in which numba asks for them.
+    """The compiled kernels of one function, with the methods of numba's own cache classes.
 
-    What cannot be loaded is as if it were not there.
+    A file that cannot be loaded counts as missing.
     """
 
     def __init__(self, function: Callable[..., Any], options: object) -> None:
@@ -154,24 +165,24 @@ class _Cache:
         self._kept: dict[Types, Kept] = {}
 
     def kept(self, arguments: Types) -> Kept | None:
-        """Where the kernel for these types of arguments is kept; None: nowhere."""
+        """The file of the kernel for these types of arguments; None: it is not kept."""
         where, code = folder(), self._function.__code__
         if where is None:
             return None
         if arguments not in self._kept:
-            told = hashlib.sha256(
+            digest = hashlib.sha256(
                 repr((arguments, self._options, code.co_firstlineno)).encode()
                 + _source(code.co_filename)
             ).hexdigest()[:16]
             name = f"{self._function.__module__.rpartition('.')[2]}.{self._function.__qualname__}"
-            self._kept[arguments] = Kept(where / f"{name}-{told}{SUFFIX}")
+            self._kept[arguments] = Kept(where / f"{name}-{digest}{SUFFIX}")
         return self._kept[arguments]
 
     def load_overload(self, arguments: Types, context: Any) -> Any:
-        """The kernel.
+        """The kernel from disk, or None.
 
-        None where there is none: then we hold the lock from now on, and another process that comes
-        meanwhile waits.
+        After None this process holds the lock on the file, so that other processes wait until it
+        has compiled the kernel.
         """
         kept = self.kept(arguments)
         if kept is None:
@@ -179,28 +190,28 @@ class _Cache:
         context.refresh()
         found = _rebuilt(kept, context)
         if found is None:
-            kept.take(teller().waits)
-            found = _rebuilt(kept, context)  # another process may have made it meanwhile
+            kept.take(announcer().waits)
+            found = _rebuilt(kept, context)  # another process may have compiled it meanwhile
         return found
 
     def save_overload(self, arguments: Types, result: Any) -> None:
-        """Keep the kernel, where that is possible."""
+        """Write the kernel to disk, where that is possible."""
         kept = self.kept(arguments)
         if kept is None or result.library.has_dynamic_globals:
             return
         try:
             kept.write(_NUMBA.serialize.dumps(result._reduce()))
         except OSError as error:
-            teller().notes(f"{NOTHING_KEPT}: {folder()}: {error.strerror or error}")
+            announcer().notes(f"{NOTHING_KEPT}: {folder()}: {error.strerror or error}")
 
     def release(self, arguments: Types) -> None:
-        """Let other processes have it."""
+        """Release the lock on the file."""
         if arguments in self._kept:
             self._kept[arguments].release()
 
 
 def _rebuilt(kept: Kept, context: Any) -> Any:
-    """A kernel as numba wants it; None where that fails, whatever damage may be the reason."""
+    """The kernel in a file, as numba needs it; None where the file is missing or damaged."""
     content = kept.read()
     if content is None:
         return None
@@ -210,16 +221,18 @@ def _rebuilt(kept: Kept, context: Any) -> Any:
         return None
 
 
-# --- what they are ---
+# --- classes of kernels ---
 
 Run = Callable[["Kernel", Sequence[Any]], Any]
-_trials: list[Run] = []  # the last one runs what is not compiled yet, instead of its being compiled
+_trials: list[Run] = []  # the last one is called instead of compiling (see `tried`)
 
 
 @contextmanager
 def tried(run: Run) -> Iterator[None]:
-    """Meanwhile `run` is called with each kernel that is not kept, instead of its being compiled,
-    and with those that it calls."""
+    """Inside the block nothing is compiled: `run` is called with the kernel and its arguments.
+
+    This holds for kernels that are not on disk yet, and for all kernels that they call.
+    """
     _trials.append(run)
     try:
         yield
@@ -231,26 +244,26 @@ class Kernel(_NUMBA.registry.CPUDispatcher):  # type: ignore[misc]
     """A compiled function."""
 
     def enable_caching(self) -> None:
-        """Keep what is compiled."""
+        """Keep compiled code on disk. numba calls this method by its name."""
         self._cache = _Cache(self.py_func, sorted(self.targetoptions.items()))
 
     def kept(self, arguments: Types) -> Kept | None:
-        """Where it is kept for these types of arguments; None: nowhere."""
+        """The file of the compiled code for these types of arguments; None: it is not kept."""
         return self._cache.kept(arguments)
 
     def types_of(self, args: Sequence[Any]) -> Types:
-        """What numba takes these arguments for."""
+        """The numba types of these arguments."""
         return tuple(self.typeof_pyval(each) for each in args)
 
     def compile(self, sig: Types) -> Any:
-        """The function for these types of arguments, loaded or compiled."""
+        """The compiled function for these types of arguments, from disk or compiled now."""
         try:
             return super().compile(sig)
         finally:
             self._cache.release(sig)
 
     def get_call_template(self, args: Sequence[Any], kws: dict[str, Any]) -> Any:
-        """How other kernels call it: as `general` has the types of the arguments."""
+        """The signature with which another kernel calls this one: with types made `general`."""
         return super().get_call_template(
             [general(each) for each in args], {name: general(each) for name, each in kws.items()}
         )
@@ -262,8 +275,8 @@ class Kernel(_NUMBA.registry.CPUDispatcher):  # type: ignore[misc]
         return lambda *given: run(self, given)
 
     def _can_wait(self, args: Sequence[Any]) -> bool:
-        """Whether a call with these arguments may run as plain Python for now: nothing is kept for
-        them."""
+        """Whether a call with these arguments may run as plain Python during a trial: it may where
+        no compiled code for them is on disk."""
         if any(isinstance(each, _NUMBA.dispatcher.OmittedArg) for each in args):
             return False
         kept = self.kept(self.types_of(args))
@@ -271,23 +284,25 @@ class Kernel(_NUMBA.registry.CPUDispatcher):  # type: ignore[misc]
 
 
 class Part(Kernel):
-    """One that only kernels can call compiled."""
+    """A kernel that only other kernels call as compiled code."""
 
     def __call__(self, *args: Any, **kws: Any) -> Any:
-        """Run the source."""
+        """Run the source as plain Python."""
         return _trials[-1](self, args) if _trials and not kws else self.py_func(*args, **kws)
 
 
 class Lengthy(Kernel):
-    """One that takes too long as plain Python."""
+    """A kernel that would take too long as plain Python."""
 
     def _can_wait(self, args: Sequence[Any]) -> bool:
         return False
 
 
 def general(kind: Any) -> Any:
-    """The type that an argument is compiled for: not anew for each constant and each shorter
-    integer."""
+    """The type of an argument for which a kernel is compiled.
+
+    Constants and short integers become int64, so that one compilation serves all of them.
+    """
     kind = _TYPES.unliteral(kind)
     return (
         _TYPES.int64
@@ -300,41 +315,43 @@ def general(kind: Any) -> Any:
 
 class _Listener(_NUMBA.event.Listener):  # type: ignore[misc]
     def on_start(self, event: Any) -> None:
-        """Numba compiles something."""
+        """Announce the compilation of a kernel."""
         if isinstance(event.data["dispatcher"], Kernel):
-            teller().compiles()
+            announcer().compiles()
 
     def on_end(self, event: Any) -> None:
-        """It has."""
+        """Nothing to announce."""
 
 
 _NUMBA.event.register("numba:compile", _Listener())
 
 
-# --- how long it takes ---
+# --- time without compilation ---
 
 
 class Stopwatch:
-    """Runs from the moment it is made, and stands still while this thread compiles kernels or loads
-    them from the disk."""
+    """Measures time from its creation on, without the time in which this thread compiles kernels or
+    loads them from disk."""
 
     def __init__(self) -> None:
         self.began, self._loaded = time.perf_counter(), _LOADING.seconds
 
     @property
     def loading_s(self) -> float:
-        """How long it stood still so far, s."""
+        """Time in which this thread compiled or loaded kernels, s."""
         return _LOADING.seconds - self._loaded
 
     @property
     def seconds(self) -> float:
-        """What it shows, s."""
+        """Time since the creation, without `loading_s`, s."""
         return time.perf_counter() - self.began - self.loading_s
 
 
 class _Loading(threading.local):
-    """How long a thread has been compiling and loading kernels, s. numba does both under one lock,
-    and announces that."""
+    """For each thread, the time in which it compiled and loaded kernels, s.
+
+    numba does both under one lock, and sends an event when it takes or releases the lock.
+    """
 
     seconds = 0.0
     _depth, _since = 0, 0.0
@@ -351,7 +368,7 @@ class _Loading(threading.local):
 
 
 class _Announced(_NUMBA.event.Listener):  # type: ignore[misc]
-    """Hands numba's announcements on to the thread that they concern."""
+    """Passes the events of that lock on to `_LOADING`, in the thread that holds the lock."""
 
     def on_start(self, _: Any) -> None:
         _LOADING.begin()

@@ -13,8 +13,11 @@ CAREFUL_S = 1.8  # and that the most careful of them leave
 
 @kernel
 def safe_speed(gap: float, leader_v: float, reaction: float) -> float:
-    """The speed (m/s) from which a driver stops behind a leader that brakes too, `gap` m (its own
-    distance left out) and `reaction` s left; 0: too near."""
+    """The highest speed from which a driver can stop behind a leader that brakes too, m/s.
+
+    `gap`: m between them, without the standstill gap. `reaction`: s until the driver brakes. 0: the
+    gap is too short.
+    """
     own = DECEL * reaction
     return (
         math.sqrt(own * own + leader_v * leader_v + 2.0 * DECEL * gap) - own if gap >= 0.0 else 0.0

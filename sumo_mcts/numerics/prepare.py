@@ -1,5 +1,7 @@
-"""Compiles what is needed before it is needed: in the order that a trial shows, and in two
-processes side by side."""
+"""Compiles kernels before they are needed, in two processes.
+
+A trial in plain Python shows which kernels are needed, and in which order to compile them.
+"""
 
 import gc
 import importlib
@@ -16,23 +18,23 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from sumo_mcts.numerics import kernel
-from sumo_mcts.numerics.announce import teller, unannounced
+from sumo_mcts.numerics.announce import announcer, unannounced
 from sumo_mcts.numerics.kept import LONGEST_WAIT_S, POLL_S
 from sumo_mcts.numerics.kernel import Kernel, Part, Types
 from sumo_mcts.process.supervisor import die_with_parent
 
-FEW = 8  # kernels that are compiled here alone: until then a second process has only just started
+FEW = 8  # kernels up to which this process compiles alone: a second one would start too late
 
 
 class Task(NamedTuple):
-    """A kernel that is to be compiled for certain types of arguments."""
+    """A kernel to compile for certain types of arguments."""
 
     kernel: Kernel
     wanted: Types
-    calls: set[Kernel]  # which are compiled before
+    calls: set[Kernel]  # the kernels that it calls, which are compiled before it
 
     def is_done(self) -> bool:
-        """Whether it is kept."""
+        """Whether the compiled kernel is on disk."""
         kept = self.kernel.kept(self.wanted)
         return kept is not None and kept.is_there()
 
@@ -43,34 +45,36 @@ class Task(NamedTuple):
 
 
 def prepare(use: Callable[[], object]) -> None:
-    """Call `use`, and have everything compiled that it calls and that is not kept yet; in that call
-    this runs as plain Python. Raises what `use` raises."""
+    """Compile all kernels that `use` calls and that are not on disk yet.
+
+    For this `use` is called once, and those kernels run as plain Python. Raises what `use` raises.
+    """
     if kernel.is_plain() or kernel.folder() is None:
         use()
         return
     trial = _Trial()
     try:
-        with kernel.tried(trial.run), np.errstate(all="ignore"):  # as compiled code does
+        with kernel.tried(trial.run), np.errstate(all="ignore"):  # as in compiled code
             use()
     finally:
         tasks = trial.tasks()
         missing = [task for task in tasks if not task.is_done()]
         with _assisted(missing), _no_collection():
-            _work_off(missing)
+            _compile_all(missing)
         for task in tasks:
             if not isinstance(task.kernel, Part):
                 task.kernel.compile(task.wanted)  # loaded, unless the other process failed
 
 
 class _Trial:
-    """A run as plain Python shows which kernels are needed, and which of them call which."""
+    """Records which kernels a run in plain Python calls, and which kernels these call."""
 
     def __init__(self) -> None:
-        self._done: dict[Kernel, Task] = {}  # those that are called before those that call them
-        self._running: list[Task] = []
+        self._done: dict[Kernel, Task] = {}  # a called kernel before its callers
+        self._running: list[Task] = []  # the call stack of kernels
 
     def run(self, called: Kernel, args: Sequence[Any]) -> Any:
-        """Run a kernel as plain Python, and note it."""
+        """Run a kernel as plain Python, and record it."""
         if self._running:
             self._running[-1].calls.add(called)
         task = self._done.get(called) or Task(called, self._wanted(called, args), set())
@@ -82,14 +86,17 @@ class _Trial:
             self._done.setdefault(called, task)
 
     def _wanted(self, called: Kernel, args: Sequence[Any]) -> Types:
-        """Python calls it with just these types, a kernel with more general ones."""
+        """The types to compile for: exact for a call from Python, general for one from a kernel."""
         exact = called.types_of(args)
         return tuple(map(kernel.general, exact)) if self._running else exact
 
     def tasks(self) -> list[Task]:
-        """What is to be compiled, first what has the longest chain of callers: the search cannot be
-        begun before the last of them is done."""
-        above: dict[Kernel, int] = {}
+        """The kernels to compile, first those with the longest chain of callers.
+
+        A caller waits for the kernels that it calls, so the longest chain decides when the search
+        can begin.
+        """
+        above: dict[Kernel, int] = {}  # length of the longest chain of callers
         for caller, task in reversed(self._done.items()):
             for called in task.calls:
                 above[called] = max(above.get(called, 0), above.get(caller, 0) + 1)
@@ -98,7 +105,7 @@ class _Trial:
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """Meanwhile no garbage is looked for, which takes a twentieth of the time and finds none."""
+    """Inside the block garbage collection is off: it takes 5 % of the time and frees nothing."""
     was_on = gc.isenabled()
     gc.disable()
     try:
@@ -108,36 +115,37 @@ def _no_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _work_off(tasks: Sequence[Task]) -> None:
-    """Compile, each after what it calls, what no other process has compiled or is compiling, until
-    all is done."""
+def _compile_all(tasks: Sequence[Task]) -> None:
+    """Compile kernels until all are on disk, each one after the kernels that it calls.
+
+    Kernels that another process has compiled, or is compiling, are left out.
+    """
     left = {task.kernel: task for task in tasks}
     idle_since = time.monotonic()
     while left:
         left = {each: task for each, task in left.items() if not task.is_done()}
-        teller().plans((len(tasks) - len(left), len(tasks)))
+        announcer().plans((len(tasks) - len(left), len(tasks)))
         ready = next(
             (task for task in left.values() if not task.calls & left.keys() and task.is_free()),
             None,
         )
         if ready is not None:
             ready.kernel.compile(ready.wanted)
-            left.pop(ready.kernel)  # whether it could be kept or not
+            left.pop(ready.kernel)  # also where it could not be written
             idle_since = time.monotonic()
         elif time.monotonic() - idle_since > LONGEST_WAIT_S:
             break
         elif left:
-            teller().waits(time.monotonic() - idle_since)
+            announcer().waits(time.monotonic() - idle_since)
             time.sleep(POLL_S)
-    teller().plans(None)
+    announcer().plans(None)
 
 
 # --- the second process ---
 
 _Name = tuple[str, str]  # module and function
-_Told = tuple[
-    int, Path, list[tuple[_Name, Types, list[_Name]]]
-]  # the process that asks, the folder, the tasks
+# Id of the first process, folder of kernels, and for each task: kernel, types, called kernels.
+_Request = tuple[int, Path, list[tuple[_Name, Types, list[_Name]]]]
 _PROGRAM = """
 import pickle, sys
 sys.path[:] = pickle.load(sys.stdin.buffer)
@@ -148,27 +156,28 @@ assist(pickle.load(sys.stdin.buffer))
 
 @contextmanager
 def _assisted(tasks: Sequence[Task]) -> Iterator[None]:
-    """Meanwhile a second process works on the same tasks, where that is of use and possible."""
-    helper = _helper() if len(tasks) > FEW else None
-    if helper is None:
+    """Inside the block a second process compiles the same tasks, where that saves time."""
+    second = _second_process() if len(tasks) > FEW else None
+    if second is None:
         yield
         return
     named = [
         (_name(task.kernel), task.wanted, [_name(each) for each in task.calls]) for task in tasks
     ]
     try:
-        with suppress(OSError), cast(Any, helper.stdin) as pipe:  # it may have failed already
+        with suppress(OSError), cast(Any, second.stdin) as pipe:  # it may have ended
             pipe.write(pickle.dumps(sys.path) + pickle.dumps((os.getpid(), kernel.folder(), named)))
         yield
     finally:
-        helper.kill()
-        helper.wait()
+        second.kill()
+        second.wait()
 
 
-def _helper() -> "subprocess.Popen[bytes] | None":
-    """A process that waits for tasks, in a group of its own, since an interrupt is our matter.
+def _second_process() -> "subprocess.Popen[bytes] | None":
+    """A process that reads a request from its standard input.
 
-    None where there is no room for one.
+    It has its own process group, so that Ctrl-C reaches only the first process. None where the
+    machine has one core, or the process cannot be started.
     """
     if (
         not hasattr(os, "sched_getaffinity")
@@ -177,12 +186,8 @@ def _helper() -> "subprocess.Popen[bytes] | None":
     ):
         return None
     try:
-        command = [
-            sys.executable,
-            "-I",
-            "-c",
-            _PROGRAM,
-        ]  # isolated: nothing is imported from where the user happens to be
+        # -I: isolated, so nothing is imported from the current folder
+        command = [sys.executable, "-I", "-c", _PROGRAM]
         return subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
@@ -194,15 +199,15 @@ def _helper() -> "subprocess.Popen[bytes] | None":
         return None
 
 
-def assist(told: _Told) -> None:
-    """What the second process does: work on the tasks."""
-    asks, where, named = told
+def assist(request: _Request) -> None:
+    """The main function of the second process: compile the tasks."""
+    first, where, named = request
     die_with_parent()
-    if os.getppid() != asks:  # it has died already
+    if os.getppid() != first:  # the first process has ended already
         return
     kernel.keep_in(where)
     with unannounced(), _no_collection():
-        _work_off(
+        _compile_all(
             [Task(_named(name), wanted, set(map(_named, calls))) for name, wanted, calls in named]
         )
 

@@ -70,7 +70,7 @@ class Remembering(Protocol):
         """What the next decision depends on, beside the situation; asked after `start`."""
 
     def recall(self, memory: PlannerMemory) -> None:
-        """Go on from there; told after `start`."""
+        """Go on from this memory; called after `start`."""
 
 
 class Drawing:

@@ -54,7 +54,7 @@ def make_sumo(_: Mapping[str, Any], scenario: ScenarioConfig) -> "SumoPlanner":
 
 
 def make_constant(_: Mapping[str, Any], scenario: ScenarioConfig) -> "ConstantPlanner":
-    """The blind driver of a scenario."""
+    """The planner `constant` of a scenario."""
     return ConstantPlanner(scenario.planner.period_s)
 
 
@@ -91,8 +91,8 @@ class SumoPlanner:
 
 
 class ConstantPlanner:
-    """Keeps the speed it was taken over with, changes to the lanes its route needs as soon as they
-    are there, and looks at no other vehicle."""
+    """Keeps the speed of the take-over, and changes to the lanes that its route needs as soon as
+    they exist. It ignores all other vehicles."""
 
     needs_forecast = False
 
@@ -206,8 +206,8 @@ NO_OTHERS = np.zeros((0, 2))  # no agents that a search would move
 
 
 class RandomPlanner(Drawing):
-    """Any action that the search could begin with, each with the same probability: what a choice is
-    worth."""
+    """Any action at the root of the search, each with the same probability: shows the value of
+    choosing."""
 
     def __init__(self, params: MctsParams) -> None:
         self._params = params
@@ -272,8 +272,8 @@ def accel_behind(local: LocalMap, follower: EgoParams, changed: State) -> float:
 
 
 def with_yield_lines(local: LocalMap, state: State, critical_gap: float) -> LocalMap:
-    """The local map with a closed stop line before each stretch of the ego's path on which an agent
-    with the right of way is to come too soon.
+    """The local map with additional closed stop lines: before each stretch of the ego's path that
+    an agent with the right of way is to reach too soon.
 
     Too soon: before the ego could be at the line and `critical_gap` (s) more have passed. An ego
     that cannot stop any more with STOP_DECEL goes on.
@@ -309,11 +309,11 @@ def _before(table: Floats, node: int, target: int) -> int:
 def leader_on_path(
     local: LocalMap, p: EgoParams, state: State, reach: float
 ) -> tuple[float, float]:
-    """How far (m, up to `reach`) the ego can go until its box would meet another one, and how fast
-    (m/s) that vehicle drives along the same path.
+    """The distance (m, up to `reach`) until the ego's box would meet another one, and the speed
+    (m/s) of that vehicle along the ego's path.
 
-    Boxes count, not lanes: the tail of a vehicle that turns off, or one that waits aslant, is in
-    the way too. During a change both lanes are looked at.
+    Boxes count, not lanes: the rear of a vehicle that turns off also blocks the path, and so does a
+    vehicle that waits at an angle. During a change both lanes count.
     """
     gap, leader_v = math.inf, 0.0
     for lane in range(2):
@@ -357,8 +357,8 @@ def _follow(
     motion: Floats,
     pose: Floats,
 ) -> None:
-    """Car following by the parameters of `follower` behind a leader that keeps its speed: nodes
-    [M], motion [M, 2] DRIVEN_S and DRIVEN_V, and poses [M, 4] step by step."""
+    """Car following by the parameters of `follower` behind a leader that keeps its speed. Each step
+    fills a row of nodes [M], motion [M, 2] DRIVEN_S and DRIVEN_V, and poses [M, 4]."""
     for k in range(len(nodes)):
         wanted = follow_accel(follower, state.v, local.node[state.node, LIMIT], gap, leader_v)
         state, _ = advance(local, p, state, wanted, k * p.step)

@@ -10,10 +10,10 @@ import numpy as np
 from sumo_mcts.model.local_map import MOTION_V
 from sumo_mcts.planners.tree import Tree
 
-SLICE = 20_000  # passes after which an interrupt from the keyboard is heard
+SLICE = 20_000  # passes after which Ctrl-C takes effect
 STAGES = 4  # looks at how close the choice is, for as many passes as the budget has
 FASTEST = 500_000.0  # passes/s that no search exceeds
-LARGEST = 1_000_000  # passes for which there is room at most; some 300 MB
+LARGEST = 1_000_000  # largest number of passes, for about 300 MB
 DIFFERENT = 0.5  # m/s after the first action from which two actions are not the same command
 MEMORY = (
     20  # decisions from which is learned how long it takes from the end of a search to the decision
@@ -98,7 +98,7 @@ class Timekeeper:
     def note(self, until: float, ended: float) -> None:
         """A decision that was to search `until` was there at `ended`.
 
-        Where that is earlier, it tells nothing.
+        An earlier end says nothing about the time needed.
         """
         if ended > until:
             self._after.append(ended - until)

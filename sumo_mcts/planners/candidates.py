@@ -88,9 +88,9 @@ def cost_in(
 ) -> tuple[float, Floats]:
     """What a candidate costs in another hypothesis, that of `start` and `tree`, and its terms [5].
 
-    It is driven to its end, or else only begun and continued as is best there: by the best below
-    the root's child that comes nearest to its first action, as if it were known by then what the
-    others do (QMDP).
+    This is the lower of two costs: the candidate driven to its end, or only begun. In the latter
+    case the best sequence of the tree follows, below the root's child that is nearest to the
+    candidate's first action. This takes the hypothesis to be known by then (QMDP).
     """
     v = float(candidate.plan.v[min(start.q.ply, len(candidate.plan.v)) - 1])
     alike = [

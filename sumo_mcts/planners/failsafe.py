@@ -1,13 +1,16 @@
-"""The last check: a decision is executed only if a safe end can still be reached after it, whatever
-the others do within bounds.
+"""The last check: a decision is executed only if the ego can still come to a safe end after it.
+
+This has to hold for everything that the others may do within bounds.
 
 The idea is Pek and Althoff's (Fail-safe motion planning for online verification of autonomous
 vehicles using convex optimization, IEEE Transactions on Robotics, 2021). Here each agent keeps to
 the path that the forecast has for it, and drives it as slowly or as fast as the bounds allow. What
 it may cover meanwhile has to stay clear of the ego. The ego carries the decision out for one period
-and then stops, or leaves the junction or ends its lane change first. What is left to the others: an
-agent behind the ego keeps its distance; an agent that the ego moves in front of, or that stands and
-would set off towards it, brakes after a reaction time.
+and then stops, or leaves the junction or ends its lane change first.
+
+Two things are expected of the others. An agent behind the ego keeps its distance. An agent brakes
+after a reaction time where the ego moves in front of it, or where it stands and would set off
+towards the ego.
 """
 
 import math
@@ -30,20 +33,19 @@ from sumo_mcts.planners.failsafe_reach import (
 from sumo_mcts.planners.rollout import DRIVEN_S, DRIVEN_V
 from sumo_mcts.scene import Agents, Decision, EgoState, Floats, Follow, Manoeuvre, Plan
 
-LONGEST_S = 30.0  # a manoeuvre that has not come to its end by then is none
+LONGEST_S = 30.0  # longest duration of a manoeuvre
 REASON = "fail-safe"
 
 
 class Obstacle(NamedTuple):
-    """What is in the way of a manoeuvre."""
+    """Why a manoeuvre is not safe."""
 
     agent: int  # index, NO_AGENT, or NO_END
     time: float  # s from now
 
 
 class FailSafe:
-    """Verifies the decisions for one ego, and has a manoeuvre ready where there is none to
-    execute."""
+    """Verifies the decisions for one ego, and keeps a manoeuvre for a decision that fails."""
 
     def __init__(self, assumed: Assumed, period_s: float) -> None:
         self._assumed, self._period = assumed, period_s
@@ -54,7 +56,7 @@ class FailSafe:
         self._task, self.ready = task, None
 
     def forget(self) -> None:
-        """What was verified is no longer what the ego does."""
+        """Drop the verified manoeuvre, since the ego no longer follows it."""
         self.ready = None
 
     def objection(self, situation: Situation, command: Follow) -> str:
@@ -86,8 +88,10 @@ class FailSafe:
         return replaced._replace(command=Follow(plan.v, 0), plan=plan, chosen=-1, reason=reason)
 
     def _search(self, situation: Situation, command: Follow) -> tuple[Manoeuvre | None, Obstacle]:
-        """The gentlest manoeuvre after a command that no agent can be in the way of; without one,
-        what is in the way of the strongest braking."""
+        """The gentlest manoeuvre after a command that is safe from all agents.
+
+        If there is none: None, and the obstacle of the strongest braking.
+        """
         local, ego = local_of(self._task, situation), self._task.ego
         blocked = Obstacle(NO_AGENT, 0.0)
         for decel in (ego.comfort_decel, ego.max_decel):

@@ -38,9 +38,9 @@ from sumo_mcts.scene import Floats, Indices
 CHECK_S = 0.25  # longest time between two checks
 ALONG = 0.8  # cosine of the angle between two headings up to which one vehicle follows the other
 AT_REST = 0.01  # m/s
-NO_AGENT, NO_END = -1, -2  # in place of the agent in the way
-# How a manoeuvre begins after the decision period, until the ego has left the junction and ended
-# its lane change; then, with BRAKE at once, it brakes.
+NO_AGENT, NO_END = -1, -2  # in place of an obstacle's agent
+# How a manoeuvre begins after the decision period. HOLD and ACCELERATE last until the ego has left
+# the junction and ended its lane change; then it brakes.
 BRAKE, HOLD, ACCELERATE = range(3)
 
 
@@ -61,12 +61,14 @@ def drive(
     period: int, begin: int, decel: float,
     nodes: Indices, motion: Floats, pose: Floats,
 ) -> tuple[int, int, float]:  # fmt: skip
-    """The commanded `speeds` for `period` steps, then a manoeuvre that ends in braking with `decel`
-    (m/s2); `top` [N]: the speeds that agents may reach, m/s.
+    """Drive the commanded `speeds` for `period` steps, then a manoeuvre that ends in braking with
+    `decel`, m/s2.
 
-    Written down step by step: nodes [M], motion [M, 2] DRIVEN_S and DRIVEN_V, pose [M, 4]. Returns
-    the number of steps written, the agent that could be in the way (NO_AGENT; NO_END where the
-    manoeuvre comes to no end, or is none of its own), and when, s from now.
+    `top` [N]: the speeds that agents may reach, m/s. Each step fills a row of nodes [M], motion
+    [M, 2] DRIVEN_S and DRIVEN_V, and pose [M, 4].
+
+    Returns the number of steps, the agent that the ego could meet, and when, s from now. NO_AGENT
+    stands for none. NO_END: the manoeuvre does not end in time, or equals the one with BRAKE.
     """
     state = begin_change(local, p, start, side) if side != 0 else start
     checks = max(1, math.ceil(p.step / CHECK_S))
@@ -95,7 +97,7 @@ def drive(
         for r in range(checks):
             moment = time + (r + 1.0) * interval
             there = within_step(local, p, before, state, (r + 1.0) / checks)
-            agent = _in_the_way(local, p, q, top, start, there, moment, interval)
+            agent = _obstructing(local, p, q, top, start, there, moment, interval)
             if agent != NO_AGENT:
                 return k + 1, agent, moment
         if k >= period and state.v < AT_REST and time + p.step >= q.horizon:
@@ -124,7 +126,7 @@ def _to_clear(local: LocalMap, p: EgoParams, state: State) -> float:
 
 
 @kernel
-def _in_the_way(
+def _obstructing(
     local: LocalMap,
     p: EgoParams,
     q: Assumed,
@@ -209,8 +211,11 @@ def _driven_reacting(v: float, q: Assumed, top: float, time: float) -> float:
 def _meets(
     local: LocalMap, state: State, i: int, least: float, most: float, reacting: float, box: Box
 ) -> bool:
-    """Whether a box meets what agent i covers of its path from `least` to `most` (m from now); only
-    to `reacting` where it would drive up to the box from behind, or set off towards it."""
+    """Whether a box meets the part of agent i's path from `least` to `most`, m from now.
+
+    Beyond `reacting` the part counts only where the agent would neither drive up to the box from
+    behind, nor set off towards it.
+    """
     last = local.agent.shape[0] - 1
     if not is_gone(local, last, i):
         # the forecast's path ends there: it waits, or the forecast is over

@@ -197,7 +197,7 @@ class MctsPlanner(Drawing):
                 tree, local, task.ego, task.cost, q, self._actions, situation.state, count, beat,
                 self._rng,
             )  # fmt: skip
-            if more == (0, 0):  # nothing is left to try, or no room for it
+            if more == (0, 0):  # nothing is left to try, or the tree is full
                 break
             done, known = done + more[0], known + more[1]
         return tree, done, known

@@ -49,7 +49,7 @@ from sumo_mcts.scene import (
     Indices,
 )
 
-SIGHT = 40.0  # m beyond which an agent is not looked at
+SIGHT = 40.0  # m beyond which agents are ignored
 
 
 class Weights(NamedTuple):
@@ -79,7 +79,7 @@ class Weights(NamedTuple):
 
 
 class Guide(NamedTuple):
-    """What the route tells the costs. W nodes of the route."""
+    """The inputs of the costs that come from the route. W nodes of the route."""
 
     goal: float  # where the local goal lies, m from the start of the route
     aside: Floats  # [W] m that the lane changes still needed there add to the local goal's distance
@@ -316,8 +316,8 @@ def _nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
 
 @kernel
 def _aside(guide: Guide, state: State) -> float:
-    """m that lane changes add to the local goal's distance; the one under way counts as far as it
-    is not done."""
+    """m that lane changes add to the distance to the local goal. A change under way counts for what
+    is left of it."""
     here = guide.aside[state.node]
     if state.progress <= 0.0 or state.other < 0:
         return float(here)

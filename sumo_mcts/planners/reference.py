@@ -1,8 +1,8 @@
 """The reference problem that near-optimality is measured against (docs/measures.md).
 
 The numbers in this file are frozen: they say what is compared, not what is best, and follow no
-configuration. A change of one of them makes regrets of before and after incomparable; `digest`
-tells. reference_solver.py solves the problem.
+configuration. Regrets from before and after a change of one of them cannot be compared; `digest`
+shows such a change. reference_solver.py solves the problem.
 """
 
 import hashlib

@@ -84,8 +84,8 @@ def merge(table: Indices, cell: Floats, labels: Labels, new: int) -> int:
 def rank(table: Indices, kind: Floats, labels: Labels, order: Indices) -> None:
     """Number the labels of each kind in this order.
 
-    The best of each kind shall come before the second of any: what is dear now, such as to let
-    others go first, may be cheap in the end.
+    The best label of each kind comes before the second one of any kind. A label with a high cost
+    now, such as after letting others go first, may lead to the lowest cost.
     """
     table[:] = 0
     for k in order:

@@ -96,7 +96,7 @@ def best_root(solution: Solution, count: int | None = None) -> int:
 
 
 class Rest(NamedTuple):
-    """What the bound has to know: no sequence is faster than this."""
+    """The inputs of the bound: no sequence is faster than this."""
 
     # the lowest speed limit ahead, m/s; inf: the route may end before the horizon, and the costs
     # with it
@@ -158,8 +158,8 @@ def _solve(
     work: Work, root: State, at_root: Floats, lines: Floats, starts: Labels, now: Labels,
     then: Labels, cost: Floats, best: Floats,
 ) -> None:  # fmt: skip
-    """Fill `cost` [C, 2], the lowest cost of the sequences that begin with each line, FREE of a
-    loss and LOSING, and `best` [C, P, 3], the best of them."""
+    """Fill `cost` [C, 2] and `best` [C, P, 3]: for each line the lowest cost of a sequence that
+    begins with it, FREE of a loss and LOSING, and the best of these sequences."""
     free, same = np.full((len(work.ends), 3), NO_SPEED), np.arange(len(lines))
     free[:, ACCEL], free[:, SIDE] = FOLLOW, 0.0
     for i in range(len(lines)):
@@ -281,8 +281,11 @@ def _spread(
 def _drive_on(
     work: Work, labels: Labels, i: int, ply: int, tail: Floats, least: Floats, best: Floats
 ) -> None:
-    """From label i, at the end of `ply`, to the horizon by the actions of `tail` [P, 3], with car
-    following where there are none: a sequence that others have to be better than."""
+    """Drive on from label i, at the end of `ply`, to the horizon.
+
+    The actions are those of `tail` [P, 3], and car following where a row is nan. The cost of this
+    sequence is a bound for all others.
+    """
     local, p = work.local, work.ego
     state, cost = kept_state(labels.where, labels.motion, i), labels.cost[i]
     near = Neighbours(labels.leader[i, GAP], labels.leader[i, LEADER_V], labels.followers[i])
@@ -321,8 +324,8 @@ def _simulate(
 
 @kernel
 def _note(least: Floats, best: Floats, end: int, cost: float, line: Floats) -> None:
-    """Keep a sequence that is over, where it is the best of its kind; one with a loss is shown only
-    as long as there is none without."""
+    """Keep a finished sequence if it is the best of its kind. One with a loss is shown only as long
+    as there is none without."""
     kind = LOSING if end == LOST else FREE
     if cost < least[kind]:
         least[kind] = cost
@@ -332,8 +335,8 @@ def _note(least: Floats, best: Floats, end: int, cost: float, line: Floats) -> N
 
 @kernel
 def _at_least(local: LocalMap, rest: Rest, v: float, steps: int, step: float) -> float:
-    """What `steps` of the simulation (of `step` s) and the end cost at least from speed v on:
-    progress lost although the ego accelerates as it can."""
+    """A lower bound of the cost of `steps` steps (of `step` s) and of the end, from speed v on: the
+    progress lost although the ego accelerates as hard as it can."""
     if rest.limit == math.inf:
         return 0.0
     gain = rest.accel * step

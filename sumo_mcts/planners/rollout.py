@@ -35,8 +35,8 @@ from sumo_mcts.planners.actions import FOLLOW, NO_SPEED, Action, action_at
 from sumo_mcts.scene import COMFORT, LOSS, OTHER, PASSABILITY, SAFETY, Floats, Indices
 
 NONE = -1  # no child, no parent
-# an action that cannot be taken there, leads to the same state as another, or (adaptive) is too
-# dear already
+# an action that cannot be taken there, leads to the same state as another, or (adaptive) costs too
+# much already
 IMPOSSIBLE = -2
 ALIVE, LOST, ARRIVED = range(3)
 DRIVEN_S, DRIVEN_V = range(2)  # columns of what is written down of a drive: m, m/s
@@ -54,7 +54,7 @@ class SearchParams(NamedTuple):
     exploration: float
     horizon: float  # s
     adaptive: bool  # leave out what cannot be better than the best known
-    each: bool  # better than the best of its own root action: every one of them gets its due
+    each: bool  # the best known of its own root action instead, so that every one is searched
 
 
 class Ply(NamedTuple):
@@ -186,8 +186,9 @@ def may_change(
     time: float,
     most: float = math.inf,
 ) -> bool:
-    """Whether a lane change may begin at `time` (s from now) with `accel` (m/s2, or FOLLOW): the
-    road allows it and the place is free for at `most` that cost.
+    """Whether a lane change may begin at `time`, s from now, with `accel`, m/s2 or FOLLOW.
+
+    It may where the road allows it, and where taking the place costs at `most` that much.
 
     SUMO moves a standing vehicle to the side; no car does. So a slow ego has to drive off for it,
     but where its lane ends and SUMO holds it.
@@ -205,11 +206,11 @@ def replay(
     line: Floats, lanes: Indices, motion: Floats, pose: Floats,
     terms: Floats,
 ) -> tuple[int, int]:  # fmt: skip
-    """Drive a sequence `line` [M, 3] with an action for each step, and write down every step.
+    """Drive a sequence `line` [M, 3] with an action for each step, and record every step.
 
-    lanes [M] node; motion [M, 2] s (m) and v (m/s); pose [M, 4]; terms [5] SAFETY .. LOSS.
-    Returns the number of steps written and how it ended: ALIVE at the end of the sequence, LOST,
-    ARRIVED, or IMPOSSIBLE where a lane change cannot begin.
+    lanes [M] node; motion [M, 2] s (m) and v (m/s); pose [M, 4]; terms [5] SAFETY .. LOSS. Returns
+    the number of steps, and the end: ALIVE after the whole sequence, LOST, ARRIVED, or IMPOSSIBLE
+    where a lane change cannot begin.
     """
     near = meet(local, p, c, root, others, local.followers, 0).near
     state, one = root, for_steps(q, 1)

@@ -64,8 +64,8 @@ def search(
     tree; inf: none.
 
     Returns (passes that simulated to the horizon, passes that ended in a known terminal node). The
-    lower its J, the better a node; node values are the best J below (the model is deterministic,
-    and a mean would punish nodes with many bad children: a standing ego).
+    value of a node is the lowest J below it. The model is deterministic, and a mean would punish
+    nodes with many bad children, so that the ego stands.
     """
     if tree.used[0] == 0:
         _plant(tree, local, p, c, root)
@@ -94,9 +94,9 @@ def search(
             j = _rollout(tree, local, p, c, q, node, line, rng)
             done += 1
             back_up(tree, actions, node, j, line)
-            # Would braking be better than car following? Asked of every beginning, since one that
-            # looks bad after a single try is not looked at again, and where car following ran into
-            # something.
+            # Whether to try braking after car following. It is tried for every first action, since
+            # one that looks bad after a single pass is not visited again, and wherever car
+            # following led to a contact.
             doubtful = not leaf and (tree.level[node] == 1 or j > c.contact * 0.5)
             if again or not doubtful or done + known >= iterations:
                 break
@@ -257,8 +257,8 @@ def _rollout(
 
 @kernel
 def _continuation(tree: Tree, q: SearchParams, node: int, rng: Generator) -> tuple[int, int, int]:
-    """What the next rollout from a node does: the policy, the level at which it turns to something
-    else, and the side of a lane change there.
+    """The next rollout from a node: its policy, the level at which another one takes over, and the
+    side of a lane change there.
 
     The first FOLLOWS, the second BRAKES. Later ones are drawn, or taken one after the other where
     the search is adaptive: SLOWS_DOWN first, follows and THEN_BRAKES, PUSHES and then follows,

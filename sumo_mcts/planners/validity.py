@@ -1,4 +1,4 @@
-"""Whether what a planner returned is a decision that SUMO can be told."""
+"""Checks that the result of a planner is a decision that SUMO can execute."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from sumo_mcts.scene import Decision, Follow, Plan, Release, RootChild
 
 
 def why_invalid(task: Task, state: State, decision: object) -> str:
-    """Why this is no decision that SUMO could be told; "" where it is one."""
+    """Why this is no decision that SUMO could execute; "" where it is one."""
     command = getattr(decision, "command", None)
     if isinstance(command, Release):
         return ""

@@ -1,9 +1,12 @@
-"""What one agent may do instead of what is likeliest, and the odds of it.
+"""What one agent may do instead of the likeliest, and the odds of it.
 
-Five kinds: it takes another turn that its lane allows, does not let the ego pass though it has to,
-brakes hard for no reason, starts though it has stood for a while, stops while it walks across the
-ego's path. The odds are against the usual forecast, by Bayes' rule, from what a sensor sees: turn
-signal, speed, acceleration, the distance left, the time that the agent has stood.
+    TURNS    takes another turn that its lane allows
+    FORCES   does not let the ego pass, though it has to
+    BRAKES   brakes hard for no reason, goes on waiting, or stops walking on the ego's path
+    STARTS   drives off after it has stood for a while
+
+The odds are against the usual forecast, by Bayes' rule. They use what a sensor sees: turn signal,
+speed, acceleration, the distance left, the time that the agent has stood.
 """
 
 import math
@@ -36,18 +39,18 @@ from sumo_mcts.scene import (
     RoadMap,
 )
 
-LEAST = 0.005  # odds below which an alternative is not worth a search of its own
+LEAST = 0.005  # odds below which an alternative gets no search of its own
 EGO_VIEW = 100.0  # m of the ego's path on which other traffic matters
-MOST_TOLD = 3.0  # m/s2 of braking, due or unexplained, beyond which the odds grow no more
+MOST_DUE = 3.0  # m/s2 of braking, due or unexplained, beyond which the odds grow no more
 FOLLOWING = 4.0, 10.0  # s and m within which an agent ahead matters to the ego
 
 # Turning.
-TURN_VIEW = 50.0  # m before a branch within which a driver who is going to turn shows it
+TURN_VIEW = 50.0  # m before a branch within which drivers show that they are going to turn
 SPREAD = 1.0  # m/s2, standard deviation of an acceleration about what the turn asks for
-SHOWN = 0.9  # probability that a driver who turns has the turn signal on,
-WRONG = 0.015  # and that it is on, left or right, where it means nothing
-# the same for a vehicle that comes over from the next lane: it may be on for that (18 of 72 in the
-# varied left turns)
+SHOWN = 0.9  # probability of a turn signal where the driver is going to turn
+WRONG = 0.015  # probability of a left (or right) turn signal that means nothing
+# The same for a vehicle that comes over from the next lane, which may be the reason of the signal
+# (18 of 72 in the varied left turns).
 COMES_OVER = 0.25
 OFF_CENTRE = 0.01  # m off the centre line of its lane from which a vehicle comes over
 TURNS_BACK = 0.02  # how often a driver turns round, against any other turn
@@ -60,22 +63,22 @@ FORCING_GAIN = 2.0  # growth of the logarithm of the odds for each m/s2 that is 
 
 # Braking for no reason.
 LEADERS = 2  # how many ahead of the ego may brake
-BRAKING = 0.01  # odds, as long as nothing tells
+BRAKING = 0.01  # odds without any sign of it
 BRAKING_GAIN = 2.0  # growth of the logarithm of the odds for each m/s2 that nothing explains
 SLOW = 2.0  # m/s: slower vehicles do not brake hard
 CRAWLS = 1.0  # m/s below which an agent ahead waits
-MOVING_OFF = 0.3  # m/s2 of smoothed acceleration that show that it waits no longer
+MOVING_OFF = 0.3  # m/s2 of smoothed acceleration above which it waits no longer
 STAYING = 0.5  # odds that an agent that waits, and is expected to move off, goes on waiting
 
 # Starting.
-# s within which it matters that an agent starts (docs/tried.md: 14 of 35 did so within 2 s after 2
-# to 4 s, 8 of 71 after 8 to 16 s)
+# s within which a start matters. Of agents that had stood for 2 to 4 s 14 of 35 started within 2 s,
+# after 8 to 16 s 8 of 71 (docs/decisions/standing-and-crawling.md).
 STARTING_S = 1.5
 START_VIEW = 20.0  # m about the ego, and what it drives in a second, within which it matters
 
 # Stopping while walking.
 HALTING = 0.1  # odds: in SUMO a person that sees a vehicle come near may stop
-IN_THE_WAY = 2.0  # m from the centre of the ego's path to a person that stands in it
+BLOCKS_PATH = 2.0  # m from the centre of the ego's path to a person that stands in it
 
 
 class Alternative(NamedTuple):
@@ -166,8 +169,8 @@ def turn_likelihood(
     expected: float,
     decel: float,
 ) -> float:
-    """Probability of what is seen of agent i if it takes the lane `lane`, `distance` m ahead, times
-    how often drivers do; up to a common factor.
+    """Probability of the observations of agent i if it takes the lane `lane`, `distance` m ahead,
+    times the share of drivers that do. A factor common to all lanes is left out.
 
     `expected`: its acceleration in the usual forecast, m/s2; `decel`: with which it brakes for a
     turn in comfort, m/s2.
@@ -187,8 +190,10 @@ def turn_likelihood(
 
 
 def signal_likelihood(turn: int, blinker: int, wrong: float = WRONG) -> float:
-    """Probability of a turn signal (-1 right, 0 none, 1 left) where a driver is going to make a
-    turn; `wrong`: that it is on for something else."""
+    """Probability of a turn signal (-1 right, 0 none, 1 left) before a turn.
+
+    `wrong`: the probability that the signal is on for another reason.
+    """
     if turn == STRAIGHT:
         return wrong if blinker else 1.0 - 2.0 * WRONG
     if blinker == 0:
@@ -250,7 +255,7 @@ def forcing_odds(v: float, trend: float, distance: float) -> float:
     """Odds that an agent `distance` m before the stretch where it has to wait does not; from its
     speed (m/s) and its smoothed acceleration (m/s2)."""
     due = v * v / (2.0 * max(distance - 2.0, 1.0)) - NO_HURRY
-    return FORCING * math.exp(FORCING_GAIN * min(max(due - max(0.0, -trend), 0.0), MOST_TOLD))
+    return FORCING * math.exp(FORCING_GAIN * min(max(due - max(0.0, -trend), 0.0), MOST_DUE))
 
 
 # --- braking for no reason ---
@@ -278,7 +283,7 @@ def braking_odds(trend: float, expected: float) -> float:
     """Odds that an agent brakes hard to a stand; from its smoothed acceleration, and the one that
     is expected of it, m/s2."""
     unexplained = max(0.0, -trend) - max(0.0, -expected)
-    return BRAKING * math.exp(BRAKING_GAIN * min(max(unexplained, 0.0), MOST_TOLD))
+    return BRAKING * math.exp(BRAKING_GAIN * min(max(unexplained, 0.0), MOST_DUE))
 
 
 def _following_distance(ego: EgoState) -> float:
@@ -316,12 +321,12 @@ def starting_odds(standing_s: float) -> float:
 
 
 def _halting(seen: _Evidence) -> Iterator[Alternative]:
-    """Persons that walk, and would be in the ego's way if they stopped now."""
+    """Persons that walk, and would stand on the ego's path if they stopped now."""
     agents, ego = seen.agents, seen.ego
     for i in np.flatnonzero(agents.person & (agents.v > STANDING)):
         x, y = float(agents.x[i]), float(agents.y[i])
         if math.hypot(agents.x[i] - ego.x, agents.y[i] - ego.y) < _following_distance(ego):
-            if distance_to_path(seen.road, seen.paths, ego.s, x, y) < IN_THE_WAY:
+            if distance_to_path(seen.road, seen.paths, ego.s, x, y) < BLOCKS_PATH:
                 yield Alternative(HALTING, Intent(int(i), BRAKES))
 
 

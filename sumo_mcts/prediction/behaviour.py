@@ -1,7 +1,7 @@
 """How the others drive along their paths, as SUMO's drivers are seen to do it.
 
-One acceleration for each vehicle and time: on the empty road and behind a leader (following.py),
-then as little as red lights, stop signs and right of way ask for (yielding.py).
+Each vehicle gets one acceleration at each time. It is that of the empty road or behind a leader
+(following.py), lowered for red lights, stop signs and right of way (yielding.py).
 """
 
 import math
@@ -28,8 +28,8 @@ from sumo_mcts.scene import (
 # A vehicle that cruises keeps its speed where its leader is further away than this: m, and s of
 # driving.
 CRUISE_GAP, CRUISE_S = 10.0, 3.0
-# A vehicle that has stood for a while stays where its leader is further away than this, m, and no
-# red light within that many m is the reason.
+# A vehicle that has stood for a while is taken to stay, unless a leader or a red light within this
+# distance is the reason, m.
 STAY_GAP, STAY_RED = 4.0, 30.0
 MOST_HABIT = 4.0  # m/s2 by which a driver accelerates otherwise than expected, at most
 HARD = 4.5  # m/s2 with which an agent brakes that is taken to brake for no reason
@@ -148,7 +148,7 @@ def _driving_accel(
     """Acceleration of vehicle i on the empty road and behind its leader, with what it does
     otherwise than expected, m/s2.
 
-    At the first time (t = 0) this notes the speed that it likes and its habit.
+    At the first time (t = 0) this records its desired speed and its habit.
     """
     liked, habit = progress.liked, progress.habit
     if t == 0 and d.cruises[i] and gap > CRUISE_GAP + CRUISE_S * v:

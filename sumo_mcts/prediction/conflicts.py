@@ -1,4 +1,4 @@
-"""Where the predicted paths of vehicles meet, and what each vehicle has to heed there."""
+"""Where the predicted paths of vehicles meet, and which rule each vehicle has to follow there."""
 
 from typing import NamedTuple
 
@@ -9,11 +9,11 @@ from sumo_mcts.numerics.lanes import Areas, areas_of
 from sumo_mcts.prediction.paths import Paths
 from sumo_mcts.scene import Floats, Ints, RoadMap
 
-# Conflicts looked at for each vehicle. The most that were seen are 59, with a car every 20 m of
+# Conflicts checked for each vehicle. The most that were seen are 59, with a car every 20 m of
 # lane.
 FOES = 64
 
-# What a vehicle has to heed where its path meets that of a foe (Conflicts.kind).
+# The rule for a vehicle where its path meets that of a foe (Conflicts.kind).
 NOTHING = 0
 YIELDS = 1  # it has to let the foe pass
 MERGES = 2  # both have equal right: the nearer one goes first, the other follows it
@@ -78,7 +78,7 @@ def _find_conflicts(found: Conflicts, paths: Paths, areas: Areas, mark: Ints, us
 
 @kernel
 def _kind(areas: Areas, lane: int, e: int) -> int:
-    """What a vehicle on `lane` has to heed in its conflict area `e`: NOTHING .. IN_TURN."""
+    """The rule for a vehicle on `lane` in its conflict area `e`: NOTHING .. IN_TURN."""
     back = False  # the other lane has to yield too
     for r in range(areas.first[areas.other[e]], areas.first[areas.other[e] + 1]):
         back = back or (areas.other[r] == lane and areas.yields[r])

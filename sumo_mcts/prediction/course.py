@@ -11,7 +11,7 @@ from sumo_mcts.prediction.conflicts import conflicts_of
 from sumo_mcts.prediction.paths import NARROWS, Paths
 from sumo_mcts.scene import ALLWAY, GREEN, STOP, Bools, Floats, Ints, RoadMap, Signals
 
-SIGN_VIEW = 60.0  # m before a stop sign from which on a driver heeds it
+SIGN_VIEW = 60.0  # m before a stop sign from which on a driver brakes for it
 
 
 class Course(NamedTuple):
@@ -24,8 +24,8 @@ class Course(NamedTuple):
     internal: Bools  # [N, L] inside a junction
     red: Bools  # [N, L, T] the signal at the entry of this lane shows red or yellow
     sign: Bools  # [N, L] a vehicle has to stand before it enters this lane
-    # [N] m, where the last lane ends and a vehicle has to have changed to another; inf: the road
-    # goes on, or ends
+    # [N] m, where the last lane ends beside lanes that go on; inf: it goes on itself, or the road
+    # ends
     end: Floats
     # As in Conflicts, F foes. They are not a tuple of their own: kernels are 10 % slower with one
     # inside another.
@@ -98,8 +98,8 @@ def to_sign(c: Course, i: int, k: int, x: float) -> float:
 
 @kernel
 def waiting_place(c: Course, i: int, k: int, begin: float) -> float:
-    """Where the vehicle waits before a stretch that begins at `begin`, m on its path: at the entry
-    of the junction, or at a place to wait inside it."""
+    """The place where the vehicle waits before a stretch that begins at `begin`, m on its path. It
+    is the entry of the junction, or a waiting place inside it."""
     place = begin
     for m in range(k + 1, c.path.shape[1]):
         if c.offset[i, m] >= begin or c.path[i, m] < 0:

@@ -41,7 +41,7 @@ class Drivers(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """What a forecast knows of N vehicles from one time to the next; kernels write into it."""
+    """What a forecast carries for N vehicles from one time to the next; kernels write into it."""
 
     at: Ints  # [N] position in its path of the lane that a vehicle is on
     # [N] when it came to a stand at the stop sign ahead, s from now; inf: it has not. INSIDE a

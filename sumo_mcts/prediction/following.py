@@ -1,4 +1,4 @@
-"""How a driver follows the road and its leader: the speed that it likes, and car following."""
+"""How a driver follows the road and the leader: desired speed, and car following."""
 
 import math
 

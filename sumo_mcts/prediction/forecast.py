@@ -30,7 +30,7 @@ from sumo_mcts.scene import (
     Scripted,
 )
 
-# m/s2 of smoothed acceleration below which a vehicle is taken to drive at the speed it likes,
+# m/s2 of smoothed acceleration below which a vehicle is taken to drive at its desired speed,
 CRUISING = 0.5
 CRUISING_SPEED = 3.0  # m/s, where it is faster than this
 NO_INTENT = Intent(-1, USUAL)  # every agent does what is likeliest
@@ -55,16 +55,16 @@ class Question(NamedTuple):
 
 
 class OracleData(NamedTuple):
-    """What oracles tell, by agent (index): nothing, unless a scenario asks for one."""
+    """Answers of oracles, by index of the agent; empty unless a scenario names an oracle."""
 
     scripts: Mapping[int, Scripted] = {}  # its coming states, whatever happens
     # its coming states if the ego does what is nominal; it reacts and yields as it would otherwise
     copies: Mapping[int, Scripted] = {}
     # the lanes that it is really going to take, from the one that it is in
-    ways: Mapping[int, Ints] = {}
+    lanes: Mapping[int, Ints] = {}
 
 
-NOTHING_TOLD = OracleData()
+NO_DATA = OracleData()
 
 
 def times_of(seconds: float, step: float) -> int:
@@ -75,17 +75,17 @@ def times_of(seconds: float, step: float) -> int:
 def predict(
     road: RoadMap,
     question: Question,
-    told: OracleData = NOTHING_TOLD,
+    oracle: OracleData = NO_DATA,
     intent: Intent = NO_INTENT,
 ) -> Forecast:
     """A forecast of one hypothesis: one agent has the `intent`, the others react.
 
-    `told`: what an oracle tells; without it the forecast knows what sensors see.
+    `oracle`: the answers of an oracle; without them the forecast uses what sensors see.
     """
     scene, params = question.scene, question.params
     times = times_of(question.seconds, params.step)
     agents = changing(road, scene.agents, question.ego_lanes, params.aside)
-    known = dict(told.ways)
+    known = dict(oracle.lanes)
     if intent.does == TURNS:
         known[intent.agent] = np.array(intent.way, np.int32)
     paths = likely_paths(road, agents, scene.ego, question.ego_lanes, known, question.seconds)
@@ -114,7 +114,7 @@ def predict(
         yields=polite[1:][None],
         intents=(intent,),
     )
-    _overwrite(forecast, told)
+    _overwrite(forecast, oracle)
     return forecast
 
 
@@ -137,10 +137,10 @@ def _drivers(agents: Agents, question: Question, intent: Intent) -> Drivers:
     )
 
 
-def _overwrite(forecast: Forecast, told: OracleData) -> None:
-    """Write the states that an oracle tells into the only hypothesis of a forecast."""
+def _overwrite(forecast: Forecast, oracle: OracleData) -> None:
+    """Write the states from an oracle into the only hypothesis of a forecast."""
     times = forecast.v.shape[1]
-    for i, states in (*told.copies.items(), *told.scripts.items()):
+    for i, states in (*oracle.copies.items(), *oracle.scripts.items()):
         have = min(len(states.v), times)
         forecast.pose[0, :have, i] = states.pose[:have]
         forecast.v[0, :have, i] = states.v[:have]
@@ -148,5 +148,5 @@ def _overwrite(forecast: Forecast, told: OracleData) -> None:
         forecast.s[0, :have, i] = states.s[:have]
         forecast.valid[0, :have, i] = states.valid[:have]
         forecast.valid[0, have:, i] = False
-    for i in told.scripts:
+    for i in oracle.scripts:
         forecast.reacts[i], forecast.yields[0, i] = False, False

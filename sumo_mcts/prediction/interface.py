@@ -1,4 +1,4 @@
-"""What a predictor is asked and has to answer, and what an oracle may ask."""
+"""The protocol of predictors, and the questions that an oracle may ask."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -19,13 +19,13 @@ from sumo_mcts.scene import (
 
 
 class Oracles(NamedTuple):
-    """Questions about what no sensor sees. Only oracles ask them."""
+    """Questions about the future that no sensor can answer. Only oracles ask them."""
 
     # vehicle, its lane: the lanes that it is really going to take
-    way: Callable[[str, int], Ints]
+    lanes: Callable[[str, int], Ints]
     # vehicle, time (s), step (s), count: its coming states, if it has a script
     script: Callable[[str, float, float, int], Scripted | None]
-    # scene, what its ego is to do, step (s), count: the coming states of its agents (index) in a
+    # scene, command of its ego, step (s), count: the coming states of its agents (by index), in a
     # copy of the simulation
     clone: Callable[[Scene, Follow | Release, float, int], Mapping[int, Scripted]]
 
@@ -43,8 +43,10 @@ class Predictor(Protocol):
 
 
 class OracleRecorder:
-    """Passes questions on to oracles and keeps the answers, so that the decision can be taken again
-    without them."""
+    """Passes questions on to oracles and keeps the answers.
+
+    With these the decision can be taken again without the simulation.
+    """
 
     def __init__(self, oracles: Oracles | None) -> None:
         self._ask = oracles
@@ -52,41 +54,41 @@ class OracleRecorder:
 
     def forget(self) -> None:
         """A new cycle begins."""
-        self._ways: dict[str, Ints] = {}
+        self._lanes: dict[str, Ints] = {}
         self._scripts: dict[str, Scripted] = {}
         self._copies: dict[int, Scripted] = {}
 
     def oracles(self) -> Oracles | None:
         """The oracles that are recorded; None where there are none."""
-        return None if self._ask is None else Oracles(self._way, self._script, self._clone)
+        return None if self._ask is None else Oracles(self._lanes_of, self._script, self._clone)
 
     def answers(self, ids: Sequence[str]) -> Answers:
         """The answers of this cycle, about the agents with these ids."""
-        ways = (
-            tuple(self._ways.get(vehicle, np.zeros(0, np.int32)) for vehicle in ids)
-            if self._ways
+        lanes = (
+            tuple(self._lanes.get(vehicle, np.zeros(0, np.int32)) for vehicle in ids)
+            if self._lanes
             else ()
         )
         scripts = {i: self._scripts[name] for i, name in enumerate(ids) if name in self._scripts}
         states = {**scripts, **self._copies}
         if not states:
-            return Answers(ways)
+            return Answers(lanes)
         count = min(len(each.v) for each in states.values())
         columns = {
             name: np.stack([getattr(each, name)[:count] for each in states.values()])
             for name in Scripted._fields
         }
         return Answers(
-            ways=ways,
+            ways=lanes,
             agent=np.array(list(states), np.int32),
             scripted=np.array([ids[i] in self._scripts for i in states], np.bool_),
             **columns,
         )
 
-    def _way(self, vehicle: str, lane: int) -> Ints:
+    def _lanes_of(self, vehicle: str, lane: int) -> Ints:
         assert self._ask is not None
-        self._ways[vehicle] = self._ask.way(vehicle, lane)
-        return self._ways[vehicle]
+        self._lanes[vehicle] = self._ask.lanes(vehicle, lane)
+        return self._lanes[vehicle]
 
     def _script(self, vehicle: str, time: float, step: float, count: int) -> Scripted | None:
         assert self._ask is not None

@@ -12,8 +12,8 @@ def inflate(forecast: Forecast, scene: Scene, error: float, on_foot: float) -> F
     """The forecast with boxes that are `error` (m) longer at either end, and those of persons
     `on_foot` (m) larger on every side.
 
-    By no more than half of what is between a box and the ego now: else the ego would be in contact
-    with an agent that it stands beside.
+    A margin is at most half of the distance between a box and the ego now. Else the ego would be in
+    contact with an agent beside it.
     """
     sideways = np.where(scene.agents.person, on_foot, 0.0)
     along = sideways + error

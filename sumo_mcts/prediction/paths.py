@@ -20,7 +20,7 @@ CREEPS = 5.0  # m/s: a slower vehicle on a lane that ends has found no gap, and 
 LEAVES_FROM = 0.1
 
 # Scores of a connection beside the turn scores (0.5 to 3, see _turn_score).
-TOLD = 10.0  # an oracle has seen the agent there: more than any guess
+BY_ORACLE = 10.0  # an oracle has seen the agent there: more than any guess
 CLOSED = 5.0  # lost where the agent's class may not drive
 
 # How the road goes on behind the last lane of a path (Paths.ends).
@@ -59,14 +59,14 @@ def likely_paths(
     offset[0, 1 : k + 1] = np.cumsum(road.length[ego_lanes[:k]])
     offset[0, k + 1 :] = offset[0, k]
     count[0] = k
-    told = np.full((n, LANES), -1, np.int32)
+    from_oracle = np.full((n, LANES), -1, np.int32)
     for i, lanes in known.items():
-        told[i + 1, : len(lanes)] = lanes[:LANES]
+        from_oracle[i + 1, : len(lanes)] = lanes[:LANES]
     paths = Paths(lane=lane, offset=offset, count=count, ends=np.zeros(n, np.int32))
     fastest = np.maximum(agents.v, road.speed[agents.lane])
     _extend(
         paths,
-        told,
+        from_oracle,
         agents.lane,
         agents.v,
         agents.s + np.maximum(PATH, FASTER * fastest * seconds),
@@ -80,7 +80,7 @@ def likely_paths(
 @entry
 def _extend(
     paths: Paths,
-    told: Ints,
+    from_oracle: Ints,
     lane: Ints,
     v: Floats,
     reach: Floats,
@@ -90,7 +90,8 @@ def _extend(
 ) -> None:
     """Fill the paths of the agents [N - 1], lane by lane, up to `reach` [N - 1] m.
 
-    A blinker speaks for the next turn only; `told` [N, LANES] (-1: not told) knows better.
+    A turn signal counts for the next turn only. `from_oracle` [N, LANES], its lanes from an oracle
+    (-1: none), comes first.
     """
     for i in range(len(lane)):
         row, here, side = i + 1, lane[i], blinker[i]
@@ -106,7 +107,7 @@ def _extend(
             if on >= 0 and on != here and v[i] < CREEPS:
                 paths.ends[row] = NARROWS
                 break
-            best = _best_successor(ahead, on, side, told[row], kind[i])
+            best = _best_successor(ahead, on, side, from_oracle[row], kind[i])
             if (
                 best >= 0
                 and ahead.internal[best]
@@ -123,7 +124,7 @@ def _extend(
 
 
 @inlined
-def _best_successor(ahead: Ahead, lane: int, side: int, told: Ints, kind: int) -> int:
+def _best_successor(ahead: Ahead, lane: int, side: int, from_oracle: Ints, kind: int) -> int:
     """The successor of a lane (-1: none) with the highest score, the first of several; -1: none.
 
     `side`: the blinker, -1 right, 0 none, 1 left; `kind`: class bits.
@@ -131,8 +132,8 @@ def _best_successor(ahead: Ahead, lane: int, side: int, told: Ints, kind: int) -
     best, highest = -1, -np.inf
     for k in range(ahead.first[lane], ahead.first[lane + 1] if lane >= 0 else 0):
         after = ahead.successor[k]
-        score = _turn_score(ahead.direction[after], side) + TOLD * _agreement(
-            told, ahead.edge, after
+        score = _turn_score(ahead.direction[after], side) + BY_ORACLE * _agreement(
+            from_oracle, ahead.edge, after
         )
         if ahead.classes[after] & ahead.classes[ahead.exit[after]] & kind == np.uint64(0):
             score -= CLOSED
@@ -152,11 +153,11 @@ def _turn_score(turn: int, side: int) -> float:
 
 
 @kernel
-def _agreement(told: Ints, edge: Ints, lane: int) -> float:
-    """How far a lane agrees with those told: 2 it is one of them, 1 it lies on the edge of one (the
-    vehicle changes lanes), else 0."""
+def _agreement(from_oracle: Ints, edge: Ints, lane: int) -> float:
+    """How well a lane agrees with those from an oracle: 2 it is one of them, 1 it is on the edge of
+    one (the vehicle changes lanes), else 0."""
     agreement = 0.0
-    for each in told:
+    for each in from_oracle:
         if each == lane:
             return 2.0
         if each >= 0 and edge[each] == edge[lane]:
@@ -166,8 +167,8 @@ def _agreement(told: Ints, edge: Ints, lane: int) -> float:
 
 @kernel
 def _leading_on(ahead: Ahead, lane: int, kind: int) -> int:
-    """The lane itself if it leads on, else the nearest beside it that does and that a vehicle of
-    this kind may use; -1: there is none."""
+    """The lane itself if it leads on. Else the nearest lane beside it that does and that a vehicle
+    of this kind may use. -1: there is none."""
     if ahead.first[lane + 1] > ahead.first[lane]:
         return lane
     left, right = lane, lane

@@ -73,8 +73,8 @@ def _place_off_road(pose: Floats, bodies: _Bodies, x: Floats, i: int) -> None:
 def _place_on_path(
     out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: Floats, i: int, step: float
 ) -> None:
-    """Front and rear on the path; what the body is off the centre line now, and aslant, becomes
-    less as it drives."""
+    """Front and rear on the path; the offset from the centre line and the angle to it that the body
+    has now become less as it drives."""
     row, length = i + 1, bodies.length[i]
     cs, sn = math.cos(bodies.heading[i]), math.sin(bodies.heading[i])
     start, aside, turn = x[0, row], bodies.aside[i], 0.0

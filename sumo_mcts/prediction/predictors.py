@@ -52,10 +52,10 @@ class Routes(_BuiltIn):
         if ask is None:
             return predict(self._road, question)
         lanes = {
-            int(i): ask.way(agents.ids[i], int(agents.lane[i]))
+            int(i): ask.lanes(agents.ids[i], int(agents.lane[i]))
             for i in np.flatnonzero(agents.lane >= 0)
         }
-        return predict(self._road, question, OracleData(ways=lanes))
+        return predict(self._road, question, OracleData(lanes=lanes))
 
 
 class Scripts(_BuiltIn):
@@ -84,8 +84,8 @@ class Clone(_BuiltIn):
         copies = self._oracles.clone(
             question.scene, question.command, step, times_of(question.seconds, step)
         )
-        told = OracleData(scripts={i: copies[i] for i in scripted}, copies=copies)
-        return predict(self._road, question, told)
+        data = OracleData(scripts={i: copies[i] for i in scripted}, copies=copies)
+        return predict(self._road, question, data)
 
 
 def _scripts(oracles: Oracles, question: Question) -> dict[int, Scripted]:

@@ -27,8 +27,8 @@ def script_poses(
 ) -> Floats:
     """[M, 4] (columns X .. SIN) where a vehicle's box is after each step.
 
-    Its front is then on lane [M] at s [M] (m) with offset d [M] (m, left positive), after a step
-    (s) with speed v [M] (m/s); `length` m.
+    After a step (s) with speed v [M] (m/s) its front is on lane [M] at s [M] (m), with offset d [M]
+    (m, left positive). `length`: m.
     """
     driven = np.concatenate([[0.0], np.cumsum(v[1:] * step)])
     pose = np.zeros((len(lane), 4))

@@ -19,13 +19,13 @@ from sumo_mcts.prediction.following import follow_accel
 from sumo_mcts.scene import FORCES, Bools, Floats, Ints
 
 # Stopping.
-BEFORE = 1.0  # m before a line at which a driver stops, as late as possible,
-CLOSER = 0.5  # m nearer where it waits for others: SUMO's drivers do so 0.1 m before the line
-# m/s2 beyond which no driver stops for a red light or a vehicle that has the right of way: a little
-# more than they brake with
+BEFORE = 1.0  # m before a line at which a driver stops
+CLOSER = 0.5  # m less where it waits for others: SUMO's drivers do so 0.1 m before the line
+# m/s2 beyond which no driver stops for a red light or a foe with the right of way: a little more
+# than drivers brake with
 STOPS = 5.0
-AT_SIGN = 9.0  # m/s2, likewise at a stop sign and at the end of a lane, where every driver stops
-RED_VIEW = 80.0  # m before a red light from which on a driver heeds it
+AT_SIGN = 9.0  # m/s2, the same at a stop sign and the end of a lane, where every driver stops
+RED_VIEW = 80.0  # m before a red light from which on a driver brakes for it
 
 # Stop signs.
 INSIDE = -1e9  # Progress.rank of a vehicle inside a junction
@@ -55,8 +55,10 @@ def halt_accel(q: TrafficParams, v: float, distance: float, most: float) -> floa
 def line_accel(
     q: TrafficParams, c: Course, i: int, k: int, t: int, x: float, v: float, rank: float
 ) -> float:
-    """Acceleration for the red light, the stop sign and the end of the lane ahead of vehicle i, on
-    the k-th lane of its path at the t-th time, m/s2; inf: nothing to stop for."""
+    """Acceleration for red lights, stop signs and the end of the lane ahead of vehicle i, m/s2.
+
+    It is on the k-th lane of its path at the t-th time. inf: nothing to stop for.
+    """
     a = math.inf
     for m in range(k + 1, c.lanes[i]):
         distance = c.offset[i, m] - x
@@ -102,8 +104,9 @@ def yield_accel(
     i: int,
     t: int,
 ) -> float:
-    """Acceleration with which vehicle i stops before a stretch that a foe with the right of way
-    will use, or falls in behind the foe that merges first, m/s2; inf: neither.
+    """Acceleration of vehicle i for foes with the right of way, m/s2; inf: there are none.
+
+    It stops before the stretch that both use, or falls in behind a foe that merges first.
 
     `polite` [N]: set where it lets the ego pass.
     """

@@ -5,9 +5,9 @@ child ends, the user gets one line, a documented exit status and a clean tempora
 process stays behind. The parent imports nothing heavy, so it answers signals from the start.
 
     parent  blocks signals, forks, waits; sends signals on to the child; kills a child that does
-            not heed them
-    child   runs the command; writes lines to the parent: "!", a signal is heeded, and "=N", only
-            the end is missing, with status N
+            not respond to them
+    child   runs the command; writes lines to the parent: "!", it responds to a signal; "=N", the
+            results are written and its status will be N
 """
 
 import ctypes
@@ -28,10 +28,10 @@ FAILED = 1  # exit status
 WORDS: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 if hasattr(signal, "SIGHUP"):  # not on Windows
     WORDS[signal.SIGHUP] = "hung up"
-TICK_S = 0.5  # between two looks at the child
-UNHEARD_S = 2.0  # for a child to begin to heed a signal: in compiled code it cannot
-HEEDED_S = 20.0  # for a child that heeds one, to keep its rows and end its workers
-CLOSING_S = 5.0  # for a child whose results are out: SUMO's window may never close
+TICK_S = 0.5  # between two checks of the child
+UNANSWERED_S = 2.0  # until a child has to respond to a signal: in compiled code it cannot
+HEEDED_S = 20.0  # for a child that responds, to write its rows and end its workers
+CLOSING_S = 5.0  # for a child with written results: SUMO's window may never close
 AGAIN_S = 0.5  # a terminal signals parent and child alike: within this time it is the same signal
 DEBUG = "SUMO_MCTS_DEBUG"  # environment variable: run in this process, and show tracebacks
 _DOING = "doing.txt"  # in the child's temporary folder
@@ -45,14 +45,14 @@ def supervised(command: Command) -> int:
     if not hasattr(signal, "sigtimedwait") or os.environ.get(DEBUG):
         return command()
     watched = {signal.SIGCHLD, *_watched()}
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, watched)  # from now on they wait for us
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, watched)  # sigtimedwait takes them
     try:
         scratch = Path(tempfile.mkdtemp(prefix="sumo_mcts-"))
     except OSError as error:
         return _say_failed(f"{error.filename or 'temporary folder'}: {error.strerror or error}")
     try:
         return _forked(command, scratch, watched, mask)
-    except OSError as error:  # no room for a process
+    except OSError as error:  # no memory, or too many processes
         return _say_failed(f"cannot start a process: {error.strerror}")
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
@@ -78,7 +78,7 @@ def silence_libraries() -> None:
 
 
 class _Child:
-    """What this process knows of its supervision, if it is supervised."""
+    """The state of this process as a supervised child."""
 
     pipe: int | None = None  # to the parent
     scratch: Path | None = None
@@ -86,7 +86,7 @@ class _Child:
 
 
 def doing(what: str) -> None:
-    """Note what is going on: the parent tells it where that kills this process.
+    """Note what this process does: the parent prints it if the process is killed meanwhile.
 
     "" stands for nothing special.
     """
@@ -96,7 +96,7 @@ def doing(what: str) -> None:
 
 
 def results_are_out(status: int) -> None:
-    """Tell the parent that only the end is missing.
+    """Report to the parent that the results are written.
 
     After CLOSING_S the parent ends this process, with this status.
     """
@@ -107,7 +107,7 @@ def results_are_out(status: int) -> None:
 def heeding(act: Callable[[int], None]) -> Iterator[None]:
     """Call `act` with the number of each signal that asks for the end.
 
-    The parent learns that the signal is heeded.
+    The parent gets the report that this process responds to the signal.
     """
 
     def heed(number: int, _: object) -> None:
@@ -125,7 +125,7 @@ def heeding(act: Callable[[int], None]) -> Iterator[None]:
 
 
 def _watched() -> list[int]:
-    """The signals that ask for the end, without those that `nohup` has us ignore."""
+    """The signals that ask for the end, without those that are ignored because of `nohup`."""
     return [
         number
         for number in WORDS
@@ -139,14 +139,16 @@ def _report(text: str) -> None:
             os.write(_Child.pipe, f"{text}\n".encode())
 
 
-def _live(command: Command, scratch: Path, pipe: int, mask: set[int | signal.Signals]) -> NoReturn:
-    """The whole life of the child."""
+def _run_child(
+    command: Command, scratch: Path, pipe: int, mask: set[int | signal.Signals]
+) -> NoReturn:
+    """All that the child does, from the fork to its exit."""
     status = FAILED
     try:
         die_with_parent()
         _Child.pipe, _Child.scratch = pipe, scratch
         tempfile.tempdir = str(scratch)  # the parent removes it, however the child ends
-        with heeding(_leave):  # until the command heeds them itself
+        with heeding(_leave):  # until the command has handlers of its own
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             status = command()
     except BaseException as error:
@@ -195,7 +197,7 @@ def _forked(
     child = os.fork()
     if child == 0:
         os.close(reading)
-        _live(command, scratch, writing, mask)
+        _run_child(command, scratch, writing, mask)
     os.close(writing)
     try:
         return _Watch(child, reading, scratch).status(watched)
@@ -211,7 +213,7 @@ class _Watch:
         self._asked: int | None = None  # the signal that asked for the end, and
         self._asked_at = 0.0  # when, s
         self._kill_at = float("inf")  # s
-        self._result: int | None = None  # the status, once only the end of the child is missing
+        self._result: int | None = None  # the status, once the results are written
 
     def status(self, watched: set[int]) -> int:
         """Wait for the child's end; the exit status. Writes the line that the child cannot."""
@@ -231,7 +233,7 @@ class _Watch:
     def _forward(self, number: int) -> None:
         now = time.monotonic()
         if self._asked is None:
-            self._asked, self._asked_at, self._kill_at = number, now, now + UNHEARD_S
+            self._asked, self._asked_at, self._kill_at = number, now, now + UNANSWERED_S
         elif now - self._asked_at >= AGAIN_S:  # asked twice: at once
             self._kill_at = now
         os.kill(self._child, number)
@@ -246,7 +248,7 @@ class _Watch:
             if (
                 line == "!"
                 and self._asked is not None
-                and self._kill_at == self._asked_at + UNHEARD_S
+                and self._kill_at == self._asked_at + UNANSWERED_S
             ):
                 self._kill_at = self._asked_at + HEEDED_S
             elif line.startswith("="):

@@ -1,6 +1,6 @@
 """What episodes leave behind in a folder: rows, manifests, traces and maps.
 
-Each module tells its part; these are the names that the rest of the package uses.
+Each module describes its part; these are the names that the rest of the package uses.
 """
 
 from sumo_mcts.records.codec import TraceError

@@ -5,8 +5,8 @@ That is the shape of every field, and the bounds of its numbers.
 Compiled code checks no index, so a damaged number would make it read beyond an array. RULES says
 field by field what scene.py and trace.py say in words. A shape names sizes: the first field with
 a size sets it, and all others have to agree. Sizes with a capital letter hold for a whole decision
-or map, those with a small one for one tuple; `lanes`, `edges` and so on are those of the map, and
-bound nothing while the map is not known.
+or map, those with a small one for one tuple. `lanes`, `edges` and so on are the sizes of the map;
+without a map they are not checked.
 """
 
 import math
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sumo_mcts.scene import LEAST_SPEED, VEHICLE_CLASSES, RoadMap
 
 FAR = 1e8  # m: coordinates of all projections that SUMO writes lie within
-LARGE = 1e10  # of every other number; SUMO says -1.07e9 where it knows none
+LARGE = 1e10  # bound of every other number; SUMO writes -1.07e9 for an unknown one
 LONGEST = 1e6  # m of a lane
 ROUTE = 2e6  # m of all lanes of a route together: a table has a row for each metre
 INSIDE = 50  # lanes one after the other inside a junction
@@ -161,7 +161,7 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "lane": _index("lanes", "a", "t"), "s": Rule(("a", "t")), "valid": Rule(("a", "t")),
     },
 }  # fmt: skip
-WAY = _index("lanes", "w")  # one of Answers.ways
+ANSWERED = _index("lanes", "w")  # one of Answers.ways
 
 
 def map_problem(road: RoadMap) -> str:
@@ -170,7 +170,7 @@ def map_problem(road: RoadMap) -> str:
 
 
 def trace_problem(trace: Any) -> str:
-    """What is wrong with a trace, by field, as far as it tells without its map; "": nothing."""
+    """The problem of a trace, by field, as far as it shows without its map; "": none."""
     return next(_wrong(trace, "trace", {}), "") or next(_trace_wrong(trace), "")
 
 
@@ -215,7 +215,7 @@ def _parts_wrong(part: Any, where: str, sizes: Sizes) -> Iterator[str]:
             if hasattr(item, "_fields"):
                 yield from _wrong(item, f"{where}[{i}]", dict(sizes))
             elif isinstance(item, np.ndarray):
-                yield from _field_wrong(item, WAY, f"{where}[{i}]", dict(sizes))
+                yield from _field_wrong(item, ANSWERED, f"{where}[{i}]", dict(sizes))
 
 
 def _field_wrong(value: Any, rule: Rule, where: str, sizes: Sizes) -> Iterator[str]:
@@ -317,8 +317,11 @@ def _lanes_wrong(road: RoadMap) -> Iterator[str]:
 
 
 def _circles(origin: NDArray[Any], target: NDArray[Any]) -> bool:
-    """Whether the arrows from origin [K] to target [K] lead round in a circle, or through more than
-    INSIDE lanes: some are left after the last ones were taken off so often."""
+    """Whether the arrows from origin [K] to target [K] form a circle, or a chain of more than
+    INSIDE lanes.
+
+    The last arrows are removed INSIDE times; then none may be left.
+    """
     for _ in range(INSIDE):
         goes_on = np.isin(target, origin)
         origin, target = origin[goes_on], target[goes_on]

@@ -56,8 +56,8 @@ def packed(columns: Columns) -> bytes:
 def load_columns(path: Path, kind: type, what: str, problem_of: Callable[[Any], str]) -> Any:
     """The value of this kind in a file.
 
-    `what` names the kind in messages; `problem_of` tells what is wrong with its numbers. Raises
-    TraceError where the file is no such value, OSError where it cannot be read.
+    `what` names the kind in messages; `problem_of` finds wrong numbers. Raises TraceError where the
+    file is no such value, OSError where it cannot be read.
     """
     try:
         columns = _unpacked(path)

@@ -1,6 +1,6 @@
 """The table of a row's keys in docs/measures.md, from the table of measures.
 
-`python -m sumo_mcts.records.docs` in a checkout writes it anew.
+`python -m sumo_mcts.records.docs` in a checkout writes it again.
 """
 
 from collections.abc import Iterable
@@ -23,7 +23,7 @@ def tables() -> str:
 
 
 def refreshed(text: str) -> str:
-    """The text with everything between BEGIN and END made anew.
+    """The text with everything between BEGIN and END made again.
 
     Raises ValueError where a mark is missing.
     """

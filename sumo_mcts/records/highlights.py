@@ -108,7 +108,7 @@ def order(row: Row) -> Order:
 
 
 def is_highlight(row: Row, bar: Bar) -> bool:
-    """Whether the trace of an episode is kept, as far as the bar tells."""
+    """Whether the trace of an episode is kept by this bar."""
     if row["planner"] == TWIN:
         return bar.twins
     found = reasons(row)

@@ -1,7 +1,7 @@
 """The one table of measures: every key of an episode's row.
 
-From MEASURES come the order and the types of a row (rows.py), the columns of episodes.csv, the
-reference table of docs/measures.md (docs.py) and the check of rows that are read
+MEASURES gives the order and the types of a row (rows.py) and the columns of episodes.csv. It also
+gives the reference table of docs/measures.md (docs.py) and the check of rows that are read
 (reporting/results.py). A report counts, labels and explains each key by it (reporting/columns.py).
 
 A new measure takes three files: the code that computes it, its line here, its test. With a label
@@ -182,7 +182,7 @@ MEASURES = (
     Measure("realtime_factor", NUMBER, "Simulated over wall time of the whole episode.", "×",
             "Real time", Count.MEDIAN, 1),
 
-    # What tells whether two episodes are the same.
+    # Digests to compare two episodes with.
     Measure("trace_digest", TEXT, "SHA-256 over decisions and executed states, without times on "
             "the clock: the same seed gives the same digest."),
     Measure("config_digest", TEXT, "SHA-256 of the resolved scenario, file names without their "

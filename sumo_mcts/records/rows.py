@@ -76,7 +76,8 @@ def append_row(folder: Path, row: Mapping[str, Any]) -> None:
     with files.naming(folder / ROWS):
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / ROWS).open("a+b", buffering=0) as file:
-            # A killed process may have left half a line: it must not swallow this one.
+            # A killed process may have left half a line, which must not become one line with this
+            # row.
             if file.tell() and _last_byte(file) != b"\n":
                 line = b"\n" + line
             _append_whole(file, line)
@@ -142,8 +143,8 @@ def _last_byte(file: IO[bytes]) -> bytes:
 
 
 def _append_whole(file: io.FileIO, content: bytes) -> None:
-    """Add to the end of an unbuffered file wholly and onto the disk, or leave it as it was: a full
-    disk may take half of the content."""
+    """Append content to an unbuffered file, and write it to the disk. If that fails, the file is as
+    before: a full disk may take a part of the content."""
     end = file.seek(0, os.SEEK_END)
     try:
         while content:

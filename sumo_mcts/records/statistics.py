@@ -46,8 +46,8 @@ class Estimate(NamedTuple):
 
 
 class Contrast(NamedTuple):
-    """In how many of n pairs something happened to each of the two, and the difference in episodes
-    per hundred with its 95 % bootstrap interval, if any."""
+    """The number of events in n pairs for each of the two, and their difference per hundred
+    episodes, with its 95 % bootstrap interval if there is one."""
 
     k: int
     other: int

@@ -174,8 +174,8 @@ def load_map(folder: Path, name: str) -> RoadMap:
 
 
 def require_fit(trace: Trace, road: RoadMap, numbers: Iterable[int] | None = None) -> None:
-    """Raise TraceError where decisions of a trace (default: all) do not fit the map: impossible
-    numbers, or lanes, edges or signals that the map does not have."""
+    """Raise TraceError where decisions of a trace (default: all) have impossible numbers, or name
+    lanes, edges or signals that the map does not have."""
     problem = check.fit_problem(
         trace, road, range(len(trace.cycles)) if numbers is None else numbers
     )

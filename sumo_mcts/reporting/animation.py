@@ -38,13 +38,13 @@ from sumo_mcts.scene import Floats
 
 FPS = 10
 REAL_TIME_S = 30.0  # a drive up to so long is shown in real time
-FAST_S = 16.0  # a longer one so many times faster, a whole number, that it takes at most so long
-# Bytes of a GIF in real time for up to 20 s, in proportion beyond, twice as much for a faster one.
-# Where it has more, every second frame is left out.
+FAST_S = 16.0  # a longer one is shown faster, by a whole factor, in at most this time
+# Bytes of a GIF in real time of up to 20 s. A longer one may have more in proportion, a faster one
+# twice as many. Beyond that every second frame is left out.
 GIF_BYTES = 1_500_000
 HOLD_MS = 1500  # the last frame stays
 _BAND = 44  # px: the line of text below the scene
-Note = Callable[[str], object]  # is told what takes long
+Note = Callable[[str], object]  # gets a message before work that takes long
 
 
 def silent(text: str) -> None:

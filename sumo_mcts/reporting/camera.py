@@ -40,8 +40,11 @@ def shot_at(trace: Trace, time: float) -> Shot:
 
 
 def views_of(shots: list[Shot], size: tuple[int, int], largest: float = 110.0) -> list[View]:
-    """The window of each shot, of this size in px: the same for all where the ego's trajectory fits
-    into `largest` m, else windows of one scale that move with the ego."""
+    """The window of each shot, of this size in px.
+
+    It is the same for all if the ego's trajectory fits into `largest` m. Else the windows have one
+    scale and move with the ego.
+    """
     wide, tall = size
     stretch = min(max(wide / tall / 1.3, 1.0), 1.8)  # a strip may show more of the road
     spans = _extent(shots)

@@ -12,25 +12,25 @@ def swatch(colour: str) -> str:
     return f'<span class="swatch {colour}"></span>'
 
 
-def select(name: str, options: Mapping[str, str], chosen: str = "", told: str = "") -> str:
+def select(name: str, options: Mapping[str, str], chosen: str = "", label_text: str = "") -> str:
     """A choice among values, each with its label.
 
-    `told`: what is chosen, where no label beside it says so.
+    `label_text`: the name of the choice for screen readers, where there is no visible label.
     """
     entries = (
         f'<option value="{escape(value)}"{" selected" if value == chosen else ""}>'
         f"{escape(label)}</option>"
         for value, label in options.items()
     )
-    label = f' aria-label="{told}"' if told else ""
+    label = f' aria-label="{label_text}"' if label_text else ""
     return f'<select id="{name}"{label}>{"".join(entries)}</select>'
 
 
 def number_cell(value: str, shown: str, within: str = "", bar: str = "") -> str:
     """A table cell that sorts by `value`; "": unknown."""
     drawn = f'<span class="kn">{shown}</span>{bar}' if within else shown
-    told = f' <span class="iv">{within}</span>' if within else ""
-    return f'<td class="n{" share" if within else ""}" data-v="{value}">{drawn}{told}</td>'
+    interval = f' <span class="iv">{within}</span>' if within else ""
+    return f'<td class="n{" share" if within else ""}" data-v="{value}">{drawn}{interval}</td>'
 
 
 def bar(cell: Rate, kind: str) -> str:

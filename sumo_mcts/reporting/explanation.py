@@ -182,8 +182,8 @@ def _stop_line(cycle: CycleRecord, road: RoadMap) -> dict[str, Any] | None:
 
 
 def closest(cycle: CycleRecord) -> Floats:
-    """[H, N, 2] the least distance of each agent to the ego, m between the boxes, and its time, s
-    from now, if the plan is driven and the hypothesis is true.
+    """[H, N, 2] the least distance between the boxes of each agent and the ego, m, and its time, s
+    from now. It holds if the plan is driven and the hypothesis is true.
 
     Boxes lie in the plane, so an agent on a bridge above the ego comes near, too. Without a plan
     the ego stays as it is now.
@@ -265,13 +265,13 @@ def _intent_words(
 ) -> str:
     does = 0 if intent is None else intent.does
     if intent is not None and does == TURNS:
-        return f"{about} takes another way, to {_lane(road, intent.way[-1])}"
+        return f"{about} takes another path, to {_lane(road, intent.way[-1])}"
     words = {
         FORCES: "does not let the ego pass",
         BRAKES: "stops" if walks else "brakes hard, to a stand",
         STARTS: "starts, though it has stood for a while",
     }
-    return f"{about} {words[does]}" if does in words else "everybody does what is likeliest"
+    return f"{about} {words[does]}" if does in words else "all agents do what is likeliest"
 
 
 def _action(children: Sequence[RootChild], i: int, setting: Setting) -> dict[str, Any]:

@@ -21,29 +21,30 @@ _STOOD = {
 LOST = "every sequence ends in a contact: the one that loses least"
 
 
-def text(told: dict[str, Any]) -> str:
-    """The explanation as text; `told` as explanation.explain gives it."""
-    oracle = " (an oracle)" if is_oracle(told["prediction"]) else ""
+def text(explained: dict[str, Any]) -> str:
+    """The explanation as text; `explained` is the result of explanation.explain."""
+    oracle = " (an oracle)" if is_oracle(explained["prediction"]) else ""
     forecast = (
         ""
-        if told["prediction"] is None
-        else f", forecast {told['prediction'].removesuffix(ORACLE_MARK)}{oracle}"
+        if explained["prediction"] is None
+        else f", forecast {explained['prediction'].removesuffix(ORACLE_MARK)}{oracle}"
     )
     head = (
-        f"{told['key']}: decision {told['cycle']} of {told['cycles']}, at {told['time_s']:.1f} "
-        f"s; planner {told['planner'] or 'unknown'}{forecast}{_stood(told['stood'])}"
+        f"{explained['key']}: decision {explained['cycle']} of {explained['cycles']}, at "
+        f"{explained['time_s']:.1f} s; planner {explained['planner'] or 'unknown'}{forecast}"
+        f"{_stood(explained['stood'])}"
     )
     parts = [
         [head],
-        _ego_lines(told["ego"]),
-        _agent_lines(told),
-        _hypothesis_lines(told),
-        _action_lines(told),
-        _decision_lines(told),
-        _executed_lines(told),
+        _ego_lines(explained["ego"]),
+        _agent_lines(explained),
+        _hypothesis_lines(explained),
+        _action_lines(explained),
+        _decision_lines(explained),
+        _executed_lines(explained),
     ]
-    if "replan" in told:
-        parts.append(_again_lines(told, told["replan"]))
+    if "replan" in explained:
+        parts.append(_again_lines(explained, explained["replan"]))
     return "\n\n".join("\n".join(part) for part in parts if part)
 
 
@@ -68,10 +69,10 @@ def _ego_lines(ego: dict[str, Any]) -> list[str]:
     return [line, f"  {ahead['kind']} in {ahead['distance_m']:.0f} m: {ahead['shows']}{lasts}"]
 
 
-def _agent_lines(told: dict[str, Any]) -> list[str]:
-    agents = told["agents"]
+def _agent_lines(explained: dict[str, Any]) -> list[str]:
+    agents = explained["agents"]
     if not agents:
-        return ["others: nobody in sight"]
+        return ["others: none in sight"]
     shown = [
         agent
         for agent in agents
@@ -103,8 +104,8 @@ def _marks(agent: dict[str, Any]) -> str:
     return ", ".join(words)
 
 
-def _hypothesis_lines(told: dict[str, Any]) -> list[str]:
-    hypotheses = told["hypotheses"]
+def _hypothesis_lines(explained: dict[str, Any]) -> list[str]:
+    hypotheses = explained["hypotheses"]
     if len(hypotheses) < 2:
         return []
     rows = [["", "weight", ""]]
@@ -120,8 +121,8 @@ def _hypothesis_lines(told: dict[str, Any]) -> list[str]:
     return ["hypotheses about the others:", *_table(rows)]
 
 
-def _action_lines(told: dict[str, Any]) -> list[str]:
-    actions = told["actions"]
+def _action_lines(explained: dict[str, Any]) -> list[str]:
+    actions = explained["actions"]
     if not actions:
         return []
     several = max(len(action["hypotheses"]) for action in actions)
@@ -160,8 +161,8 @@ def _total(terms: dict[str, float | None]) -> float | None:
     return None if None in values else sum(value for value in values if value is not None)
 
 
-def _decision_lines(told: dict[str, Any]) -> list[str]:
-    decision = told["decision"]
+def _decision_lines(explained: dict[str, Any]) -> list[str]:
+    decision = explained["decision"]
     reason = decision["reason"]
     if decision["fail_safe"]:
         return [
@@ -169,12 +170,12 @@ def _decision_lines(told: dict[str, Any]) -> list[str]:
             f"  in place of what the planner decided; {reason}",
         ]
     why = REASONS.get(reason, LOST if reason == "brake" else reason)
-    effort = f", after {decision['iterations']} iterations" if decision["iterations"] else ""
-    return [f"decision: {decision['words']}", f"  {why}{effort}"]
+    passes = f", after {decision['iterations']} iterations" if decision["iterations"] else ""
+    return [f"decision: {decision['words']}", f"  {why}{passes}"]
 
 
-def _executed_lines(told: dict[str, Any]) -> list[str]:
-    executed = told["executed"]
+def _executed_lines(explained: dict[str, Any]) -> list[str]:
+    executed = explained["executed"]
     if executed["until_s"] is None:
         return [f"in SUMO: {executed['outcome'].replace('_', ' ')} before the next decision"]
     commanded = (
@@ -187,7 +188,7 @@ def _executed_lines(told: dict[str, Any]) -> list[str]:
     return [f"in SUMO at {executed['until_s']:.1f} s: {commanded}, was {came}{deviation}"]
 
 
-def _again_lines(told: dict[str, Any], again: dict[str, Any]) -> list[str]:
+def _again_lines(explained: dict[str, Any], again: dict[str, Any]) -> list[str]:
     """The decision taken again, beside the recorded one where it is another."""
     settings = f"with {', '.join(again['set'])}" if again["set"] else "with the same settings"
     if again["identical"]:
@@ -204,12 +205,12 @@ def _again_lines(told: dict[str, Any], again: dict[str, Any]) -> list[str]:
         ("iterations", "iterations"),
         ("best J", "cost"),
     ):
-        rows.append([name, *(_shown(each["decision"][of]) for each in (told, again))])
+        rows.append([name, *(_shown(each["decision"][of]) for each in (explained, again))])
     verdict = "the same command" if again["same_command"] else "another command"
     return [
         f"taken again {settings}: {verdict}{doubt}",
         *_table(rows),
-        *_beside(told["actions"], again["actions"]),
+        *_beside(explained["actions"], again["actions"]),
     ]
 
 

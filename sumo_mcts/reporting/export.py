@@ -33,8 +33,9 @@ def write_csv(path: Path, trace: Trace, road: RoadMap) -> None:
 
 
 def write_fcd(path: Path, trace: Trace, road: RoadMap) -> None:
-    """Write a time step for each cycle, as SUMO does: the middle of the front bumper, degrees
-    clockwise from north, and the time at which the step began that led there. Raises OSError."""
+    """Write a time step for each cycle, as SUMO does. Positions are the middle of the front bumper,
+    angles degrees clockwise from north. The time is the one at which the step to that state began.
+    Raises OSError."""
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         "<fcd-export>",

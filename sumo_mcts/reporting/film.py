@@ -82,5 +82,5 @@ def _is_whole(content: bytes) -> bool:
 
 
 def _even(frame: Image.Image) -> Image.Image:
-    """Without the last row or column where the encoder wants an even number."""
+    """Without the last row or column where the encoder needs an even number."""
     return frame.crop((0, 0, frame.width // 2 * 2, frame.height // 2 * 2))

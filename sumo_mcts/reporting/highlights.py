@@ -30,10 +30,10 @@ class _Candidate(NamedTuple):
 def choose_highlights(rows: Sequence[Row], most: int) -> tuple[list[Highlight], int]:
     """The highlights to show, `most` at most, and how many there are.
 
-    These are, of each scenario and variant, the episodes in which something went wrong and EACH of
-    the hardest moments of every kind, or else the first episode. They are chosen in turns, the
-    gravest of each variant first, so that one bad planner does not fill the list. Planners that do
-    not search come after those that do; SUMO's own driver is left out.
+    For each scenario and variant these are the episodes in which something went wrong, and EACH of
+    the hardest moments of every kind. Without any of these it is the first episode. They are chosen
+    in turns, the gravest of each variant first, so that one bad planner does not fill the list.
+    Planners that do not search come after those that do; SUMO's own driver is left out.
     """
     twins = {place(twin): twin for twin in reversed(twins_of(rows))}
     groups = grouped(driven(rows)).values()

@@ -58,7 +58,9 @@ def page(
             for variant in labels(rows)
         ),
         "summary": html_table(found[0], rows, colour),
-        "scenes": select("scene", {scenario: scenario for scenario in scenarios}, told="Scenario"),
+        "scenes": select(
+            "scene", {scenario: scenario for scenario in scenarios}, label_text="Scenario"
+        ),
         "legend": legend(rows, colour),
         "figures": "".join(
             figures(scenario, those, colour) for scenario, those in scenarios.items()

@@ -76,14 +76,14 @@ def _twin_tiles(both: Sequence[Pair]) -> list[str]:
             for percent, value in zip(SLOW, slow_ratios(both), strict=True)
             if value is not None
         ]
-        told = ", ".join([interval(ratio), f"median of {counted(ratio.n, 'pair')}", *slow])
-        found.append(_tile("Travel time", shown, told))
+        text = ", ".join([interval(ratio), f"median of {counted(ratio.n, 'pair')}", *slow])
+        found.append(_tile("Travel time", shown, text))
     if imposed is not None:
-        told = (
+        text = (
             f"beyond 3 m/s²; SUMO's driver {imposed.other}: {signed(imposed.per_hundred)} per "
             f"hundred{spread(imposed)}"
         )
-        found.append(_tile("Imposed braking", f"{imposed.k}<small>of {imposed.n}</small>", told))
+        found.append(_tile("Imposed braking", f"{imposed.k}<small>of {imposed.n}</small>", text))
     return found
 
 
@@ -92,14 +92,14 @@ def _planning_tiles(rows: Sequence[Row]) -> list[str]:
     typical = cell_of("plan_ms_p50", rows)
     if not cycles or not isinstance(typical, float):
         return []
-    told = f"median; {late:g} of {counted(int(cycles), 'decision')} late"
-    return [_tile("Decision time", f"{number(typical, 1)}<small>ms</small>", told)]
+    text = f"median; {late:g} of {counted(int(cycles), 'decision')} late"
+    return [_tile("Decision time", f"{number(typical, 1)}<small>ms</small>", text)]
 
 
-def _tile(label: str, big: str, told: str, bar: str = "") -> str:
+def _tile(label: str, big: str, text: str, bar: str = "") -> str:
     return (
         f'<div class="tile"><h3>{escape(label)}</h3><div '
-        f'class="big">{big}</div>{bar}<p>{escape(told)}</p></div>'
+        f'class="big">{big}</div>{bar}<p>{escape(text)}</p></div>'
     )
 
 

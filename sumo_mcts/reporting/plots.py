@@ -219,7 +219,7 @@ def _spread_line(found: Spread, across: Axis, y: float) -> str:
 
 
 def _spread_words(found: Spread, unit: str) -> tuple[str, str]:
-    """What stands at the end of the line, and what is told on hover."""
+    """The label at the end of the line, and the text on hover."""
     if not found.known:
         return "none", f"{found.label}: none in any of {found.of} episodes"
     q = [number(value, 2) for value in found.quantiles]

@@ -1,4 +1,5 @@
-"""A trace as the report's page replays it: what is drawn and told, in whole numbers, packed.
+"""A trace as the report's page replays it: everything that is drawn or written, as packed whole
+numbers.
 
 Lengths are centimetres (of tried actions and forecasts decimetres), angles milliradians, speeds
 cm/s, costs thousandths. What changes slowly is written as differences, which pack well: `delta`
@@ -37,7 +38,7 @@ def packed(trace: Trace) -> str:
 
 
 def replay(trace: Trace) -> Packed:
-    """What the page draws and tells."""
+    """The data that the page draws and writes."""
     if not trace.cycles:
         raise ValueError(f"{trace.key}: the trace holds no cycle")
     origin = np.floor([trace.cycles[0].ego.x, trace.cycles[0].ego.y])

@@ -17,7 +17,7 @@ from sumo_mcts.records.statistics import TWIN, place
 from sumo_mcts.reporting.variants import planner_rank, twins_of
 
 _SHARDS = 1_000_000  # that an experiment may have been cut into
-_TOLD = 8  # names in a note
+_NAMED = 8  # names in a note
 
 
 class Results(NamedTuple):
@@ -29,7 +29,7 @@ class Results(NamedTuple):
     # ego.
     rows: tuple[Row, ...]
     traces: dict[str, Path]  # by the key of the row; only those that exist
-    versions: dict[str, str]  # of the first folder that tells
+    versions: dict[str, str]  # of the first folder that has them
     notes: tuple[str, ...]  # what a reader has to know about missing or broken things
 
 
@@ -112,19 +112,19 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
             f"{named}: up to {max(missing.values())} of {len(lines)} rows are of another version, "
             f"without {some_of(list(missing))}"
         )
-    told = {line["key"]: line for line in lines}  # of the same key the last
+    latest = {line["key"]: line for line in lines}  # of the same key the last
     rows = {
         name: {
             key: _allowed(key, line.get(key))
             for key in (*ROW_KEYS, *(each.key for each in PAIRING if each.key in line))
         }
-        for name, line in told.items()
+        for name, line in latest.items()
     }
     strange = dict.fromkeys(
         key
         for name, row in rows.items()
         for key, value in row.items()
-        if value is None and told[name].get(key) is not None
+        if value is None and latest[name].get(key) is not None
     )
     if strange:
         notes.append(
@@ -137,8 +137,8 @@ def _rows_of(folder: Path) -> tuple[dict[str, Row], list[str]]:
 
 def some_of(names: Sequence[str]) -> str:
     """The names, the first of many."""
-    more = len(names) - _TOLD
-    return ", ".join(names[:_TOLD]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _allowed(key: str, value: Any) -> Any:
@@ -204,9 +204,9 @@ def _other_shards(manifests: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _shard_of(manifest: Mapping[str, Any]) -> tuple[int, int]:
-    """The shard's number and how many there are; (0, 0): the manifest does not tell."""
-    told = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", str(manifest.get("shard", "")))
-    return (0, 0) if told is None else (int(told[1]), int(told[2]))
+    """The shard's number and how many there are; (0, 0): the manifest does not say."""
+    match = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", str(manifest.get("shard", "")))
+    return (0, 0) if match is None else (int(match[1]), int(match[2]))
 
 
 def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -217,12 +217,14 @@ def _doubts(rows: Sequence[Row], manifests: Sequence[Mapping[str, Any]]) -> list
     if several:
         said = f"episodes have several twins (planner {TWIN}); the first is the one compared with"
         doubts.append(f"{several} {said}")
-    told = [
+    recorded = [
         manifest["versions"] for manifest in manifests if isinstance(manifest.get("versions"), dict)
     ]
     for name in DECIDING:
         found = list(
-            dict.fromkeys(printable(str(versions[name])) for versions in told if versions.get(name))
+            dict.fromkeys(
+                printable(str(versions[name])) for versions in recorded if versions.get(name)
+            )
         )
         if len(found) > 1:
             doubts.append(
@@ -273,19 +275,21 @@ def _title(
     scenarios = {row["scenario"] for row in rows}
     for manifest in manifests:
         for key in ("experiment", "scenario"):
-            told = manifest.get(key)
+            recorded = manifest.get(key)
             if (
-                isinstance(told, dict)
-                and isinstance(told.get("name"), str)
-                and (key == "experiment" or scenarios == {told["name"]})
+                isinstance(recorded, dict)
+                and isinstance(recorded.get("name"), str)
+                and (key == "experiment" or scenarios == {recorded["name"]})
             ):
-                return printable(told["name"]), printable(str(told.get("description") or ""))
+                return printable(recorded["name"]), printable(
+                    str(recorded.get("description") or "")
+                )
     return ", ".join(dict.fromkeys(folder.resolve().name for folder in folders)), ""
 
 
 def _versions(manifests: Iterable[dict[str, Any]]) -> dict[str, str]:
     """The versions in the first manifest that has some."""
-    told: dict[Any, Any] = next(
+    versions: dict[Any, Any] = next(
         (
             manifest["versions"]
             for manifest in manifests
@@ -294,7 +298,9 @@ def _versions(manifests: Iterable[dict[str, Any]]) -> dict[str, str]:
         {},
     )
     return {
-        printable(str(name)): printable(str(version)) for name, version in told.items() if version
+        printable(str(name)): printable(str(version))
+        for name, version in versions.items()
+        if version
     }
 
 

@@ -79,8 +79,8 @@ class Quantity(NamedTuple):
 def run(share: float, note: Note) -> list[Row]:
     """Measure all of it. Raises ConfigError.
 
-    share: of the usual repetitions; below 1 without the first compilation. note: is told what is
-    being measured.
+    share: of the usual repetitions; below 1 without the first compilation. note: gets messages
+    about what is being measured.
     """
     note("starting new processes")
     rows = _starts(share, note)

@@ -100,7 +100,7 @@ class _Judge:
         self._pending: defaultdict[str, list[_Pending]] = defaultdict(list)
 
     def watch(self, loop: Loop, drivers: Mapping[str, Driver], scenes: Mapping[str, Scene]) -> None:
-        """A cycle of the egos in `scenes`: judge what is pending, and ask anew."""
+        """A cycle of the egos in `scenes`: judge what is pending, and ask again."""
         require_copyable()
         for ego, scene in scenes.items():
             self._judge(loop, ego, scene.time)

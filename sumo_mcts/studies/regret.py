@@ -142,7 +142,7 @@ def check(config: ScenarioConfig, asked: Asked) -> None:
 
 
 class Panel:
-    """The planners that are asked: each in every state anew, as if it had just taken over the
+    """The planners that are asked: each in every state again, as if it had just taken over the
     ego."""
 
     def __init__(
@@ -265,8 +265,8 @@ def _statistics(rows: Sequence[Row]) -> Row:
 
 
 def both_budgets(task: Task, situation: Situation, _: int) -> list[Row]:
-    """A row for each action that can begin here: its cost with the usual budget of labels, and the
-    lower cost of two far larger budgets (FACTOR; FINER)."""
+    """A row for each action that can begin here. It holds the cost with the usual budget of labels,
+    and the lower cost of two far larger budgets (FACTOR; FINER)."""
     problem = problem_of(task, situation)
     lines = root_lines(problem)
     usual, finer = (
@@ -304,8 +304,8 @@ def cheaper(one: Solution, other: Solution) -> Solution:
 
 
 def convergence(rows: Sequence[Row]) -> dict[str, Any]:
-    """How far the usual budget is off, in units of the scale: the costs of all actions, the costs
-    of the optimum, and what the preferred action costs more than the optimum."""
+    """The errors of the usual budget, in units of the scale: of the costs of all actions, of the
+    costs of the optimum, and the excess cost of the preferred action over the optimum."""
     same = [row for row in rows if row["collides"] == row["collides_converged"]]
     return {
         "actions": _sizes([row["value"] - row["converged"] for row in same]),

@@ -1,4 +1,4 @@
-"""The actors of a scenario: drawn by the seed, led by their scripts, or told their events.
+"""The actors of a scenario: drawn by the seed, moved by their scripts, or changed by events.
 
 Row m of a script is the state m steps after the vehicle appeared. SUMO moves first and inserts
 afterwards: a vehicle due at time t is there, not yet moved, at the end of the first step that
@@ -19,11 +19,11 @@ from sumo_mcts.world.scripts import (
     SIDES,
     Drive,
     Script,
+    after_event,
     check,
     compile_script,
     is_due,
     stood,
-    told,
     towards,
 )
 
@@ -142,8 +142,8 @@ class Actors:
             )
 
     def limit(self, vehicle: str) -> None:
-        """Give a vehicle on the road the top speed that its actor has; an ego before it is first
-        looked at."""
+        """Give a vehicle on the road the top speed of its actor; an ego gets it before its first
+        scene."""
         actor = self._actors.get(vehicle)
         if actor is not None and actor.max_speed_mps is not None:
             self._libsumo.vehicle.setMaxSpeed(vehicle, actor.max_speed_mps)
@@ -195,13 +195,13 @@ class _Orders(NamedTuple):
 def _command(
     cars: Any, vehicle: str, orders: _Orders, time: float, step: float, left: int
 ) -> _Orders:
-    """Tell a vehicle what is due `time` s after its departure; its driver still keeps its
-    distance."""
+    """Command the events of a vehicle that are due `time` s after its departure. Its driver still
+    keeps its distance."""
     due = [event for event in orders.waiting if is_due(event, time, cars.getDistance(vehicle))]
     drive, v = orders.drive, cars.getSpeed(vehicle)
     for event in due:
         if event.change_lane is None:
-            drive = told(drive, event, drive.target)
+            drive = after_event(drive, event, drive.target)
         else:
             _ask_for_lane(cars, vehicle, left * SIDES[event.change_lane])
     after = stood(drive, v, step)
@@ -276,5 +276,5 @@ def _faster(v: float, by: float) -> float:
 
 
 def _not_negative(x: float) -> float:
-    # libsumo and repr want Python's own floats
+    # libsumo and repr need Python's own floats
     return max(0.0, float(x))

@@ -13,8 +13,8 @@ from sumo_mcts.world.vehicle_types import TypeReader, require_size
 PEDESTRIAN = VEHICLE_CLASSES.index("pedestrian")
 LEAST_LENGTH, LEAST_WIDTH = 0.3, 0.5  # m: smaller persons count as this large
 TREND_S = 0.5  # memory of smoothed accelerations
-# m/s2 that an acceleration is off the smoothed one where the driver has changed its mind. SUMO's
-# own noise stays below.
+# m/s2 between an acceleration and the smoothed one beyond which smoothing begins again. SUMO's own
+# noise stays below.
 CHANGED = 2.0
 _BLINKER_RIGHT, _BLINKER_LEFT = 1, 2  # bits of SUMO's vehicle signals
 
@@ -133,8 +133,8 @@ class AgentReader:
         return time - self._standing.setdefault(name, time)
 
     def _smoothed(self, name: str, a: float, time: float) -> float:
-        """Its acceleration with a memory of TREND_S, which begins anew where the driver changes its
-        mind, m/s2."""
+        """Its acceleration smoothed over TREND_S, m/s2. Smoothing begins again where the
+        acceleration jumps."""
         before, mean = self._trend.get(name, (time, a))
         if abs(a - mean) > CHANGED:
             mean = a

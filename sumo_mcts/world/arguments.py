@@ -194,7 +194,7 @@ def files_of(sumo: SumoConfig) -> list[str]:
 
 
 def draws_seed(sumo: SumoConfig) -> bool:
-    """Whether a scenario asks SUMO to choose a seed anew each time."""
+    """Whether a scenario asks SUMO to choose a new seed each time."""
     return any(
         given.name == "random" and not sumo_options.is_off(given.value)
         for given in _own_options(sumo)
@@ -204,12 +204,12 @@ def draws_seed(sumo: SumoConfig) -> bool:
 def window_delay_ms(sumo: SumoConfig) -> float:
     """How long a simulated second is to take at least in SUMO's window, ms, by the scenario or its
     .sumocfg."""
-    told = [
+    delays = [
         float(given.value)
         for given in _own_options(sumo)
         if given.name == "delay" and sumo_options.is_number(given.value)
     ]
-    return told[-1] if told else WINDOW_DELAY_MS
+    return delays[-1] if delays else WINDOW_DELAY_MS
 
 
 def key_of_value(sumocfg: str, value: str) -> str:
@@ -234,8 +234,8 @@ def sumo_home() -> str:
 
 
 def require_good(sumo: SumoConfig, extra: Sequence[str] = ()) -> None:
-    """Raise ConfigError where a file is missing or no file, or an option is not the user's to set,
-    or would have SUMO do something else than simulate.
+    """Raise ConfigError where a file is missing or no file, or where an option may not be set, or
+    would make SUMO do something else than simulate.
 
     Looks at the scenario, its .sumocfg, and `extra`, the options after the --.
     """

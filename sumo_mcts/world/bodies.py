@@ -1,4 +1,4 @@
-"""Where the bodies of vehicles are: SUMO tells of a vehicle only its front."""
+"""The centres of vehicles: SUMO gives only the position of the front."""
 
 import math
 from collections.abc import Mapping

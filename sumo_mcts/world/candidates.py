@@ -1,5 +1,5 @@
 """Which vehicles of a user's simulation could be an ego: found by running it for a while with SUMO
-alone. And which names no file knows."""
+alone. It also finds names that are in no file."""
 
 import math
 import re
@@ -20,7 +20,7 @@ ROAD_CLASSES = frozenset(
     "truck", "trailer", "motorcycle", "moped", "evehicle",
      "custom1", "custom2", "emergency"}
 )  # fmt: skip
-LEAST_LENGTH = 50.0  # m of route that make an ego worth watching
+LEAST_LENGTH = 50.0  # least length of an ego's route, m
 PATIENCE_S = 60.0  # wall time spent on looking
 NAMED = 5  # vehicles that a message names
 MOST_READ = 200_000_000  # bytes of files that are looked through for a name: some 2 s
@@ -77,8 +77,8 @@ def candidates(
 def require_named(key: str, vehicles: Iterable[str], others: Iterable[str]) -> None:
     """Raise ConfigError where the running simulation cannot have one of the vehicles.
 
-    It can where the vehicle is one of `others`, the scenario's own, or where the simulation's files
-    hold its id, or one from which SUMO could make it. Whether it departs is another question.
+    It can if the vehicle is one of `others`, those of the scenario. It can if the simulation's
+    files hold its id, or an id from which SUMO may make it. Whether it departs is another question.
     `key`: where the scenario names the vehicles.
     """
     in_files = _ids_in_files()
@@ -103,8 +103,8 @@ def require_named(key: str, vehicles: Iterable[str], others: Iterable[str]) -> N
 
 
 def near_ids(vehicle: str, others: Iterable[str]) -> list[str]:
-    """The ids among `others` and in the files of the running simulation that are written much like
-    the vehicle's; the nearest first."""
+    """The ids among `others` and in the files of the running simulation that are similar to the
+    vehicle's; the most similar first."""
     return near(vehicle, sorted((_ids_in_files() or frozenset()).union(others)), NAMED)
 
 

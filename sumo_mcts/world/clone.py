@@ -1,7 +1,7 @@
 """A forked, exact copy of this process and the simulation in it: an oracle.
 
-The copy drives on, writes what came of it into a pipe, and ends. It shares the state of every
-random generator, so it knows what drivers and insertions are going to draw.
+The copy drives on, writes what came of it into a pipe, and ends. It has the state of every random
+generator, so its drivers and insertions draw the same numbers.
 """
 
 import contextlib
@@ -72,7 +72,7 @@ def in_copy(work: Callable[[], Floats], shape: tuple[int, ...]) -> Floats:
         os.close(theirs)
         raise
     if child == 0:
-        _live(work, theirs)
+        _run_copy(work, theirs)
     try:
         os.close(theirs)
         answer = _read_all(ours)
@@ -125,15 +125,15 @@ def at_times(states: Floats, every: float, dt: float, count: int) -> dict[int, S
     }
 
 
-def _live(work: Callable[[], Floats], pipe: int) -> NoReturn:
-    """The whole life of a copy."""
+def _run_copy(work: Callable[[], Floats], pipe: int) -> NoReturn:
+    """All that a copy does, from the fork to its exit."""
     status = 1
     try:
         try:
             for number in WORDS:
                 signal.signal(number, signal.SIG_DFL)
             die_with_parent()
-            _let_go(pipe)
+            _detach(pipe)
             answer, status = np.ascontiguousarray(work(), np.float64).tobytes(), 0
         except BaseException as error:  # into the answer: no code above may go on
             answer = f"{type(error).__name__}: {error}".encode()
@@ -143,7 +143,7 @@ def _live(work: Callable[[], Floats], pipe: int) -> NoReturn:
         os._exit(status)  # nothing is flushed or cleaned up twice
 
 
-def _let_go(pipe: int) -> None:
+def _detach(pipe: int) -> None:
     """Cut the copy off from the files of the original.
 
     What it writes goes into the pipe alone. Files that are being read it reads with a position of

@@ -120,10 +120,10 @@ def _meet(a: LanePath, b: LanePath) -> Iterable[Conflict]:
             other_begin=b_begin,
             other_end=b_end,
             merge=merge,
-            yields=_has(a.link.duty, b.link.number),
+            yields=_has(a.link.yields_to, b.link.number),
         )
         yield conflict
-        yield _from_other_side(conflict, _has(b.link.duty, a.link.number))
+        yield _from_other_side(conflict, _has(b.link.yields_to, a.link.number))
 
 
 def _from_other_side(conflict: Conflict, yields: bool) -> Conflict:
@@ -172,7 +172,7 @@ def distinct(shape: Floats) -> Floats:
 
 
 def stretched(point: Floats, after: Sequence[Floats]) -> Floats:
-    """A very short line from the only point of a lane, in the direction in which the road goes on;
-    east where nothing tells."""
+    """A very short line from the only point of a lane, in the direction in which the road goes on,
+    or east if none is known."""
     along = next((shape[1] - shape[0] for shape in after if len(shape) > 1), np.array([1.0, 0.0]))
     return np.concatenate((point, point + TINY * along / np.linalg.norm(along)))

@@ -21,10 +21,10 @@ from sumo_mcts.config import (
 )
 from sumo_mcts.scene import RoadMap
 from sumo_mcts.world.actors import draw
-from sumo_mcts.world.scripts import check_way
+from sumo_mcts.world.scripts import check_path
 
 # Between fronts at the start: so many m, and what is driven in so many s.
-ROOM_M, ROOM_S = 10.0, 1.5
+CLEAR_M, CLEAR_S = 10.0, 1.5
 TRIES = 20  # places that are tried for a vehicle before it has to come later
 
 # Attributes of SUMO's vehicle types, uniform between two numbers. Krauss' car following, LC2013,
@@ -132,7 +132,7 @@ def check_stream(number: int, stream: Stream, road: RoadMap) -> None:
     """
     for lane in stream.lanes:
         depart = Depart(lane=lane, pos_m=stream.pos_m[1], speed_mps=stream.speed_mps[1])
-        check_way(f"traffic.crowd.streams: stream {number + 1}", stream.route, depart, road)
+        check_path(f"traffic.crowd.streams: stream {number + 1}", stream.route, depart, road)
 
 
 def _crowd(
@@ -154,7 +154,7 @@ def _crowd(
         free = [
             float(pos)
             for pos in places
-            if not is_late and _has_room(stream, lane, float(pos), speed, there)
+            if not is_late and _is_free(stream, lane, float(pos), speed, there)
         ]
         depart = (
             Depart(lane=lane, pos_m=free[0], speed_mps=speed)
@@ -167,7 +167,7 @@ def _crowd(
     return tuple(there[len(actors) :]), frozenset(late)
 
 
-def _has_room(stream: Stream, lane: int, pos: float, speed: float, there: Sequence[Actor]) -> bool:
+def _is_free(stream: Stream, lane: int, pos: float, speed: float, there: Sequence[Actor]) -> bool:
     """Whether no vehicle that is there from the start is too near in the same lane."""
     same = [
         a.depart
@@ -175,7 +175,7 @@ def _has_room(stream: Stream, lane: int, pos: float, speed: float, there: Sequen
         if a.route[0] == stream.route[0] and a.depart.lane == lane and a.depart.time_s == 0.0
     ]
     return all(
-        abs(pos - at.pos_m) > ROOM_M + ROOM_S * (at.speed_mps if at.pos_m < pos else speed)
+        abs(pos - at.pos_m) > CLEAR_M + CLEAR_S * (at.speed_mps if at.pos_m < pos else speed)
         for at in same
     )
 

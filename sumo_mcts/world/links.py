@@ -38,9 +38,9 @@ class Link(NamedTuple):
     chain: tuple[int, ...]  # empty where the network has no internal lanes
     edges: tuple[str, str]  # those of origin and exit
     junction: int  # index
-    duty: int  # bit k set: it has to let link k of the junction pass
+    yields_to: int  # bit k set: it has to let link k of the junction pass
     foes: int  # bit k set: SUMO holds that it meets link k
-    number: int  # its own bit in `duty` and `foes` of the others, -1 unknown
+    number: int  # its own bit in `yields_to` and `foes` of the others, -1 unknown
     direction: int  # STRAIGHT .. TURN
     rule: int  # PRIORITY .. ALLWAY
     signal: int  # index, -1: none
@@ -63,7 +63,7 @@ def read_links(
         # matrix
         place = {lane: i for i, lane in enumerate(node.getInternal() or ())}
         # bit strings are read from the right, which is what int() does; sumolib keeps them private
-        duty = {i: int(bits, 2) for i, bits in node._prohibits.items()}
+        yields_to = {i: int(bits, 2) for i, bits in node._prohibits.items()}
         foes = {i: int(bits, 2) for i, bits in node._foes.items()}
         for connection in (
             connection for lane in edge.getLanes() for connection in _connections(lane)
@@ -78,11 +78,11 @@ def read_links(
                     chain=tuple(number[lane] for lane in chain),
                     edges=(edge.getID(), connection.getTo().getID()),
                     junction=junction_number[node.getID()],
-                    duty=duty.get(own, 0),
+                    yields_to=yields_to.get(own, 0),
                     foes=foes.get(own, 0),
                     number=own,
                     direction=_DIRECTIONS.get(connection.getDirection(), STRAIGHT),
-                    rule=_rule(connection, duty.get(own, 0)),
+                    rule=_rule(connection, yields_to.get(own, 0)),
                     signal=signals.setdefault(signal, len(signals)) if signal else -1,
                     signal_link=connection.getTLLinkIndex() if signal else -1,
                     classes=mask_of(frozenset(connection._allowed)),
@@ -106,13 +106,13 @@ def _chain(net: Any, connection: Any) -> tuple[str, ...]:
     return tuple(chain)
 
 
-def _rule(connection: Any, duty: int) -> int:
+def _rule(connection: Any, yields_to: int) -> int:
     """How the connection is entered.
 
     Under a signal its letter says little: what counts is whether it has to let any other pass.
     """
     if connection.getTLSID():
-        return YIELD if duty else PRIORITY
+        return YIELD if yields_to else PRIORITY
     return _RULES.get(connection.getState(), PRIORITY)
 
 
@@ -152,7 +152,7 @@ def mask_of(allowed: frozenset[str]) -> int:
 
 
 def junction_clusters(internal: Bools, length: Floats, begins: Ints, ends: Ints) -> dict[str, Ints]:
-    """RoadMap.knot, begins and ends: the junction cluster in which each lane [L] lies, begins and
+    """RoadMap.knot, begins and ends: the junction clusters in which each lane [L] lies, begins and
     ends; -1: none.
 
     `begins` and `ends` [L]: the junctions; of internal lanes both are that which they lie in.

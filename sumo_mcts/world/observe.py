@@ -113,14 +113,14 @@ class Observer:
         )
 
     def remember(self, ego: str) -> float:
-        """What frame() keeps in mind of the agents around an ego that is on the road, for a loop
-        without a referee; returns the time, s."""
+        """Update the memory of agents around an ego on the road, as frame() does, for a loop
+        without a referee. Returns the time, s."""
         time, state = self._time(), self.ego(ego, Change())
         self._agents.rows(ego, state.x, state.y, REFEREE_RANGE, time)
         return time
 
     def ego(self, vehicle: str, change: Change) -> EgoState:
-        """The ego as its own sensors know it."""
+        """The ego as its own sensors measure it."""
         get, kind = self._libsumo.vehicle, self._types.of(vehicle)
         x, y = get.getPosition(vehicle)
         require_finite(vehicle, x, y, get.getSpeed(vehicle))
@@ -154,8 +154,8 @@ class Observer:
         """The signals near a place (m) with their coming phases."""
         return self._signals.read(x, y, self._time(), PHASES)
 
-    def way(self, vehicle: str, lane: int) -> Ints:
-        """The lanes that a vehicle on `lane` is really going to take, as no sensor knows."""
+    def coming_lanes(self, vehicle: str, lane: int) -> Ints:
+        """The lanes that a vehicle on `lane` is going to take, which no sensor sees."""
         return self._truth.coming_lanes(vehicle, lane)
 
     def states(self, names: Sequence[str]) -> Floats:
@@ -185,7 +185,7 @@ class Observer:
 
 
 def departure(vehicle: str) -> float | None:
-    """When a vehicle departed, s, which tells it from another one that has its id later.
+    """When a vehicle departed, s. This distinguishes it from a later vehicle with its id.
 
     None: it is neither on the road nor between two roads in a teleport.
     """

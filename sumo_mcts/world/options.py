@@ -113,8 +113,8 @@ def option_names(arguments: Sequence[str]) -> set[str]:
 def on_command_line(words: Sequence[str], where: str) -> list[Given]:
     """The options in the words of a command line, read as SUMO does.
 
-    SUMO knows -e 5, -e5, -e=5, -ve 5, --end 5, --end=5. Raises ConfigError, with `where` in front,
-    where a word is neither an option nor a value.
+    SUMO accepts -e 5, -e5, -e=5, -ve 5, --end 5, --end=5. Raises ConfigError, with `where` in
+    front, where a word is neither an option nor a value.
     """
     found: list[Given] = []
     left = list(words)

@@ -56,11 +56,11 @@ def read_roadmap(net_file: str) -> RoadMap:
     except NoInternalLanesError:
         raise ConfigError(
             f"{net_file}: signals or stop signs, but no lanes inside junctions, without which "
-            "nobody heeds them; "
+            "SUMO's drivers ignore them; "
             "build the network again without --no-internal-links (netconvert -s FILE -o NEW)"
         ) from None
     except BROKEN as error:
-        # sumolib fails in many ways on a file that is not what it expects
+        # sumolib raises many kinds of errors on a file that it does not expect
         missing = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         reason = error.strerror if isinstance(error, OSError) else missing or type(error).__name__
         raise ConfigError(f"{net_file}: not a readable SUMO network ({reason})") from error

@@ -104,7 +104,7 @@ def _obey(state: _State, actor: Actor, road: RoadMap, time: float) -> tuple[_Sta
         if not is_due(event, time, state.driven):
             kept.append(event)
         elif event.change_lane is None:
-            state = state._replace(drive=told(state.drive, event, state.v))
+            state = state._replace(drive=after_event(state.drive, event, state.v))
         elif state.side or road.internal[state.lane]:
             kept.append(event)  # one after the other, and not inside a junction
         else:
@@ -169,7 +169,7 @@ def _shifted(
     state: _State, actor: Actor, road: RoadMap, step: float, change_s: float
 ) -> tuple[_State, float]:
     """The state after a step of the lane change, if there is one, and the offset from the centre of
-    the lane that it is then in, m."""
+    its lane then, m."""
     if not state.side:
         return state, 0.0
     before, lane = state.progress, state.lane
@@ -209,12 +209,12 @@ class Drive(NamedTuple):
     """The last order that a vehicle has about its speed."""
 
     target: float | None  # m/s, to be reached and kept; None: its driver decides
-    accel: float  # m/s2, on the way there
+    accel: float  # m/s2, until that speed is reached
     stand: float  # s that it still has to stand
     resume: float | None  # target after that
 
 
-def told(drive: Drive, event: Event, speed: float | None) -> Drive:
+def after_event(drive: Drive, event: Event, speed: float | None) -> Drive:
     """After a speed event; `speed` is the target to go back to after a stop."""
     if event.stop_for_s is not None:
         return Drive(
@@ -251,10 +251,10 @@ def is_due(event: Event, time: float, driven: float) -> bool:
 
 def check(actor: Actor, road: RoadMap) -> None:
     """Raise ConfigError where SUMO would refuse the actor or, worse, wait for ever in silence."""
-    check_way(f"traffic.actors: {actor.id}", actor.route, actor.depart, road)
+    check_path(f"traffic.actors: {actor.id}", actor.route, actor.depart, road)
 
 
-def check_way(where: str, route: Sequence[str], depart: Depart, road: RoadMap) -> None:
+def check_path(where: str, route: Sequence[str], depart: Depart, road: RoadMap) -> None:
     """Raise ConfigError where SUMO could insert no vehicle there for this route.
 
     `where`: the place in the scenario file that the message names.

@@ -91,7 +91,7 @@ class SignalReader:
             until[k] = until[k - 1] + program[index].duration
 
     def _program(self, q: int, name: str) -> list["_Phase"]:
-        """The phases of the program that runs; empty where SUMO does not tell them."""
+        """The phases of the running program; empty where SUMO does not give them."""
         current = self._get.getProgram(name)
         if (q, current) not in self._programs:
             logics = {

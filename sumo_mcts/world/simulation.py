@@ -121,7 +121,7 @@ class Simulation:
     def end(self) -> float:
         """When the configuration says that the traffic ends, s; inf: it does not say.
 
-        SUMO itself does not stop there where a program tells it to step.
+        SUMO itself does not stop there while a program steps it.
         """
         end = float(self._libsumo.simulation.getEndTime())
         return end if end > 0 else math.inf
@@ -215,7 +215,7 @@ def _temporary_file() -> Path:
 def _display_open() -> Iterator[None]:
     """Look for a display first: sumo-gui ends the whole process where it finds none.
 
-    Ours stays open until SUMO's window is: a virtual display starts anew when its last client
+    Ours stays open until SUMO's window is: a virtual display starts again when its last client
     leaves, and refuses clients that come meanwhile. Raises ConfigError.
     """
     if os.name == "posix" and "DISPLAY" not in os.environ:
@@ -300,8 +300,7 @@ def now() -> float:
 
 
 def expected() -> int:
-    """How many vehicles and persons are on their way in the running simulation, or still to
-    come."""
+    """The number of vehicles and persons in the running simulation, and of those still to come."""
     return int(import_libsumo().simulation.getMinExpectedNumber())
 
 
@@ -331,7 +330,7 @@ def option(name: str) -> str:
 
 
 def named_files(name: str) -> list[Path]:
-    """The files that an option of the running simulation names; SUMO tells it as it was given."""
+    """The files that an option of the running simulation names, as the option was given."""
     return paths_in(unescaped(expanded(option(name))), Path())
 
 

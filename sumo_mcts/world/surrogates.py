@@ -24,7 +24,7 @@ class SurrogateReader:
         self._otherwise: dict[str, bool] = {}  # vehicles whose devices have other settings
 
     def read(self, vehicle: str) -> Surrogates:
-        """What the device of a vehicle tells; all nan where its settings are not ours."""
+        """The values of a vehicle's device; all nan where its settings are not ours."""
         get = self._libsumo.vehicle.getParameter
         if get(vehicle, "has.ssm.device") != "true" or self._measures_otherwise(vehicle):
             return Surrogates()

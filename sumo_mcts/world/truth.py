@@ -1,4 +1,5 @@
-"""What SUMO knows and no sensor sees: the lanes that a vehicle really takes, and its leader."""
+"""Facts from SUMO that no sensor sees: the lanes that a vehicle is going to take, and its
+leader."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -235,8 +235,8 @@ class Idm:
     def predict(self, q):
         self.asked += 1
         lane = q.scene.agents.lane
-        ways = {} if self.oracles is None else {i: self.oracles.way(name, int(lane[i])) for i, name in enumerate(q.scene.agents.ids)}
-        forecast = predict(self.road, q, OracleData(ways=ways))
+        lanes = {} if self.oracles is None else {i: self.oracles.lanes(name, int(lane[i])) for i, name in enumerate(q.scene.agents.ids)}
+        forecast = predict(self.road, q, OracleData(lanes=lanes))
         return forecast if self.asked % 3 else wrong(forecast, self.wrong)
 
 class Knowing(Idm):

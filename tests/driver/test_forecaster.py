@@ -63,8 +63,8 @@ def asked(name: str) -> tuple[list[str], list[tuple[Follow | Release, int]]]:
         valid=np.ones(6, np.bool_),
     )
 
-    def way(vehicle: str, lane: int) -> Ints:
-        questions.append(f"way of {vehicle}")
+    def lanes(vehicle: str, lane: int) -> Ints:
+        questions.append(f"lanes of {vehicle}")
         return np.array([lane], np.int32)
 
     def script(vehicle: str, time: float, step: float, count: int) -> Scripted:
@@ -78,7 +78,7 @@ def asked(name: str) -> tuple[list[str], list[tuple[Follow | Release, int]]]:
         return {0: standing}
 
     scene = scene_of(ego_at(ROAD, "a_0", 300.0, 5.0), ROAD, Agent("car", "a_0", 402.5, 9.0))
-    forecaster = Forecaster(scenario(), ROAD, PHYSICS, Oracles(way, script, clone))
+    forecaster = Forecaster(scenario(), ROAD, PHYSICS, Oracles(lanes, script, clone))
     cycle = Cycle(scene, np.zeros(1, np.int32), last(np.full(30, 5.0))._replace(time=0.0), -np.inf)
     found = forecaster.ask(name, cycle, 1.0)
     stands = bool((found.v[0, :, 0] == 0.0).all())
@@ -92,7 +92,7 @@ def test_what_sensors_see_needs_no_oracle(name: str) -> None:
 
 
 def test_an_oracle_asks_what_it_is_named_after() -> None:
-    assert asked("routes") == (["way of car"], [])
+    assert asked("routes") == (["lanes of car"], [])
     assert asked("script") == (["script of car"], [])
 
 

@@ -16,11 +16,11 @@ from helpers_batch import (
     begun,
     count,
     crash_or_drive,
-    die_for_want_of_memory_or_drive,
     exhaust_or_drive,
     hang_or_drive,
-    nobody,
+    is_gone,
     on_disk,
+    out_of_memory_or_drive,
     start,
     timeless,
     wait_for,
@@ -43,7 +43,7 @@ def test_killed_and_resumed(whole: Reference, tmp_path: Path) -> None:
     wait_for(lambda: count(out) >= 3, process)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
-    wait_for(lambda: nobody(process.pid), None)  # the workers leave by themselves
+    wait_for(lambda: is_gone(process.pid), None)  # the workers leave by themselves
     survived = on_disk(out)
     assert 3 <= len(survived) < 8
     # what a loss of power may leave: a torn line, a row twice, a trace whose row is lost
@@ -91,7 +91,7 @@ def test_interrupted(whole: Reference, tmp_path: Path) -> None:
     assert (process.returncode, printed) == (130, "")
     assert told.splitlines()[-1] == "interrupted"
     assert "Traceback" not in told
-    wait_for(lambda: nobody(process.pid), None)
+    wait_for(lambda: is_gone(process.pid), None)
     assert not list(tmp_path.glob("sumo_mcts-*"))
     rows = on_disk(out)
     assert 2 <= len(rows) < 60
@@ -226,9 +226,7 @@ def test_an_episode_that_the_system_killed_is_driven_again_by_the_next_call(
     monkeypatch.setenv("STARVE", "highway-exit--constant--0")
     found, out = episodes(load(write(tmp_path)), {}), tmp_path / "out"
     with local(1) as crew:
-        rows = Dispatch(out, found, "worth", lambda _: None, die_for_want_of_memory_or_drive).run(
-            crew
-        )
+        rows = Dispatch(out, found, "worth", lambda _: None, out_of_memory_or_drive).run(crew)
     (row,) = [row for row in rows if row["outcome"] == "error"]
     assert (
         row["error"]

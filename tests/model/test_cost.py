@@ -17,7 +17,7 @@ from sumo_mcts.driver.params import Physics
 from sumo_mcts.evaluation.reachability import can_meet
 from sumo_mcts.model.cost import RUN_UP, step_passability, terminal
 from sumo_mcts.model.gaps import TAKEN
-from sumo_mcts.model.interaction import WAY_ROUND, meet, place_is_free
+from sumo_mcts.model.interaction import ROUND_SHARE, meet, place_is_free
 from sumo_mcts.model.local_build import _fill_upstream, _levels
 from sumo_mcts.model.local_map import (
     AGENT,
@@ -337,13 +337,13 @@ def test_who_is_on_foot_walks_round_an_ego_that_stands() -> None:
     later."""
     task, local, state = on_foot(0.1)
     met = meet(local, task.ego, task.cost, state, NO_OTHERS, local.followers, 0)
-    assert not met.contact and met.rate == pytest.approx(WAY_ROUND * task.cost.claim)
+    assert not met.contact and met.rate == pytest.approx(ROUND_SHARE * task.cost.claim)
     task, local, state = on_foot(1.0)
     moving, standing = (
         meet(local, task.ego, task.cost, state._replace(v=v), NO_OTHERS, local.followers, 0).rate
         for v in (0.2, 0.0)
     )
-    assert moving > 0.0 and standing == pytest.approx(WAY_ROUND * moving), (
+    assert moving > 0.0 and standing == pytest.approx(ROUND_SHARE * moving), (
         "and so where somebody is going to come"
     )
 

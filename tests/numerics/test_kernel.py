@@ -1,4 +1,4 @@
-"""What is compiled, when, and how often; what is said of it."""
+"""What is compiled, when, and how often; the messages about it."""
 
 import importlib
 import inspect
@@ -21,8 +21,8 @@ from sumo_mcts.numerics import kernel, prepare
 from sumo_mcts.numerics.announce import (
     COMPILING,
     WAITING,
+    Announcer,
     Growth,
-    Teller,
     announced,
     unannounced,
     watched,
@@ -380,12 +380,12 @@ import numpy as np, toys
 kernel.keep_in(Path(sys.argv[1]))
 prepare.FEW = 0
 os.environ["IMPORT_S"] = "60"  # for the other process
-made = prepare._helper
-def told():
-    helper = made()
-    print(helper.pid, flush=True)
-    return helper
-prepare._helper = told
+made = prepare._second_process
+def announced():
+    second = made()
+    print(second.pid, flush=True)
+    return second
+prepare._second_process = announced
 toys.total.compile = lambda _: sys.stdin.read()
 prepare.prepare(lambda: toys.total(np.ones(3), np.ones(1, np.int32)))
 """
@@ -395,7 +395,7 @@ prepare.prepare(lambda: toys.total(np.ones(3), np.ones(1, np.int32)))
 @pytest.mark.skipif(
     sys.platform != "linux", reason="the system tells processes of their parent's death"
 )
-def test_the_helper_dies_with_the_process_that_it_helps(
+def test_the_second_process_ends_with_the_first(
     toys: ModuleType, tmp_path: Path, kept_in: Path
 ) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
@@ -404,14 +404,14 @@ def test_the_helper_dies_with_the_process_that_it_helps(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
     ) as process:
         assert process.stdout is not None
-        helper = Path("/proc") / process.stdout.readline().strip()
-        assert helper.is_dir()
+        second = Path("/proc") / process.stdout.readline().strip()
+        assert second.is_dir()
         time.sleep(0.5)
         process.kill()
     until = time.monotonic() + 20.0
     while (
-        helper.is_dir()
-        and "Z" not in (helper / "stat").read_text().split()[2]
+        second.is_dir()
+        and "Z" not in (second / "stat").read_text().split()[2]
         and time.monotonic() < until
     ):
         time.sleep(0.1)
@@ -426,7 +426,7 @@ from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.numerics import prepare
 from sumo_mcts.world.roadmap import read_roadmap
 import sys
-prepare._work_off = lambda tasks: print(*(f"{t.kernel.py_func.__module__.rpartition('.')[2]}.{t.kernel.py_func.__name__}" for t in tasks)) or sys.exit()
+prepare._compile_all = lambda tasks: print(*(f"{t.kernel.py_func.__module__.rpartition('.')[2]}.{t.kernel.py_func.__name__}" for t in tasks)) or sys.exit()
 scenario = config.load(builtin.scenario_path("unprotected-left-turn"))
 warm_up(scenario, read_roadmap(str(scenario.sumo.net)), Physics(0.1, False, 3.0))
 """
@@ -540,17 +540,17 @@ def test_where_nobody_listens_standard_error_is_told_once(
 
 def test_waiting_is_said_after_a_while() -> None:
     said: list[str] = []
-    teller = Teller(said.append)
-    teller.waits(0.5)
-    teller.waits(5.2)
+    announcer = Announcer(said.append)
+    announcer.waits(0.5)
+    announcer.waits(5.2)
     assert said == [f"{WAITING}  5 s"]
 
 
 def test_of_a_plan_it_is_said_how_far_it_is() -> None:
     said: list[str] = []
-    teller = Teller(said.append)
-    teller.plans((7, 90))
-    teller.compiles()
+    announcer = Announcer(said.append)
+    announcer.plans((7, 90))
+    announcer.compiles()
     assert said == [f"{COMPILING}  7 of 90 kernels"]
 
 

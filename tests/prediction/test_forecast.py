@@ -599,8 +599,8 @@ def test_the_oracle_knows_better_than_the_blinker(names: tuple[str, ...]) -> Non
     road = forked()
     state = ego_at(road, "b_0", 6.0, 0.0)
     scene = scene_of(state, road, Agent("a", "a_0", 80.0, 8.0), Agent("b", "a_0", 60.0, 8.0))
-    way = np.array([road.lane_ids.index(name) for name in names], np.int32)
-    forecast = forecast_of(task_of(road, state), scene, told=OracleData(ways={0: way}))
+    lanes = np.array([road.lane_ids.index(name) for name in names], np.int32)
+    forecast = forecast_of(task_of(road, state), scene, oracle=OracleData(lanes={0: lanes}))
     assert [road.lane_ids[lane] for lane in forecast.lane[0, -1]] == [
         "c_0" if ":l_0" in names else "b_0",
         "b_0",
@@ -626,9 +626,10 @@ def test_the_oracle_is_known_by_the_edge_to_whoever_changes_lanes() -> None:
     state = ego_at(road, "b_0", 6.0, 0.0)
     scene = scene_of(state, road, Agent("a", "a_1", 80.0, 8.0))
     true = np.array([road.lane_ids.index(name) for name in ("a_0", ":l_0", "c_0")], np.int32)
-    for told, end in ((OracleData(), "b_0"), (OracleData(ways={0: true}), "c_1")):
+    for told, end in ((OracleData(), "b_0"), (OracleData(lanes={0: true}), "c_1")):
         assert (
-            road.lane_ids[forecast_of(task_of(road, state), scene, told=told).lane[0, -1, 0]] == end
+            road.lane_ids[forecast_of(task_of(road, state), scene, oracle=told).lane[0, -1, 0]]
+            == end
         )
 
 

@@ -113,7 +113,7 @@ def test_costs_add_up_and_the_chosen_action_is_what_was_driven() -> None:
 def test_what_a_hypothesis_is_about_is_named() -> None:
     told = explain(braking().traces[0], braking().road, 15)
     words = [each["words"] for each in told["hypotheses"]]
-    assert words[0] == "everybody does what is likeliest"
+    assert words[0] == "all agents do what is likeliest"
     assert "right brakes hard, to a stand" in words
     about = next(each for each in told["hypotheses"] if each["about"] == "right")
     agent = next(agent for agent in told["agents"] if agent["id"] == "right")
@@ -183,7 +183,7 @@ def test_without_its_map_lanes_go_by_numbers() -> None:
 
 PLANNERS = {
     "sumo": ("SUMO's own driver drives", "decision: SUMO drives", "nothing commanded"),
-    "constant": ("the speed of the take-over is held; nobody is looked at",),
+    "constant": ("the speed of the take-over is held; other agents are ignored",),
     "idm": ("car following and gap acceptance; no action is weighed",),
     "random": ("drawn",),
 }

@@ -40,7 +40,7 @@ class CostConfig(Section):
     )
     cut_in_decel_mps2: Acceleration = Field(
         3.0,
-        description="braking that a follower is trusted to do when the ego moves in front of it",
+        description="braking that is expected of a follower when the ego moves in front of it",
     )
     progress: NonNegative = Field(
         1.0, description="per second of standing where the limit could be driven"

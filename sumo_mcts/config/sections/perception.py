@@ -1,4 +1,4 @@
-"""The sections `sensor` and `prediction`: what a planner knows, and expects, of the traffic."""
+"""The sections `sensor` and `prediction`: the traffic that a planner sees, and expects."""
 
 from typing import Annotated, Any, Literal
 
@@ -23,7 +23,7 @@ from sumo_mcts.registry import PREDICTORS
 
 
 class SensorConfig(Section):
-    """What the planner may know."""
+    """What a sensor shows the planner."""
 
     range_m: Annotated[Float, Field(ge=1, le=10_000)] = Field(200.0, description="sensor range")
     signals: Literal["timing", "current"] = Field(
@@ -86,8 +86,8 @@ class PredictionConfig(Section):
     )
     room_on_foot_m: Annotated[Float, Field(ge=0, le=10)] = Field(
         0.4,
-        description="room around a person on foot, who may turn or stop at any time; at most "
-        "half of the distance to the ego now",
+        description="margin around a person on foot, since people may turn or stop at any time; "
+        "at most half of the distance to the ego now",
     )
     hypotheses: Int = Field(
         4,

@@ -34,8 +34,7 @@ class Depart(Section):
 
 
 class Event(Section):
-    """Something that a vehicle is told to do: when, and exactly one of change_lane, slow_to_mps,
-    stop_for_s."""
+    """A command to a vehicle: when, and exactly one of change_lane, slow_to_mps, stop_for_s."""
 
     at_s: NonNegative | None = Field(None, description="when: seconds after the actor's departure")
     at_m: Metres | None = Field(None, description="or where: metres driven since its departure")

@@ -28,7 +28,7 @@ $("theme").addEventListener("click", () => {
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => player && player.restyle());
 
-/** Rows in the order of a column; again: the other way round. Unknown values come last. */
+/** Rows in the order of a column; again: the reverse order. Unknown values come last. */
 function sort(header) {
   const table = header.closest("table"), body = table.tBodies[0], column = header.cellIndex;
   const down = header.getAttribute("aria-sort") === "ascending";
@@ -119,8 +119,8 @@ function sums(differences, unit) {
   return differences.map((d) => (sum += d) / unit);
 }
 
-/** A way [[x, y], ...] from its first point, first step and changes of step. */
-function way(bends, unit) {
+/** The points [[x, y], ...] of a path, from its first point, first step and changes of step. */
+function polyline(bends, unit) {
   const points = [];
   let x = 0, y = 0, dx = 0, dy = 0;
   for (let i = 0; i < bends.length; i += 2) {
@@ -141,16 +141,16 @@ function prepared(data) {
   return {
     outcome: data.outcome,
     time: sums(data.time, 1000),
-    lanes: data.lanes.filter((lane) => !lane.s).map((lane) => ({ ...lane, p: way(lane.p, 100), w: lane.w / 100 })),
-    stops: data.lanes.filter((lane) => lane.s).map((lane) => way(lane.p, 100)),
+    lanes: data.lanes.filter((lane) => !lane.s).map((lane) => ({ ...lane, p: polyline(lane.p, 100), w: lane.w / 100 })),
+    stops: data.lanes.filter((lane) => lane.s).map((lane) => polyline(lane.p, 100)),
     ego: { ...track(data.ego), a: sums(data.ego.a, 100) },
     others: data.others.map((other) => ({ ...other, ...track(other) })),
     terms: data.terms,
     cycles: data.cycles.map((cycle) => ({
       ...cycle,
-      plan: way(cycle.plan, 100),
-      tried: cycle.tried.map(([accel, change, visits, mean, best, terms, bends]) => ({ accel: accel / 100, change, visits, mean: cost(mean), best: cost(best), terms: terms.map(cost), way: way(bends, 10) })),
-      forecast: cycle.forecast.map(([share, bends]) => ({ share: share / 100, way: way(bends, 10) })),
+      plan: polyline(cycle.plan, 100),
+      tried: cycle.tried.map(([accel, change, visits, mean, best, terms, bends]) => ({ accel: accel / 100, change, visits, mean: cost(mean), best: cost(best), terms: terms.map(cost), path: polyline(bends, 10) })),
+      forecast: cycle.forecast.map(([share, bends]) => ({ share: share / 100, path: polyline(bends, 10) })),
     })),
   };
 }
@@ -158,7 +158,7 @@ function prepared(data) {
 /* --- the road from above --- */
 
 const BRAKING = 1, LEFT = 2, RIGHT = 4;
-const PIXELS = 9.5; // a metre, at least, unless somebody zooms: the whole way is shown where it fits, else a window goes with the ego
+const PIXELS = 9.5; // a metre, at least, without zoom: the whole path is shown where it fits, else a window follows the ego
 const SMALLEST_VIEW = 60; // m
 
 class Road {
@@ -265,7 +265,7 @@ class Road {
   forecast(c, { cycle }) {
     c.fillStyle = c.strokeStyle = this.colour.agent;
     c.lineWidth = 0.25;
-    for (const { share, way: points } of cycle.forecast) {
+    for (const { share, path: points } of cycle.forecast) {
       c.globalAlpha = 0.12 + 0.28 * share;
       c.stroke(this.curve(points));
       points.slice(1).forEach(([x, y], k) => {
@@ -280,12 +280,12 @@ class Road {
   tried(c, cycle, marked) {
     const most = Math.max(1, ...cycle.tried.map((child) => child.visits));
     cycle.tried.forEach((child, i) => {
-      if (!child.way.length || (i === cycle.chosen && i !== marked)) return;
+      if (!child.path.length || (i === cycle.chosen && i !== marked)) return;
       c.strokeStyle = c.fillStyle = this.colour.ego;
       c.globalAlpha = i === marked ? 1 : 0.2 + 0.4 * Math.sqrt(child.visits / most);
       c.lineWidth = i === marked ? 0.6 : 0.22;
-      c.stroke(this.curve(child.way));
-      const [x, y] = child.way[child.way.length - 1];
+      c.stroke(this.curve(child.path));
+      const [x, y] = child.path[child.path.length - 1];
       dot(c, x, y, i === marked ? 0.8 : 0.4);
     });
     c.globalAlpha = 1;
@@ -520,7 +520,7 @@ class Player {
     const facts = [["decision", `${k + 1} of ${this.data.cycles.length}`], ["speed", `${ego.v[k].toFixed(1)} m/s`], ["acceleration", `${signed(ego.a[k], 1)} m/s²`],
       ["planning", cycle.ms === null ? "-" : `${cycle.ms.toFixed(1)} ms`, "Wall time from the scene to the decision."],
       ["iterations", String(cycle.n), "Passes of the search that simulated to its horizon."],
-      ["known ends", String(cycle.known), "Further passes, which cost next to nothing: they came to the end of a way that had been simulated before."]];
+      ["known ends", String(cycle.known), "Further passes, which cost next to nothing: they reached the end of a sequence that had been simulated before."]];
     if (last) facts.push(["outcome", this.data.outcome.replaceAll("_", " ")]);
     if (cycle.off) facts.push(["executed", cycle.off, "What came of the command, where it is not what was commanded."]);
     $("facts").replaceChildren(...facts.map(([name, value, tip]) => element("div", { "data-tip": tip ?? null }, element("dt", {}, name), element("dd", {}, value))));
@@ -532,7 +532,7 @@ class Player {
     const weight = (child) => child.terms.reduce((sum, term) => sum + Math.abs(term ?? 0), 0);
     const largest = Math.max(1e-9, ...cycle.tried.map(weight));
     const order = cycle.tried.map((_, i) => i).sort((a, b) => (cycle.tried[a].best ?? Infinity) - (cycle.tried[b].best ?? Infinity) || a - b);
-    const head = [["action", "What was tried first, m/s²."], ["lane", "To which side the lane is changed, where it is."], ["visits", "How often the search went there."], ["mean", "Mean cost of all passes."], ["best", "Cost of the best way found. Planner mcts takes the lowest, paper the lowest mean."], ["made of", "The terms of the best way's cost, in the likeliest hypothesis."]];
+    const head = [["action", "What was tried first, m/s²."], ["lane", "To which side the lane is changed, where it is."], ["visits", "How often the search went there."], ["mean", "Mean cost of all passes."], ["best", "Cost of the best sequence found. Planner mcts takes the lowest, paper the lowest mean."], ["made of", "The terms of the best sequence's cost, in the likeliest hypothesis."]];
     const rows = order.map((i) => {
       const child = cycle.tried[i];
       const row = element("tr", { class: [i === cycle.chosen ? "chosen" : "", child.best === null || child.terms[4] > 0 ? "lost" : ""].join(" ").trim(), tabindex: "0" },
@@ -547,7 +547,7 @@ class Player {
     });
     const shown = this.data.terms.filter((_, t) => cycle.tried.some((child) => child.terms[t]));
     return [
-      element("table", {}, element("caption", {}, "Actions at the root, cheapest first; point at one to see its way."),
+      element("table", {}, element("caption", {}, "Actions at the root, cheapest first; point at one to see its path."),
         element("thead", {}, element("tr", {}, ...head.map(([name, tip], i) => element("th", { scope: "col", "data-tip": tip, class: i > 1 && i < 5 ? "n" : null }, name)))),
         element("tbody", {}, ...rows)),
       element("p", { class: "termkey" }, ...shown.map((term) => element("span", {}, element("i", { class: `t-${term}` }), term))),
