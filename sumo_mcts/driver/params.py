@@ -70,25 +70,7 @@ def cost_params(config: ScenarioConfig) -> CostParams:
     """
     c = config.cost
     return CostParams(
-        contact=c.contact,
-        speed_at_contact=c.speed_at_contact,
-        headway_s=c.headway_s,
-        headway_gap=c.headway_gap_m,
-        headway=c.headway,
-        claim_s=c.claim_s,
-        claim=c.claim,
-        acceleration=c.acceleration,
-        jerk=c.jerk,
-        braking=c.braking,
-        progress=c.progress,
-        tail_s=c.tail_s,
-        blocking=c.blocking,
-        astride=c.astride,
-        route=c.route,
-        lane_change=c.lane_change,
-        red=c.red,
-        cut_in_decel=c.cut_in_decel_mps2,
-        imposed=c.imposed,
+        **c.model_dump(exclude={"term", "term_weight"}),
         term=None if c.term is None else _term(c.term, c.term_weight),
     )
 

@@ -1,9 +1,11 @@
-"""The weights and forms of the cost, and a cost term of the user's own."""
+"""The numbers of the section `cost` as kernels read them, and a cost term of the user's own."""
 
+from collections import namedtuple
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from sumo_mcts.config.sections.cost import CostWeights
 from sumo_mcts.numerics.kernel import scalar_function
 
 TermFunction = Callable[[float, int, float, float, float, float, float, float], float]
@@ -17,29 +19,21 @@ class Term(NamedTuple):
     weight: float
 
 
-class CostParams(NamedTuple):
-    """Weights; see config.CostConfig for their meaning and units."""
+if TYPE_CHECKING:
 
-    contact: float
-    speed_at_contact: float
-    headway_s: float
-    headway_gap: float
-    headway: float
-    claim_s: float
-    claim: float
-    acceleration: float
-    jerk: float
-    braking: float
-    progress: float
-    tail_s: float
-    blocking: float
-    astride: float
-    route: float
-    lane_change: float
-    red: float
-    cut_in_decel: float
-    imposed: float
-    term: Term | None = None  # None: the kernels are compiled without a trace of it
+    class CostParams(CostWeights):
+        """What a type checker takes the tuple below for."""
+
+        term: Term | None = None
+
+else:
+    # A number that is not given is 0: that term costs nothing. Where the term is None, kernels are
+    # compiled without a trace of it.
+    CostParams = namedtuple(
+        "CostParams",
+        [*CostWeights.model_fields, "term"],
+        defaults=[*[0.0] * len(CostWeights.model_fields), None],
+    )
 
 
 @cache

@@ -85,7 +85,7 @@ def cut_in_cost(c: CostParams, gap: float, follower_v: float, ego_v: float) -> f
     """Cost of moving in front of a follower (gap m, speeds m/s): what speed it takes from a careful
     driver; -1 where no driver could cope."""
     closing = max(0.0, follower_v - ego_v)
-    if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel * (gap - 1.0):
+    if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel_mps2 * (gap - 1.0):
         return -1.0
     # an ego that is faster now may be so no longer when another vehicle slows down ahead of it
     leads_with = min(ego_v, follower_v)

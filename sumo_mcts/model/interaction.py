@@ -175,7 +175,7 @@ def _nearness(
 @kernel
 def _headway(c: CostParams, gap: float, v: float) -> float:
     """Cost per second of following too closely."""
-    wish = c.headway_gap + c.headway_s * v
+    wish = c.headway_gap_m + c.headway_s * v
     if gap >= wish:
         return 0.0
     missing = 1.0 - max(gap, 0.0) / wish

@@ -29,6 +29,8 @@ _TYPES: Any = numba.types
 _SETTINGS: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED = ("numerics", "prediction", "model", "planners", "evaluation")  # packages with kernels
+# fields of tuples that kernels read, beside the tuples in those packages
+_TUPLES = ("scene.py", "config/sections/cost.py")
 
 
 # --- how functions become kernels ---
@@ -122,8 +124,9 @@ def keep_in(place: Path) -> None:
 def _own_folder() -> Path | None:
     """A folder for this state of the sources and this environment."""
     files = [path for package in _COMPILED for path in sorted((_PACKAGE / package).glob("*.py"))]
-    # of all files, since numba misses a change in another file with a function that a kernel calls
-    sources = b"".join(path.read_bytes() for path in [*files, _PACKAGE / "scene.py"])
+    # numba overlooks changes in another file that a kernel calls, and names and order of fields
+    files += [_PACKAGE / name for name in _TUPLES]
+    sources = b"".join(path.read_bytes() for path in files)
     return folder_for(
         hashlib.sha256(repr(environment()).encode() + sources).hexdigest()[:16],
         lambda line: announcer().notes(line),

@@ -6,7 +6,7 @@ Which reading was chosen where the text leaves it open: docs/planner.md.
 import math
 import time
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,68 +24,6 @@ EMERGENCY = -8.0  # m/s2, when every action was discarded
 TIMED_SLICE = 20  # iterations between looks at the clock
 
 
-class PaperParams(NamedTuple):
-    """See config.PaperConfig."""
-
-    iterations: int
-    step_s: float
-    look_ahead_steps: int
-    rollout_steps: int
-    check_s: float
-    accelerations: tuple[float, ...]
-    lane_change_accelerations: tuple[float, ...]
-    exploration: float
-    brake_probability: float
-    accelerate_probability: float
-    weight_safety: float
-    weight_comfort: float
-    weight_passability: float
-    weight_other: float
-    safety_threshold: float
-    contact_cost: float
-    jerk_factor: float
-    goal_distance: float
-    lane_distance: float
-    goal_factor: float
-    junction_penalty: float
-    lane_change_cost: float
-    stop_cost: float
-    turn_cost: float
-    emergency_cost: float
-
-
-def paper_params(scenario: ScenarioConfig) -> PaperParams:
-    """The search as the section `paper` describes it."""
-    p = scenario.paper
-    return PaperParams(
-        iterations=scenario.planner.iterations,
-        step_s=p.step_s,
-        look_ahead_steps=p.look_ahead_steps,
-        rollout_steps=p.rollout_steps,
-        check_s=scenario.planner.check_s,
-        accelerations=p.accelerations_mps2,
-        lane_change_accelerations=p.lane_change_accelerations_mps2,
-        exploration=p.exploration,
-        brake_probability=p.brake_probability,
-        accelerate_probability=p.accelerate_probability,
-        weight_safety=p.weight_safety,
-        weight_comfort=p.weight_comfort,
-        weight_passability=p.weight_passability,
-        weight_other=p.weight_other,
-        safety_threshold=p.safety_threshold_m,
-        contact_cost=p.contact_cost,
-        jerk_factor=p.jerk_factor,
-        goal_distance=p.goal_distance_m,
-        lane_distance=p.lane_distance_m,
-        goal_factor=p.goal_factor,
-        junction_penalty=p.junction_penalty,
-        lane_change_cost=p.lane_change_cost,
-        stop_cost=p.stop_cost,
-        turn_cost=p.turn_cost,
-        emergency_cost=p.emergency_cost,
-    )
-
-
 def horizon_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
     """How far the search looks into a forecast, s.
 
@@ -97,25 +35,27 @@ def horizon_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> fl
 
 def make(_: Mapping[str, Any], scenario: ScenarioConfig) -> "PaperPlanner":
     """The planner of a scenario."""
-    return PaperPlanner(paper_params(scenario))
+    return PaperPlanner(scenario)
 
 
 class PaperPlanner(Drawing):
     """Monte-Carlo tree search as the paper prints it."""
 
-    def __init__(self, params: PaperParams) -> None:
-        self._params = params
-        keep = [(a, 0.0) for a in params.accelerations]
-        change = [(a, side) for side in (1.0, -1.0) for a in params.lane_change_accelerations]
+    def __init__(self, scenario: ScenarioConfig) -> None:
+        self._scenario, p = scenario, scenario.paper
+        keep = [(a, 0.0) for a in p.accelerations_mps2]
+        change = [(a, side) for side in (1.0, -1.0) for a in p.lane_change_accelerations_mps2]
         self._actions = np.array(keep + change)  # [A, 2] ACCEL, SIDE
 
     def plan(self, situation: Situation) -> Decision:
         """Search from the present state; emergency braking when every child was discarded."""
-        task, p, state = self._task, self._params, situation.state
+        task, p, state = self._task, self._scenario.paper, situation.state
         local = local_of(task, situation)
-        weights = _weights(p, task.ego.step)
-        guide = _guide(task, state, p.goal_distance, p.lane_distance)
-        most = passes_within(p.iterations, situation.until - time.perf_counter())
+        weights = _weights(self._scenario, task.ego.step)
+        guide = _guide(task, state, p.goal_distance_m, p.lane_distance_m)
+        most = passes_within(
+            self._scenario.planner.iterations, situation.until - time.perf_counter()
+        )
         actions = len(self._actions)
         tree = new_tree(min(most, _full_size(actions, p.look_ahead_steps)) * actions + 2, actions)
         done = 0
@@ -161,10 +101,12 @@ def _full_size(actions: int, levels: int) -> int:
     return sum(actions**k for k in range(levels + 1))
 
 
-def _weights(p: PaperParams, step: float) -> Weights:
+def _weights(scenario: ScenarioConfig, step: float) -> Weights:
+    """What the compiled code reads of the scenario, with times in steps (s) of the simulation."""
+    p = scenario.paper
     return Weights(
         ply=max(1, round(p.step_s / step)),
-        check=max(1, round(p.check_s / step)),
+        check=max(1, round(scenario.planner.check_s / step)),
         look_ahead=p.look_ahead_steps,
         rollout=p.rollout_steps,
         exploration=p.exploration,
@@ -174,7 +116,7 @@ def _weights(p: PaperParams, step: float) -> Weights:
         comfort=p.weight_comfort,
         passability=p.weight_passability,
         other=p.weight_other,
-        threshold=p.safety_threshold,
+        threshold=p.safety_threshold_m,
         contact=p.contact_cost,
         jerk_factor=p.jerk_factor,
         goal_factor=p.goal_factor,

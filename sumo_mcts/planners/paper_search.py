@@ -53,8 +53,8 @@ SIGHT = 40.0  # m beyond which agents are ignored
 
 
 class Weights(NamedTuple):
-    """The part of PaperParams that the compiled code reads, and times in steps of the
-    simulation."""
+    """What the compiled code reads of the scenario; see config.PaperConfig. Times are in steps of
+    the simulation."""
 
     ply: int
     check: int

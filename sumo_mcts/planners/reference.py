@@ -22,12 +22,16 @@ from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.planners.rollout import SearchParams, may_change, search_params
 from sumo_mcts.scene import Floats, Follow, Indices
 
-COST = CostParams(
-    contact=60.0, speed_at_contact=1.0, headway_s=1.2, headway_gap=2.0, headway=1.5, claim_s=1.6,
-    claim=16.0, acceleration=0.02, jerk=0.005,
-    braking=0.5, progress=1.0, tail_s=8.0, blocking=0.3, astride=4.0, route=2.0, lane_change=0.6,
-    red=100.0, cut_in_decel=3.0, imposed=2.0,
-)  # fmt: skip
+# by the names of when they were frozen, which the digest is of too
+_COST = {
+    "contact": 60.0, "speed_at_contact": 1.0, "headway_s": 1.2, "headway_gap": 2.0, "headway": 1.5,
+    "claim_s": 1.6, "claim": 16.0, "acceleration": 0.02, "jerk": 0.005, "braking": 0.5,
+    "progress": 1.0, "tail_s": 8.0, "blocking": 0.3, "astride": 4.0, "route": 2.0,
+    "lane_change": 0.6, "red": 100.0, "cut_in_decel": 3.0, "imposed": 2.0,
+}  # fmt: skip
+_NOW = {"headway_gap": "headway_gap_m", "cut_in_decel": "cut_in_decel_mps2"}
+# terms that came later are none of the reference's: their numbers are 0
+COST = CostParams(**{_NOW.get(name, name): value for name, value in _COST.items()})
 KEEPING = (FOLLOW, -8.0, -4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.6)  # accelerations in the lane, m/s2
 CHANGING = (-1.5, 0.0, 1.5)  # accelerations that begin a lane change to the left or right, m/s2
 # when one action ends and the next begins, s
@@ -58,9 +62,7 @@ class Problem(NamedTuple):
 
 def digest() -> str:
     """SHA-256 of all numbers above: what regrets depend on beside the model."""
-    # the reference has no cost term of a user's own
-    cost = {name: value for name, value in COST._asdict().items() if value is not None}
-    numbers = (cost, KEEPING, CHANGING, ENDS_S, CHECK_S, REACTIVE, SCALE_DECEL, LABELS, CELL, KIND)
+    numbers = (_COST, KEEPING, CHANGING, ENDS_S, CHECK_S, REACTIVE, SCALE_DECEL, LABELS, CELL, KIND)
     return hashlib.sha256(json.dumps(numbers).encode()).hexdigest()
 
 
@@ -78,7 +80,7 @@ def scale(ego: EgoParams) -> float:
 def problem_of(task: Task, situation: Situation) -> Problem:
     """The reference problem in a situation: how the ego can move is the task's own, all else is
     frozen."""
-    ego, state = task.ego._replace(headway=COST.headway_s, gap=COST.headway_gap), situation.state
+    ego, state = task.ego._replace(headway=COST.headway_s, gap=COST.headway_gap_m), situation.state
     task, local = task._replace(ego=ego, cost=COST), local_of(task, situation, REACTIVE)
     ends = np.unique([max(1, math.floor(end / ego.step + 0.5)) for end in ENDS_S])
     q = search_params(ego.step, local.dt, ENDS_S[0], CHECK_S, len(ends), 0, 0.0, False)._replace(

@@ -4,6 +4,7 @@ import importlib
 import inspect
 import os
 import pkgutil
+import shutil
 import subprocess
 import sys
 import time
@@ -230,6 +231,25 @@ def test_each_environment_has_a_folder_of_its_own_and_compiles_aloud(
             assert kernel.kept_kernels() == 1
     kernel._own_folder.cache_clear()
     assert len(folders) == len(places)
+
+
+def test_kernels_of_other_fields_lie_in_another_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To numba two tuples of as many numbers are of one type, whatever the names of their fields
+    are; the weights of the cost are named outside the packages with kernels."""
+    monkeypatch.setattr(kernel, "_given", [])
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    package = shutil.copytree(kernel._PACKAGE, tmp_path / "package")
+    monkeypatch.setattr(kernel, "_PACKAGE", package)
+    folders = []
+    for name in (None, "scene.py", "config/sections/cost.py", "config/sections/planning.py"):
+        if name is not None:
+            (package / name).write_text((package / name).read_text() + "# another\n")
+        kernel._own_folder.cache_clear()
+        folders.append(kernel.folder())
+    kernel._own_folder.cache_clear()
+    assert len(set(folders[:3])) == 3 and folders[3] == folders[2]
 
 
 def test_the_environment_names_the_processor() -> None:

@@ -9,8 +9,9 @@ from sumo_mcts.config.sections.section import Section
 from sumo_mcts.config.values import Acceleration, Delay, Float, NonNegative, Positive
 
 
-class CostConfig(Section):
-    """The terms of J for planner `mcts`. One unit is one second of standing still."""
+class CostWeights(Section):
+    """The numbers of the built-in terms: kernels read each of them by its name here
+    (model/cost_params.py)."""
 
     contact: Positive = Field(
         60.0, description="predicted contact now; falls linearly to half of it at the horizon"
@@ -61,6 +62,11 @@ class CostConfig(Section):
     )
     lane_change: NonNegative = Field(0.6, description="C_o,lc per change begun")
     red: Positive = Field(100.0, description="entering on red")
+
+
+class CostConfig(CostWeights):
+    """The terms of J for planner `mcts`. One unit is one second of standing still."""
+
     term: TermName | None = Field(
         None, description="a further term of your own: a plugin, see extending.md"
     )
