@@ -19,10 +19,12 @@ class PlannerRow(NamedTuple):
     searches: bool = False  # its decisions take a budget: `planner.iterations` or a time
     reads_forecast: bool = True
     drives: bool = True  # False: it leaves the ego to SUMO
-    carries_on: bool = False  # root children: first car following, last (not visited) its last plan
+    warm_starts: bool = (
+        False  # root children: first car following, last (not visited) the warm start
+    )
     section: str = "planner"  # of a scenario, with the steps of its look-ahead
-    # (scenario, step of SUMO (s), step of the forecast (s)) -> s that it looks into a forecast
-    horizon: str = "sumo_mcts.planners.mcts:horizon_s"
+    # (scenario, step of SUMO (s), step of the forecast (s)) -> s of forecast that it needs
+    forecast: str = "sumo_mcts.planners.mcts:forecast_s"
     label: str = ""  # `explain`: the reason of decisions that give only the planner's name
     rank: int = PLUGIN_RANK  # its place in tables of results, ascending
     colour: str = ""  # CSS; "": that of all planners without a colour of their own
@@ -44,7 +46,7 @@ _PLANNERS = (
         name="mcts",
         make="sumo_mcts.planners.mcts:make",
         searches=True,
-        carries_on=True,
+        warm_starts=True,
         rank=0,
         colour="var(--ego)",
     ),
@@ -53,7 +55,7 @@ _PLANNERS = (
         make="sumo_mcts.planners.paper:make",
         searches=True,
         section="paper",
-        horizon="sumo_mcts.planners.paper:horizon_s",
+        forecast="sumo_mcts.planners.paper:forecast_s",
         rank=1,
         colour="light-dark(#c2510c, #ff9a5c)",
     ),
@@ -90,7 +92,7 @@ _PLANNERS = (
     PlannerRow(
         name="exhaustive",
         make="sumo_mcts.planners.exhaustive:make",
-        horizon="sumo_mcts.planners.exhaustive:horizon_s",
+        forecast="sumo_mcts.planners.exhaustive:forecast_s",
         label="the optimum of the reference problem",
         rank=2,
         colour="light-dark(#1886a8, #5cc8ea)",

@@ -24,10 +24,10 @@ from helpers_model import (
 
 from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.model.local_map import LocalMap, State
-from sumo_mcts.model.reactions import at_rest
+from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.mcts import actions_of, in_steps, mcts_params
-from sumo_mcts.planners.rollout import SearchParams
+from sumo_mcts.planners.ply import SearchParams
 from sumo_mcts.planners.search import search
 from sumo_mcts.planners.tree import Tree, new_tree
 from sumo_mcts.scene import RED, Decision, EgoState, Floats, RoadMap, Scene
@@ -129,7 +129,7 @@ def grow(toy: Toy, iterations: int, seed: int = 1, *, each: bool = False) -> Gro
         iterations + 2,
         len(actions),
         p.look_ahead_steps + p.rollout_steps,
-        at_rest(local, p.reactive),
+        undisturbed(local, p.reactive),
     )
     done, known = search(
         tree,

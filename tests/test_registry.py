@@ -3,7 +3,7 @@
 import pytest
 from helpers_model import scenario
 
-from sumo_mcts.driver.factories import horizon_s, make_planner, make_predictor, reads_forecast
+from sumo_mcts.driver.factories import forecast_s, make_planner, make_predictor, reads_forecast
 from sumo_mcts.planners.base import Planner
 from sumo_mcts.prediction.interface import Oracles, Predictor
 from sumo_mcts.registry import (
@@ -26,7 +26,7 @@ def test_a_planner_is_what_its_row_says(name: str) -> None:
     planner: Planner = make_planner(config)
     assert planner.needs_forecast == reads_forecast(config) == PLANNERS[name].reads_forecast
     assert all(callable(getattr(planner, member)) for member in ("start", "plan"))
-    assert 1.0 < horizon_s(config, 0.1, 0.2) < 30.0
+    assert 1.0 < forecast_s(config, 0.1, 0.2) < 30.0
     assert hasattr(config, PLANNERS[name].section)
     assert planner_rank(name) == PLANNERS[name].rank != PLUGIN_RANK
 
@@ -50,7 +50,7 @@ def test_the_horizon_is_that_of_the_planners_own_section() -> None:
     short = ("planner.look_ahead_steps=1", "paper.look_ahead_steps=2", "paper.step_s=0.5")
     rest = ("planner.rollout_steps=1", "paper.rollout_steps=1", "planner.step_s=1.0")
     of = {
-        name: horizon_s(scenario(f"planner.name={name}", *short, *rest), 0.1, 0.2)
+        name: forecast_s(scenario(f"planner.name={name}", *short, *rest), 0.1, 0.2)
         for name in PLANNERS
     }
     claim_s = scenario().cost.claim_s

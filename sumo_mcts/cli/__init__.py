@@ -1,6 +1,7 @@
 """The command line: a file for each group of commands, registered where it is imported here.
 
-application.py  where a command is registered
+application.py  the decorator `@command()`
+run.py, experiments.py, recorded.py, studies.py, inputs.py  the commands
 options.py      arguments and options that several commands have
 progress.py     what a command tells while it works
 """

@@ -7,9 +7,9 @@ import math
 from typing import NamedTuple
 
 from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.driver.change_progress import about_to_change, as_seen
 from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.driver.forecaster import Cycle, Forecaster, LastDecision, ego_lanes
-from sumo_mcts.driver.lane_change import about_to_change, as_seen
 from sumo_mcts.driver.params import (
     Physics,
     assumed,

@@ -33,13 +33,13 @@ def make_predictor(config: ScenarioConfig, name: str | None = None) -> Predictor
     return predictor
 
 
-def horizon_s(config: ScenarioConfig, step: float, forecast_step: float) -> float:
-    """How far a scenario's planner looks into a forecast, s.
+def forecast_s(config: ScenarioConfig, step: float, forecast_step: float) -> float:
+    """How long a forecast a scenario's planner needs, s.
 
     `step`: of the simulation, `forecast_step`: between the states of the forecast, s.
     """
     row = PLANNERS.get(config.planner.name, _PLUGIN)
-    return float(code(row.horizon)(config, step, forecast_step))
+    return float(code(row.forecast)(config, step, forecast_step))
 
 
 def reads_forecast(config: ScenarioConfig) -> bool:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.driver.factories import horizon_s, make_predictor
+from sumo_mcts.driver.factories import forecast_s, make_predictor
 from sumo_mcts.driver.params import Physics, traffic_params
 from sumo_mcts.driver.sensor import room_m
 from sumo_mcts.errors import ConfigError, in_one_line
@@ -49,7 +49,7 @@ class Forecaster:
         """Raises ConfigError where the scenario's predictor is a plugin that does not start."""
         self._config, self._road, self._oracles = config, road, oracles
         self._step, self._traffic = physics.step, traffic_params(config, physics)
-        self._horizon = horizon_s(config, physics.step, self._traffic.step)
+        self._forecast_s = forecast_s(config, physics.step, self._traffic.step)
         self._room_m = room_m(config.sensor)
         self._predictors: dict[str, Predictor] = {}
         self._predictor(config.prediction.name)
@@ -62,13 +62,13 @@ class Forecaster:
         """
         name = self._config.prediction.name
         try:
-            return self.ask(name, cycle, self._horizon, hypotheses), ""
+            return self.ask(name, cycle, self._forecast_s, hypotheses), ""
         except ConfigError:
             raise
         except Exception as error:  # whatever a plugin may do
             if name in PREDICTORS:
                 raise
-            return self.ask(FALL_BACK, cycle, self._horizon), in_one_line(error)
+            return self.ask(FALL_BACK, cycle, self._forecast_s), in_one_line(error)
 
     def ask(self, name: str, cycle: Cycle, seconds: float, hypotheses: int = 1) -> Forecast:
         """What a predictor (a built-in one or the scenario's) says, with margins for the sensor's

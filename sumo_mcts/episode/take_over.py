@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.config import EgoConfig, ScenarioConfig
-from sumo_mcts.driver.lane_change import as_seen
+from sumo_mcts.driver.change_progress import as_seen
 from sumo_mcts.driver.params import ego_params
 from sumo_mcts.driver.vehicle import EgoVehicle, World, never_departed
 from sumo_mcts.episode.goals import goal_of

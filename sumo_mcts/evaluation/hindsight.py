@@ -21,8 +21,8 @@ from sumo_mcts.model.local_map import (
     NODE,
     LocalMap,
     State,
-    apart,
     ego_state,
+    on_other_level,
 )
 from sumo_mcts.model.motion import (
     GOAL,
@@ -288,7 +288,7 @@ def _touched(local: LocalMap, p: EgoParams, state: State, row: int, share: float
         if (
             abs(ox - x) > reach
             or abs(oy - y) > reach
-            or apart(local, state.node, state.s, 2.0 * p.half_length, row + 1, i)
+            or on_other_level(local, state.node, state.s, 2.0 * p.half_length, row + 1, i)
         ):
             continue
         oc, on = (

@@ -1,6 +1,9 @@
-"""The four terms of J (paper, equation 1) for planner `mcts`.
+"""Terms of J (paper, equation 1) for planner `mcts`: comfort, passability, the user's own term, the
+value at the horizon, and the loss of a contact.
 
-One unit is one second of standing still.
+Headway is in interaction.py; `claim` there, in gaps.py and in occupancy.py; `imposed`, `red` and
+`lane_change` in planners/ply.py, the latter also in planners/search.py. One unit is one second of
+standing still.
 """
 
 import math
@@ -11,8 +14,12 @@ from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import INTERNAL, LIMIT, NEXT, REACH, RIGHT_NODE, STATION
 from sumo_mcts.numerics.kernel import kernel
 
-PICK_UP = 2.6  # m/s2 with which lost speed is valued
+PICK_UP = 2.6  # m/s2 with which the ego is taken to regain lost speed
+# m/s2: by so much / limit for each metre of gap the ego's useful speed is above its leader's. Up to
+# PICK_UP * (1 - TAIL_SLOPE) a metre less driven lowers the cost by no more than 1 / limit.
+CLOSING = 1.0
 TAIL_SLOPE = 0.4  # of 1 / limit: how fast a slow leader's cost falls with the gap
+MOST_JERK = 10.0  # m/s3 from which more costs no more
 SLOW = 1.0  # m/s below which the ego counts as blocking others
 # rad between box and lane: beyond this the rear is still in the lane that the ego leaves
 STRADDLING = 0.2
@@ -24,6 +31,7 @@ MOVE_UP = 4.0  # m/s, the time that driving up to it with this speed takes
 # Factor of an additional cost at the horizon, in a lane that the route leaves: for an ego that can
 # no longer reach the speed of the vehicles between which it has to move.
 RUN_UP = 0.1
+LEAST_LOSS = 0.5  # of cost.contact: what a contact costs at least, at the horizon
 
 
 @kernel
@@ -32,7 +40,7 @@ def step_comfort(p: EgoParams, c: CostParams, before: State, after: State) -> fl
     jerk = (after.a - before.a) / p.step
     beyond = max(0.0, -after.a - p.comfort_decel)
     rate = (
-        c.jerk * min(jerk * jerk, 100.0)
+        c.jerk * min(jerk * jerk, MOST_JERK * MOST_JERK)
         + c.acceleration * after.a * after.a
         + c.braking * beyond * beyond
     )
@@ -109,11 +117,11 @@ def terminal(local: LocalMap, c: CostParams, state: State, gap: float, leader_v:
 
     If a metre less driven lowered this by more than 1 / limit, the time that driving it takes, it
     would pay to stand. So behind a leader speed has a value only as far as the gap allows. Before a
-    red light or the end of the road it has none (LocalMap.free). The limit is that of the lane
-    where the ego is now, in all states.
+    red light or the end of the road it has none (LocalMap.open_ahead). The limit is that of the
+    lane where the ego is now, in all states.
     """
-    useful = min(state.v, leader_v + gap / local.limit)
-    missing = max(0.0, local.limit - useful) if local.free else 0.0
+    useful = min(state.v, leader_v + CLOSING * gap / local.limit)
+    missing = max(0.0, local.limit - useful) if local.open_ahead else 0.0
     behind = max(
         _behind(local, c, gap, leader_v),
         _behind(local, c, local.node[state.node, REACH] - state.s, 0.0),
@@ -173,4 +181,5 @@ def _behind(local: LocalMap, c: CostParams, gap: float, leader_v: float) -> floa
 def contact_cost(c: CostParams, state: State, time: float, horizon: float) -> float:
     """The loss of a contact: the later and the slower, the better, since there is time to find
     another path."""
-    return c.contact * (1.0 - 0.5 * min(time / horizon, 1.0)) + c.speed_at_contact * state.v
+    share = 1.0 - (1.0 - LEAST_LOSS) * min(time / horizon, 1.0)
+    return c.contact * share + c.speed_at_contact * state.v

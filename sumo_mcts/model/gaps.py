@@ -43,10 +43,10 @@ def gap_behind(local: LocalMap, state: State, node: int, s: float) -> float:
 
 
 @kernel
-def gap_to_leaving(local: LocalMap, state: State, i: int, s: float, now: int) -> float:
+def gap_to_leaving(local: LocalMap, state: State, i: int, s: float, t: int) -> float:
     """m from the ego's front to the rear of an agent ahead that is leaving the ego's lane: its
     front is in another lane, its rear still here. inf: the agent is none of these."""
-    left = lane_left(local, i, now)
+    left = lane_left(local, i, t)
     if left < 0:
         return math.inf
     gap = gap_ahead(local, state, left, s) - 2.0 * local.trait[i, HALF_LENGTH]
@@ -54,12 +54,12 @@ def gap_to_leaving(local: LocalMap, state: State, i: int, s: float, now: int) ->
 
 
 @kernel
-def lane_left(local: LocalMap, i: int, now: int) -> int:
+def lane_left(local: LocalMap, i: int, t: int) -> int:
     """The node of the lane that an agent leaves and is not yet wholly out of; -1: none.
 
     A vehicle that moves in front of it there makes it brake.
     """
-    return int(local.trait[i, BESIDE]) if now <= local.trait[i, UNTIL] else -1
+    return int(local.trait[i, BESIDE]) if t <= local.trait[i, UNTIL] else -1
 
 
 @kernel

@@ -28,10 +28,10 @@ from sumo_mcts.model.local_map import (
     S,
     State,
     V,
-    apart,
     chain_gap,
     follows,
     node_of,
+    on_other_level,
     upstream_of,
 )
 from sumo_mcts.model.motion import EgoParams, pose_of
@@ -46,6 +46,8 @@ SIGHT = 80.0  # m beyond which agents are ignored
 # Cost of standing on the path of a person on foot, as a share of that of an occupied place. In full
 # it would exceed that of a contact.
 ROUND_SHARE = 0.1
+
+LEAST_GAP = 0.5  # m from the ego's front to an agent's rear; with less the agent is beside it
 
 
 class Neighbours(NamedTuple):
@@ -76,28 +78,28 @@ def meet(  # noqa: PLR0915
     `others` [R, 2] as in model/reactions.py; `followers`: the agents that followed the ego before.
     """
     x, y, cs, sn = pose_of(local, p, state)
-    now = min(index, local.agent.shape[0] - 1)
+    t = min(index, local.agent.shape[0] - 1)
     changing = state.progress > 0.0
     box = Box(x, y, cs, sn, p.half_length, p.half_width)
     wide = Box(x, y, cs, sn, p.half_length, p.half_width + (local.aside if changing else 0.0))
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
     own = wide.half_length + wide.half_width + 0.5 * state.v * local.dt + 0.01
     for i in range(local.agent.shape[1]):
-        node, moved = node_of(local, now, i), local.trait[i, SLOT] >= 0.0
+        node, moved = node_of(local, t, i), local.trait[i, SLOT] >= 0.0
         if (
             node == GONE
-            or abs(local.agent[now, i, X] - x) > SIGHT
-            or abs(local.agent[now, i, Y] - y) > SIGHT
+            or abs(local.agent[t, i, X] - x) > SIGHT
+            or abs(local.agent[t, i, Y] - y) > SIGHT
         ):
             continue
-        near = moved or may_be_near(local, x, y, own, now, i)
-        comes_to = upstream_of(local, now, i) if changing else -1
+        near = moved or may_be_near(local, x, y, own, t, i)
+        comes_to = upstream_of(local, t, i) if changing else -1
         if node < 0 and comes_to < 0 and not near:
             continue
-        row, at = local.agent[now, i], now
+        row, at = local.agent[t, i], t
         bx, by, bc, bs, v, s = row[X], row[Y], row[COS], row[SIN], row[V], row[S]
         if moved:
-            bx, by, bc, bs, v, s, at = seen(local, others, i, now)
+            bx, by, bc, bs, v, s, at = seen(local, others, i, t)
             node = node_of(local, at, i)
         length = local.trait[i, HALF_LENGTH]
         behind, to_ego = follows(local, followers, i), math.inf
@@ -110,13 +112,13 @@ def meet(  # noqa: PLR0915
                 continue  # the forecast has it where it would be without the ego
             to_rear = min(
                 to_agent - 2.0 * length if to_agent >= 0.0 else math.inf,
-                gap_to_leaving(local, state, i, s, now),
+                gap_to_leaving(local, state, i, s, t),
             )
             if to_rear < gap:
                 gap, leader_v = to_rear, v
             if changing and is_beside_in_lane(local, p, state, node, s, length):
                 return Meeting(True, rate, once, Neighbours(gap, leader_v, followers))
-            left = lane_left(local, i, now) if changing else -1
+            left = lane_left(local, i, t) if changing else -1
             if left >= 0:
                 to_ego = min(to_ego, chain_gap(local, left, s, target_lane(state), state.s))
         if (
@@ -131,17 +133,17 @@ def meet(  # noqa: PLR0915
                 once += price
                 if not moved:
                     continue
-            else:
+            else:  # no driver could cope: as dear as standing in its way
                 rate += c.claim
         if not near:
             continue
         other = Box(bx, by, bc, bs, length, local.trait[i, HALF_WIDTH])
-        nearness = _nearness(local, c, state, box, wide, other, v, at, now, i, moved)
+        nearness = _nearness(local, c, state, box, wide, other, v, at, t, i, moved)
         if math.isinf(nearness):
             return Meeting(True, rate, once, Neighbours(gap, leader_v, followers))
         rate += nearness
     if local.node[state.node, INTERNAL] > 0.0:
-        rate += yielding_cost(local, p, c, state, now)
+        rate += yielding_cost(local, p, c, state, t)
     rate += _headway(c, gap, state.v)
     return Meeting(False, rate, once, Neighbours(gap, leader_v, followers))
 
@@ -156,11 +158,14 @@ def _nearness(
     other: Box,
     v: float,
     at: int,
-    now: int,
+    t: int,
     i: int,
     moved: bool,
 ) -> float:
-    """Cost per second of how near agent i is, whose box is `other`; inf: contact."""
+    """Cost per second, at forecast index `t`, of how near agent i is; inf: contact.
+
+    Its box is `other`; the forecast has it there at index `at`, which is earlier if it is late.
+    """
     # with a deceleration the ego may have come to its stand in this step
     round_it = local.trait[i, GOES_ROUND] > 0.0 and state.v == 0.0 and state.a == 0.0
     if _touch(local, state, wide, other, v, at, i):
@@ -168,7 +173,7 @@ def _nearness(
     if moved:
         return 0.0
     return (ROUND_SHARE if round_it else 1.0) * (
-        late_cost(local, c, state, box, now, i) + occupancy_cost(local, c, state, box, now, i)
+        late_cost(local, c, state, box, t, i) + occupancy_cost(local, c, state, box, t, i)
     )
 
 
@@ -197,7 +202,7 @@ def _touch(local: LocalMap, state: State, box: Box, other: Box, v: float, at: in
         return False
     if not boxes_touch(_swept(box, state.v * local.dt), _swept(other, v * local.dt)):
         return False
-    return not apart(local, state.node, state.s, 2.0 * box.half_length, at, i)
+    return not on_other_level(local, state.node, state.s, 2.0 * box.half_length, at, i)
 
 
 @kernel
@@ -216,18 +221,18 @@ def place_is_free(
 
     `changed`: the state right after the change began.
     """
-    now = min(index, local.agent.shape[0] - 1)
+    t = min(index, local.agent.shape[0] - 1)
     target = changed.other if changed.other >= 0 else changed.node
     for i in range(local.agent.shape[1]):
-        node, comes_to = node_of(local, now, i), upstream_of(local, now, i)
+        node, comes_to = node_of(local, t, i), upstream_of(local, t, i)
         if (node < 0 and comes_to < 0) or local.trait[i, REACTS] == 0.0:
             continue
-        s, left = local.agent[now, i, S], lane_left(local, i, now)
+        s, left = local.agent[t, i, S], lane_left(local, i, t)
         behind = chain_gap(local, max(node, comes_to), s, target, changed.s)
         if left >= 0:
             behind = min(behind, chain_gap(local, left, s, target, changed.s))
         price = (
-            cut_in_cost(c, behind - 2.0 * p.half_length, local.agent[now, i, V], changed.v)
+            cut_in_cost(c, behind - 2.0 * p.half_length, local.agent[t, i, V], changed.v)
             if 0.0 <= behind < math.inf
             else 0.0
         )
@@ -236,10 +241,11 @@ def place_is_free(
         if comes_to >= 0:
             continue
         ahead = chain_gap(local, target, changed.s, node, s) - 2.0 * local.trait[i, HALF_LENGTH]
-        closing = max(0.0, changed.v - local.agent[now, i, V])
-        beside = ahead < 0.5 <= ahead + 2.0 * local.trait[i, HALF_LENGTH]
+        closing = max(0.0, changed.v - local.agent[t, i, V])
+        beside = ahead < LEAST_GAP <= ahead + 2.0 * local.trait[i, HALF_LENGTH]
         if beside or (
-            behind == math.inf and closing * closing > 2.0 * p.comfort_decel * max(ahead - 0.5, 0.0)
+            behind == math.inf
+            and closing * closing > 2.0 * p.comfort_decel * max(ahead - LEAST_GAP, 0.0)
         ):
             return False
     return True

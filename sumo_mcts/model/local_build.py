@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sumo_mcts.model.local_map import (
     ELSEWHERE,
     GONE,
+    KINDS,
     LATE,
     NEARBY,
     OCCUPANCY_SAMPLES,
@@ -122,7 +123,7 @@ def build_local(
             forecast.yields[hypothesis], _slots(forecast, node, scene, rules.reactive),
             beside, until, bits, _goes_round(scene.agents, len(bits), state),
         ]),
-        reach=_reach(
+        bounds=_bounds(
             forecast.pose[hypothesis, :, :, : Y + 1], v,
             forecast.half_length + forecast.half_width, forecast.dt, rules.claim_s,
         ),
@@ -130,7 +131,7 @@ def build_local(
         first=first,
         limit=limit,
         target_lane_speed=_target_lane_speed(route, view, here, node[0], position[0], v[0]),
-        free=_is_free(route, closed, first, state, limit * times * forecast.dt + FREE_BEYOND),
+        open_ahead=_is_open(route, closed, first, state, limit * times * forecast.dt + FREE_BEYOND),
         stop_at=_stop_at(route, state, rules.cleared, here),
         followers=followers,
         aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
@@ -197,20 +198,20 @@ def _levels(
 
     Returns level [W, K] and place [T, N]. A lane has clusters of three kinds: 0 the one it lies in,
     1 the one where it ends, 2 the one where it begins. Bit 3 i + j of level: cluster i of the ego's
-    lane is cluster j of the other lane. Bit j of place: the agent is near cluster j of its lane.
+    lane is cluster j of the other lane; bit 0 is set on the same edge too. Bit j of place: the
+    agent is near cluster j of its lane; bit 0 always.
     """
     those, column = np.unique(lane, return_inverse=True)
     mine, theirs = (
         np.stack([road.knot[lanes], road.ends[lanes], road.begins[lanes]]) for lanes in (own, those)
     )
     level = (road.edge[own][:, None] == road.edge[those]).astype(np.int64)
-    for i in range(3):
-        for j in range(3):
-            level |= ((mine[i][:, None] == theirs[j]) & (theirs[j] >= 0)).astype(np.int64) << (
-                3 * i + j
-            )
+    for i in range(KINDS):
+        for j in range(KINDS):
+            meet = (mine[i][:, None] == theirs[j]) & (theirs[j] >= 0)
+            level |= meet.astype(np.int64) << (KINDS * i + j)
     near = 1 + 2 * (road.length[lane] - s < NEARBY + length) + 4 * (s < NEARBY + length)
-    return level, np.where(lane >= 0, 8 * column.reshape(lane.shape) + near, -1)
+    return level, np.where(lane >= 0, (column.reshape(lane.shape) << KINDS) + near, -1)
 
 
 def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> Indices:
@@ -271,8 +272,8 @@ def _goes_round(agents: Agents, count: int, state: State) -> Bools:
     return agents.person if agents.ids and state.v < CRAWLS else np.zeros(count, np.bool_)
 
 
-def _reach(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) -> Floats:
-    """LocalMap.reach from centres [T, N, 2], speeds [T, N] and half sizes [N].
+def _bounds(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) -> Floats:
+    """LocalMap.bounds from centres [T, N, 2], speeds [T, N] and half sizes [N].
 
     The bounds are too large rather than too small. They serve to skip distant agents quickly.
     """
@@ -289,7 +290,7 @@ def _reach(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) ->
     return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=2)
 
 
-def _is_free(
+def _is_open(
     route: RouteMap, closed: NDArray[np.uint8], first: int, state: State, distance: float
 ) -> bool:
     """Whether the ego's lane goes on for so many metres, past lights that are open when the

@@ -27,10 +27,11 @@ class LocalMap(NamedTuple):
     node: Floats  # RouteMap.table, of the whole route
     row: Floats  # RouteMap.rows
     closed: NDArray[np.uint8]  # [W, T] the stop line at the node's end may not be crossed
-    # [W, K] how the ego's lanes meet those that agents drive (see local_build._levels)
+    # [W, K] how the ego's lanes meet those that agents drive: bits by INSIDE, ENDS, BEGINS below
+    # (see local_build._levels)
     level: Indices
-    # [T, N] 8 times the agent's column of level, and which junction clusters are near; negative
-    # off the road
+    # [T, N] the agent's column of level, shifted by KINDS, and KINDS bits: near which junction
+    # clusters of its lane it is; negative off the road
     place: Indices
     # [W, W] m from the start of a node to the start of another one down its chain; inf: not on it
     ahead: Floats
@@ -39,7 +40,7 @@ class LocalMap(NamedTuple):
     trait: Floats  # [N, 9] HALF_LENGTH .. GOES_ROUND below
     # [T, N, 4] WEST .. NORTH: bounds of an agent's box at that time and LATE earlier, and of its
     # predicted occupancy
-    reach: Floats
+    bounds: Floats
     # [K, 5] OWN_NODE .. MERGES below: stretches of a junction that an agent is going to use and
     # that the ego has to leave to it
     obligation: Floats
@@ -49,7 +50,7 @@ class LocalMap(NamedTuple):
     # others the limit of these lanes
     target_lane_speed: float
     # no light that stays red, and no end of the road, within the distance that the ego could drive
-    free: bool
+    open_ahead: bool
     # m along the route (STATION) of the next stop line, if it has a stop sign at which the ego has
     # not stood yet; else inf
     stop_at: float
@@ -60,6 +61,11 @@ class LocalMap(NamedTuple):
     aside: float
     dt: float  # s between forecast times
 
+
+# The kinds of junction clusters of a lane: the one it lies in, where it ends, where it begins. And
+# the first bit of each kind in LocalMap.level.
+KINDS = 3
+INSIDE, ENDS, BEGINS = 0, KINDS, 2 * KINDS
 
 # Columns of LocalMap.agent after those of the pose. V: speed, m/s. NODE: the lane of the front (see
 # above). S: lane position there, m, negative upstream of the node. DRIVEN: m from now on.
@@ -82,7 +88,7 @@ HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, GOES_ROUND = 
 # the agent drives until it enters the stretch; 1 where both lead into the same lane.
 OWN_NODE, STRETCH_END, AGENT, ENTERS, MERGES = range(5)
 
-# Columns of LocalMap.reach, m.
+# Columns of LocalMap.bounds, m.
 WEST, EAST, SOUTH, NORTH = range(4)
 OCCUPANCY_SAMPLES = 2  # points of an agent's path ahead that are checked
 LATE = 0.4  # s that an agent may come later than its forecast
@@ -148,18 +154,18 @@ def is_gone(local: LocalMap, at: int, i: int) -> bool:
 
 
 @kernel
-def apart(local: LocalMap, node: int, s: float, length: float, at: int, i: int) -> bool:
+def on_other_level(local: LocalMap, node: int, s: float, length: float, at: int, i: int) -> bool:
     """Whether the ego (its front at s on `node`, its length in m) and agent i, where it is at
     forecast time `at`, are on different levels."""
     w, place = node - local.first, local.place[at, i]
     if place < 0 or w < 0 or w >= local.level.shape[0]:
         return False
-    level, theirs = local.level[w, place >> 3], place & 7
-    if level & theirs != 0:
+    level, theirs = local.level[w, place >> KINDS], place & ((1 << KINDS) - 1)
+    if (level >> INSIDE) & theirs != 0:
         return False
-    if (level >> 3) & theirs != 0 and local.node[node, LENGTH] - s < NEARBY + length:
+    if (level >> ENDS) & theirs != 0 and local.node[node, LENGTH] - s < NEARBY + length:
         return False
-    return (level >> 6) & theirs == 0 or s >= NEARBY + length
+    return (level >> BEGINS) & theirs == 0 or s >= NEARBY + length
 
 
 @kernel

@@ -24,10 +24,12 @@ from sumo_mcts.scene import STANDING
 
 LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a longer step is one
 FREE, RED_LINE, GOAL, OFF_END = range(4)
+SHORT_OF = 0.01  # m that a stop has to be short of a closed line
+CREEP = 0.5  # 1/s: m/s for each metre to the place to stand, once that is nearer than one look
 HELD = 2.0  # m/s up to which running into the end of a lane is as good as stopping at it
 BEGUN = 1e-12  # progress of a lane change that is about to begin
-# progress right after one without a duration: in that step SUMO has looked for collisions in the
-# old lane
+# progress right after a lane change without a duration: in that step SUMO has looked for collisions
+# in the old lane
 JUMPED = 1.0 - 1e-6
 UNTURNED = 0.003  # rad of turn that cannot be seen
 # progress beyond which the new lane counts; at half time itself SUMO's rounding decides
@@ -70,7 +72,7 @@ def advance(
     speed = min(speed, max(_cap(local, state.node, state.s + _moved(p, v, speed)), slowest))
     if (
         line < math.inf
-        and not _stops(p, speed, (speed - v) / p.step, line - _moved(p, v, speed) - 0.01)
+        and not _stops(p, speed, (speed - v) / p.step, line - _moved(p, v, speed) - SHORT_OF)
         and _stops(p, v, state.a, line)
     ):
         speed = slowest  # the last moment at which braking helps
@@ -270,15 +272,18 @@ def _to_line(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
 
 @kernel
 def _towards_line(p: EgoParams, v: float, distance: float, look: float) -> float:
-    """The acceleration with which a closed stop line is met with approach_decel; where that is too
-    late, in comfort, or evenly; inf: too late to stop."""
+    """The acceleration with which a closed stop line is met.
+
+    That is with approach_decel, else with comfort_decel, or the even braking that just stops there
+    if that is stronger. inf: too late to stop.
+    """
     if v * v > 2.0 * p.max_decel * (distance + 0.1):
         return math.inf
     to_stop = distance - p.stop_gap - v * look
     cap = (
         math.sqrt(2.0 * p.approach_decel * to_stop)
         if to_stop > 0.0
-        else max(0.0, 0.5 * (distance - p.stop_gap))
+        else max(0.0, CREEP * (distance - p.stop_gap))
     )
     # a stop takes less where positions follow the speed at the end of a step
     shorter = 0.0 if p.ballistic else 0.5 * v * p.step

@@ -13,7 +13,8 @@ from sumo_mcts.numerics.lanes import Ahead, Areas, ahead_of, areas_of, leads_to
 from sumo_mcts.scene import Bools, Floats, Indices, Ints, RoadMap
 
 JUNCTION_VIEW = 120.0  # m of the route ahead within which junctions count
-MOST = 256  # obligations in one cycle
+# obligations in one cycle; further ones, those on the junctions furthest ahead, are left out
+MOST = 256
 
 
 class Coming(NamedTuple):

@@ -23,9 +23,9 @@ from sumo_mcts.model.local_map import (
     LocalMap,
     State,
     V,
-    apart,
     chain_gap,
     is_gone,
+    on_other_level,
 )
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import JUNCTION
@@ -33,51 +33,54 @@ from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.numerics.krauss import STANDSTILL, USUAL_S, safe_gap
 
+LATE_SHARE = 0.5  # of cost.claim, where an agent is if it comes later than its forecast
+# Of cost.claim, inside a junction, where an agent with the right of way begins to brake; and what
+# the missing share of its safe gap adds: with a quarter missing it is all of cost.claim.
+BRAKES_SHARE, GROWTH = 0.5, 2.0
+
 
 @kernel
-def may_be_near(local: LocalMap, x: float, y: float, own: float, now: int, i: int) -> bool:
+def may_be_near(local: LocalMap, x: float, y: float, own: float, t: int, i: int) -> bool:
     """Whether the box of agent i, or its predicted occupancy, can be within `own` m of the ego at
     (x, y): one look instead of several."""
-    reach = local.reach[now, i]
+    bounds = local.bounds[t, i]
     return (
-        reach[WEST] - own <= x <= reach[EAST] + own
-        and reach[SOUTH] - own <= y <= reach[NORTH] + own
+        bounds[WEST] - own <= x <= bounds[EAST] + own
+        and bounds[SOUTH] - own <= y <= bounds[NORTH] + own
     )
 
 
 @inlined
-def occupancy_cost(
-    local: LocalMap, c: CostParams, state: State, box: Box, now: int, i: int
-) -> float:
+def occupancy_cost(local: LocalMap, c: CostParams, state: State, box: Box, t: int, i: int) -> float:
     """Cost per second of standing where agent i is predicted to be within claim_s of forecast time
-    `now`; the cost is higher the sooner this is."""
+    `t`; the cost is higher the sooner this is."""
     if local.trait[i, POLITE] != 0.0:
         return 0.0
     for k in range(1, OCCUPANCY_SAMPLES + 1):
-        at = now + int(k * c.claim_s / OCCUPANCY_SAMPLES / local.dt + 0.5)
+        at = t + int(k * c.claim_s / OCCUPANCY_SAMPLES / local.dt + 0.5)
         if at >= local.agent.shape[0] or is_gone(local, at, i):
             return 0.0
         if _meets(local, box, at, i):
             return (
                 0.0
-                if apart(local, state.node, state.s, 2.0 * box.half_length, at, i)
+                if on_other_level(local, state.node, state.s, 2.0 * box.half_length, at, i)
                 else c.claim * (1.0 - (k - 1.0) / OCCUPANCY_SAMPLES)
             )
     return 0.0
 
 
 @inlined
-def late_cost(local: LocalMap, c: CostParams, state: State, box: Box, now: int, i: int) -> float:
+def late_cost(local: LocalMap, c: CostParams, state: State, box: Box, t: int, i: int) -> float:
     """Cost per second of being where the agent still is if it comes a little later than its
     forecast."""
-    at = now - int(LATE / local.dt + 0.5)
+    at = t - int(LATE / local.dt + 0.5)
     if at < 0 or is_gone(local, at, i):
         return 0.0
-    if not _meets(local, box, at, i) or apart(
+    if not _meets(local, box, at, i) or on_other_level(
         local, state.node, state.s, 2.0 * box.half_length, at, i
     ):
         return 0.0
-    return c.claim * 0.5
+    return c.claim * LATE_SHARE
 
 
 @inlined
@@ -94,7 +97,7 @@ def _meets(local: LocalMap, box: Box, at: int, i: int) -> bool:
 
 
 @kernel
-def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, now: int) -> float:
+def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, t: int) -> float:
     """Cost per second of being inside a junction while an agent with the right of way comes near.
     Drivers brake for any vehicle in a junction."""
     rate = 0.0
@@ -105,12 +108,12 @@ def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, no
         left = chain_gap(local, state.node, state.s, node, local.obligation[k, STRETCH_END])
         if left == math.inf or left + 2.0 * p.half_length < 0.0:
             continue
-        distance = local.obligation[k, ENTERS] - local.agent[now, i, DRIVEN]
+        distance = local.obligation[k, ENTERS] - local.agent[t, i, DRIVEN]
         # To a driver in SUMO, a vehicle that crosses its path is as good as standing there; one
         # that merges drives ahead of it.
         needed = STANDSTILL + safe_gap(
-            local.agent[now, i, V], state.v if local.obligation[k, MERGES] > 0.0 else 0.0, USUAL_S
+            local.agent[t, i, V], state.v if local.obligation[k, MERGES] > 0.0 else 0.0, USUAL_S
         )
         if 0.0 < distance < needed:
-            rate = max(rate, c.claim * min(1.0, 0.5 + 2.0 * (1.0 - distance / needed)))
+            rate = max(rate, c.claim * min(1.0, BRAKES_SHARE + GROWTH * (1.0 - distance / needed)))
     return rate

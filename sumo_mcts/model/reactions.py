@@ -27,17 +27,18 @@ from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_speed
 from sumo_mcts.scene import Floats
 
-PANIC = 9.0  # m/s2
-CATCHES_UP = 2.0  # m/s2
+PANIC = 9.0  # m/s2 of emergency braking, as SUMO's cars have it by default,
+NEAR = 1.0  # m to the ego up to which they brake like that
+CATCHES_UP = 2.0  # m/s2 with which an agent that is late drives faster again
 IMPOSED = 2.0  # m/s2 of braking that counts as imposed (measures)
 
-# Columns of the array that holds the reacting agents: at which (fractional) forecast time it is
-# where its forecast has it, and its speed, m/s.
+# Columns of the array that holds the reacting agents. CLOCK: forecast index (with fraction) of the
+# place that the agent has reached; its delay at index t is t - CLOCK. SPEED: m/s.
 CLOCK, SPEED = range(2)
 
 
-def at_rest(local: LocalMap, count: int) -> Floats:
-    """[count, 2] the reacting agents as they are now."""
+def undisturbed(local: LocalMap, count: int) -> Floats:
+    """[count, 2] the reacting agents as they are now, before the ego has held any up."""
     others = np.zeros((count, 2))
     for i, slot in enumerate(local.trait[:, SLOT].astype(int)):
         if slot >= 0:
@@ -47,16 +48,16 @@ def at_rest(local: LocalMap, count: int) -> Floats:
 
 @kernel
 def react(
-    local: LocalMap, p: EgoParams, state: State, others: Floats, now: int, seconds: float
+    local: LocalMap, p: EgoParams, state: State, others: Floats, t: int, seconds: float
 ) -> float:
-    """Move every reacting agent on by `seconds`, up to forecast time `now`, with the ego where
+    """Move every reacting agent on by `seconds`, up to forecast time `t`, with the ego where
     `state` says. Returns the braking beyond IMPOSED that the ego causes, summed up over agents, in
     m/s2."""
     imposed = 0.0
-    now = min(now, local.agent.shape[0] - 1)
+    t = min(t, local.agent.shape[0] - 1)
     for i in range(local.agent.shape[1]):
         r = int(local.trait[i, SLOT])
-        if r < 0 or is_gone(local, now, i):
+        if r < 0 or is_gone(local, t, i):
             continue
         clock, v = others[r, CLOCK], others[r, SPEED]
         k = int(clock)
@@ -73,13 +74,13 @@ def react(
             careful = safe_speed(gap - STANDSTILL, state.v, USUAL_S)
             if careful < v:
                 imposed += max(0.0, min((v - careful) / seconds, DECEL) - IMPOSED)
-            speed = min(speed, max(careful, v - (DECEL if gap > 1.0 else PANIC) * seconds))
+            speed = min(speed, max(careful, v - (DECEL if gap > NEAR else PANIC) * seconds))
         speed = max(speed, 0.0)
         reached = driven + speed * seconds
-        if reached >= local.agent[now, i, DRIVEN]:
-            others[r, CLOCK], others[r, SPEED] = now, local.agent[now, i, V]
+        if reached >= local.agent[t, i, DRIVEN]:
+            others[r, CLOCK], others[r, SPEED] = t, local.agent[t, i, V]
             continue
-        while k + 1 < now and local.agent[k + 1, i, DRIVEN] <= reached:
+        while k + 1 < t and local.agent[k + 1, i, DRIVEN] <= reached:
             k += 1
         span = local.agent[k + 1, i, DRIVEN] - local.agent[k, i, DRIVEN]
         others[r, CLOCK] = k + (
@@ -91,14 +92,14 @@ def react(
 
 @kernel
 def seen(
-    local: LocalMap, others: Floats, i: int, now: int
+    local: LocalMap, others: Floats, i: int, t: int
 ) -> tuple[float, float, float, float, float, float, int]:
-    """Agent i at forecast time `now`: centre x, y, cos and sin of the heading, speed, lane
+    """Agent i at forecast time `t`: centre x, y, cos and sin of the heading, speed, lane
     position, and the time at which the forecast has it there."""
     r = int(local.trait[i, SLOT])
-    if r < 0 or others[r, CLOCK] >= now:
-        row = local.agent[now, i]
-        return row[X], row[Y], row[COS], row[SIN], row[V], row[S], now
+    if r < 0 or others[r, CLOCK] >= t:
+        row = local.agent[t, i]
+        return row[X], row[Y], row[COS], row[SIN], row[V], row[S], t
     clock = others[r, CLOCK]
     k = int(clock)
     s = local.agent[k, i, S] + _at(local, i, clock, DRIVEN) - local.agent[k, i, DRIVEN]

@@ -32,6 +32,7 @@ SPACING = 1.0  # m between the rows of the pose and speed tables
     JUNCTION,
 ) = range(12)
 CAP = 4  # column of RouteMap.rows after those of the pose
+MOST_INNER = 8  # lanes at most from a junction's entry to its exit
 END_GAP = 1.5  # m kept to the end of a lane that leads nowhere
 UPSTREAM_VIEW = 200.0  # m before the route over which the lanes that lead into it are followed
 
@@ -61,8 +62,8 @@ class RouteMap(NamedTuple):
     station: Floats  # [W] where it begins, m from the start of the route
     # [W] lane changes to the lane of this edge that leads furthest; positive: to the left
     changes: Indices
-    # [W] the most changes that a lane of the node's path needs, itself or one after it, to the side
-    # of the first of them
+    # [W] the largest number of changes needed on this node or any after it on its path, with the
+    # sign of the first that is needed
     needed: Indices
     # [W] m from the node's start to where the route is lost without a lane change; inf: never
     reach: Floats
@@ -197,7 +198,7 @@ def _path(road: RoadMap, lane: int) -> list[int]:
     while (
         road.internal[path[-1]]
         and road.successor_offset[path[-1]] < road.successor_offset[path[-1] + 1]
-        and len(path) < 8
+        and len(path) < MOST_INNER
     ):
         path.append(int(road.successor[road.successor_offset[path[-1]]]))
     return path

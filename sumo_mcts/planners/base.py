@@ -32,9 +32,8 @@ class Situation(NamedTuple):
     state: State
     forecast: Forecast
     cleared: frozenset[int]  # route nodes at whose stop sign the ego has stood
-    until: float = (
-        math.inf
-    )  # time.perf_counter() at which a search has to end; inf: iterations count
+    # time.perf_counter() at which a search has to end; inf: iterations count
+    until: float = math.inf
 
 
 def local_of(task: Task, situation: Situation, reactive: int = 0, hypothesis: int = 0) -> LocalMap:
@@ -73,7 +72,7 @@ class Remembering(Protocol):
         """Go on from this memory; called after `start`."""
 
 
-class Drawing:
+class SeededPlanner:
     """What planners have in common that read a forecast and draw at random."""
 
     needs_forecast = True

@@ -21,8 +21,8 @@ from sumo_mcts.model.local_map import (
     S,
     State,
     V,
-    apart,
     is_gone,
+    on_other_level,
 )
 from sumo_mcts.model.motion import (
     EgoParams,
@@ -36,10 +36,10 @@ from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, lane_pose
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
 from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.planners.actions import lasting
-from sumo_mcts.planners.base import STOP_DECEL, Drawing, Situation, Task, local_of
+from sumo_mcts.planners.base import STOP_DECEL, SeededPlanner, Situation, Task, local_of
 from sumo_mcts.planners.candidates import follow_line
 from sumo_mcts.planners.mcts import MctsParams, actions_of, in_steps, mcts_params
-from sumo_mcts.planners.rollout import DRIVEN_S, DRIVEN_V
+from sumo_mcts.planners.ply import DRIVEN_S, DRIVEN_V
 from sumo_mcts.scene import Decision, Floats, Follow, Indices, Plan, PlannerMemory, Release
 
 LOOK = 1.0  # m between the places on the path ahead at which others are looked for
@@ -205,7 +205,7 @@ class IdmPlanner:
 NO_OTHERS = np.zeros((0, 2))  # no agents that a search would move
 
 
-class RandomPlanner(Drawing):
+class RandomPlanner(SeededPlanner):
     """Any action at the root of the search, each with the same probability: shows the value of
     choosing."""
 
@@ -329,7 +329,7 @@ def leader_on_path(
                     or abs(dx) > near
                     or abs(dy) > near
                     or dx * c + dy * n < 0.0
-                    or apart(local, node, s, 2.0 * p.half_length, 0, i)
+                    or on_other_level(local, node, s, 2.0 * p.half_length, 0, i)
                 ):
                     continue
                 bc, bs = local.agent[0, i, COS], local.agent[0, i, SIN]

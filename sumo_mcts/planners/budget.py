@@ -11,18 +11,15 @@ from sumo_mcts.model.local_map import MOTION_V
 from sumo_mcts.planners.tree import Tree
 
 SLICE = 20_000  # passes after which Ctrl-C takes effect
-STAGES = 4  # looks at how close the choice is, for as many passes as the budget has
+STAGES = 4  # a close choice gets iterations / STAGES more passes at a time
 FASTEST = 500_000.0  # passes/s that no search exceeds
 LARGEST = 1_000_000  # largest number of passes, for about 300 MB
 DIFFERENT = 0.5  # m/s after the first action from which two actions are not the same command
-MEMORY = (
-    20  # decisions from which is learned how long it takes from the end of a search to the decision
-)
+# decisions from which is learned how long it takes from the end of a search to the decision
+MEMORY = 20
 SPARE = 1.25  # times the longest of them is kept free
-AT_FIRST, AT_MOST = (
-    0.25,
-    0.5,
-)  # share of a time budget that is kept free: before anything was learned, and at all
+# share of a time budget that is kept free: before anything was learned, and at most
+AT_FIRST, AT_MOST = 0.25, 0.5
 
 
 class Budget(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 from sumo_mcts.model.local_map import MOTION_V, LocalMap, State
 from sumo_mcts.planners.actions import ACCEL, FOLLOW, SIDE, to_steps
 from sumo_mcts.planners.base import Task
-from sumo_mcts.planners.rollout import (
+from sumo_mcts.planners.ply import (
     ALIVE,
     ARRIVED,
     DRIVEN_S,
@@ -67,8 +67,8 @@ def root_candidates(start: Start, tree: Tree, actions: Floats) -> list[Candidate
 def warm_start(start: Start, line: Floats, period_s: float) -> Candidate | None:
     """What is left of the last plan, `line` [steps, 3], if it is possible without a contact.
 
-    Its half-driven actions are none that the tree could try. A lane change begins with a decision
-    period or not at all.
+    It begins in the middle of an action, so the tree cannot hold it. A lane change begins with a
+    decision period or not at all.
     """
     later = line[1 : round(period_s / start.task.ego.step)]
     if not len(line) or (later[:, SIDE] != 0.0).any():
@@ -123,7 +123,7 @@ def follow_line(
     """Drive a sequence `line` [steps, 3], from `state` and the reacting agents `others` [R, 2].
 
     Returns the plan, step by step, the cost terms [5] SAFETY .. LOSS, and how it ends (see
-    rollout.replay).
+    ply.replay).
     """
     steps = len(line)
     nodes, motion, pose = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4))

@@ -14,9 +14,9 @@ from sumo_mcts.planners.reference_solver import Solution, best_root, solve
 from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
 
 
-def horizon_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
-    """How far the reference problem looks into a forecast with states `forecast_step` apart, s."""
-    return reference.horizon_s(forecast_step)
+def forecast_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
+    """How long a forecast the reference problem needs, with states `forecast_step` apart, s."""
+    return reference.forecast_s(forecast_step)
 
 
 def make(_: Mapping[str, Any], scenario: ScenarioConfig) -> "ExhaustivePlanner":

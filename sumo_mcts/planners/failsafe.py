@@ -30,7 +30,7 @@ from sumo_mcts.planners.failsafe_reach import (
     Assumed,
     drive,
 )
-from sumo_mcts.planners.rollout import DRIVEN_S, DRIVEN_V
+from sumo_mcts.planners.ply import DRIVEN_S, DRIVEN_V
 from sumo_mcts.scene import Agents, Decision, EgoState, Floats, Follow, Manoeuvre, Plan
 
 LONGEST_S = 30.0  # longest duration of a manoeuvre

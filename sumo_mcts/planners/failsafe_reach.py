@@ -15,10 +15,10 @@ from sumo_mcts.model.local_map import (
     S,
     State,
     V,
-    apart,
     chain_gap,
     is_gone,
     node_of,
+    on_other_level,
 )
 from sumo_mcts.model.motion import (
     GOAL,
@@ -32,15 +32,15 @@ from sumo_mcts.model.motion import (
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.planners.rollout import DRIVEN_S, DRIVEN_V
+from sumo_mcts.planners.ply import DRIVEN_S, DRIVEN_V
 from sumo_mcts.scene import Floats, Indices
 
 CHECK_S = 0.25  # longest time between two checks
 ALONG = 0.8  # cosine of the angle between two headings up to which one vehicle follows the other
 AT_REST = 0.01  # m/s
 NO_AGENT, NO_END = -1, -2  # in place of an obstacle's agent
-# How a manoeuvre begins after the decision period. HOLD and ACCELERATE last until the ego has left
-# the junction and ended its lane change; then it brakes.
+# A manoeuvre after the decision period. BRAKE brakes at once. HOLD and ACCELERATE last until the
+# junction is left and the lane change ended; then the ego brakes.
 BRAKE, HOLD, ACCELERATE = range(3)
 
 
@@ -68,7 +68,8 @@ def drive(
     [M, 2] DRIVEN_S and DRIVEN_V, and pose [M, 4].
 
     Returns the number of steps, the agent that the ego could meet, and when, s from now. NO_AGENT
-    stands for none. NO_END: the manoeuvre does not end in time, or equals the one with BRAKE.
+    stands for none. NO_END: the manoeuvre does not end in time, or equals the one with BRAKE. That
+    it crosses a closed stop line is no objection: only agents that the ego could meet are.
     """
     state = begin_change(local, p, start, side) if side != 0 else start
     checks = max(1, math.ceil(p.step / CHECK_S))
@@ -264,7 +265,7 @@ def _covers(
     if (
         abs(x - box.x) > close
         or abs(y - box.y) > close
-        or apart(local, state.node, state.s, 2.0 * box.half_length, t, i)
+        or on_other_level(local, state.node, state.s, 2.0 * box.half_length, t, i)
     ):
         return False
     return boxes_touch(box, Box(x, y, now[COS], now[SIN], half, width))

@@ -11,14 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.model.cost import LEAST_LOSS
 from sumo_mcts.model.local_map import LocalMap
-from sumo_mcts.model.reactions import at_rest
+from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.actions import FOLLOW, lasting, packed, unpacked
-from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
+from sumo_mcts.planners.base import SeededPlanner, Situation, Task, local_of
 from sumo_mcts.planners.budget import Budget, next_passes, next_passes_in_time, part, passes_within
 from sumo_mcts.planners.candidates import Candidate, Start, cost_in, root_candidates, warm_start
+from sumo_mcts.planners.ply import SearchParams, search_params
 from sumo_mcts.planners.risk import risk, shares
-from sumo_mcts.planners.rollout import SearchParams, search_params
 from sumo_mcts.planners.search import search
 from sumo_mcts.planners.tree import Tree, new_tree
 from sumo_mcts.scene import LOSS, Decision, Floats, Follow, PlannerMemory
@@ -64,8 +65,8 @@ def mcts_params(scenario: ScenarioConfig) -> MctsParams:
     )
 
 
-def horizon_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
-    """How far the section `planner` looks into a forecast, s.
+def forecast_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
+    """How long a forecast the section `planner` needs, s: the horizon, claim_s, and a step.
 
     `step`: of the simulation, `forecast_step`: between the states of the forecast, s.
     """
@@ -79,7 +80,7 @@ def make(_: Mapping[str, Any], scenario: ScenarioConfig) -> "MctsPlanner":
     return MctsPlanner(mcts_params(scenario))
 
 
-class MctsPlanner(Drawing):
+class MctsPlanner(SeededPlanner):
     """Monte-Carlo tree search over the forecast."""
 
     weighs_hypotheses = True
@@ -91,16 +92,16 @@ class MctsPlanner(Drawing):
     def start(self, task: Task, seed: int) -> None:
         """Take the ego over."""
         super().start(task, seed)
-        self._line, self._line_time = np.zeros(0), 0.0
+        self._last_line, self._last_time = np.zeros(0), 0.0
 
     def memory(self) -> PlannerMemory:
         """The last sequence, after the time (s) at which it began."""
-        return super().memory()._replace(numbers=np.array([self._line_time, *self._line]))
+        return super().memory()._replace(numbers=np.array([self._last_time, *self._last_line]))
 
     def recall(self, memory: PlannerMemory) -> None:
         """Go on from there."""
         super().recall(memory)
-        self._line_time, self._line = float(memory.numbers[0]), memory.numbers[1:]
+        self._last_time, self._last_line = float(memory.numbers[0]), memory.numbers[1:]
 
     def plan(self, situation: Situation) -> Decision:
         """Search from the present state; where the warm start is no worse than what was found, it
@@ -109,7 +110,7 @@ class MctsPlanner(Drawing):
         local = local_of(task, situation, p.reactive)
         share = shares(situation.forecast.weight, p.budget.iterations, len(self._actions))
         q = in_steps(p, task.ego.step, local.dt)._replace(each=len(share) > 1)
-        start = Start(local, task, q, state, at_rest(local, p.reactive))
+        start = Start(local, task, q, state, undisturbed(local, p.reactive))
         left = self._remaining(situation.scene.time, round(q.horizon / task.ego.step))
         warm = warm_start(start, left, p.period_s)
         beat = math.inf if warm is None else warm.child.best
@@ -121,8 +122,8 @@ class MctsPlanner(Drawing):
             done, known = done + more[0], known + more[1]
         chosen, lost = self._choice(found)
         child, plan, line = found[chosen]
-        self._line_time = situation.scene.time
-        self._line = packed(line) if child.terms[LOSS] == 0.0 else np.zeros(0)
+        self._last_time = situation.scene.time
+        self._last_line = packed(line) if child.terms[LOSS] == 0.0 else np.zeros(0)
         warm_chosen = warm is not None and chosen == len(found) - 1
         reason = "brake" if lost else "carried on" if warm_chosen else "search"
         children = tuple(each.child for each in found)
@@ -136,8 +137,8 @@ class MctsPlanner(Drawing):
         """
         chosen = min(range(len(found)), key=lambda i: (found[i].child.best, -i))
         likely = found[chosen].child
-        # half of cost.contact is what a contact costs at least
-        lost = bool(likely.terms[LOSS] > 0.0 and likely.best >= 0.5 * self._task.cost.contact)
+        least = LEAST_LOSS * self._task.cost.contact
+        lost = bool(likely.terms[LOSS] > 0.0 and likely.best >= least)
         if lost:
             chosen = min(
                 range(len(found)),
@@ -177,10 +178,10 @@ class MctsPlanner(Drawing):
     def _search(
         self, local: LocalMap, q: SearchParams, situation: Situation, share: Floats, beat: float
     ) -> tuple[Tree, int, int]:
-        """A tree with the first `share` of the budget, of those that are left; its passes to the
-        horizon, and to a known terminal node.
+        """A tree with `share[0]` of the budget; its passes to the horizon, and to a known terminal
+        node.
 
-        `beat`: the J of the warm start.
+        `share`: those of the hypotheses still to be searched. `beat`: the J of the warm start.
         """
         p, task, began = self._params, self._task, time.perf_counter()
         budget = part(p.budget, share[0])
@@ -189,7 +190,7 @@ class MctsPlanner(Drawing):
             2 + passes_within(budget.most, until - began),
             len(self._actions),
             p.look_ahead_steps + p.rollout_steps,
-            at_rest(local, p.reactive),
+            undisturbed(local, p.reactive),
         )
         done = known = 0
         while count := _count(budget, tree, done + known, began, until):
@@ -205,10 +206,10 @@ class MctsPlanner(Drawing):
     def _remaining(self, now: float, steps: int) -> Floats:
         """[steps, 3] what is left of the last sequence, continued with car following; no rows where
         nothing is left."""
-        begin = round((now - self._line_time) / self._task.ego.step)
-        if not 0 < begin < len(self._line):
+        begin = round((now - self._last_time) / self._task.ego.step)
+        if not 0 < begin < len(self._last_line):
             return lasting(FOLLOW, 0, 0)
-        left = unpacked(self._line[begin : begin + steps])
+        left = unpacked(self._last_line[begin : begin + steps])
         return np.concatenate([left, lasting(FOLLOW, 0, steps - len(left))])
 
 

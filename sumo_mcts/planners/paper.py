@@ -14,18 +14,18 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import GOAL, advance, begin_change, pose_of
 from sumo_mcts.planners.actions import ACCEL, SIDE
-from sumo_mcts.planners.base import Drawing, Situation, Task, local_of
+from sumo_mcts.planners.base import SeededPlanner, Situation, Task, local_of
 from sumo_mcts.planners.budget import SLICE, passes_within
 from sumo_mcts.planners.paper_search import Guide, PaperTree, Weights, new_tree, search
-from sumo_mcts.planners.rollout import LOST
+from sumo_mcts.planners.ply import LOST
 from sumo_mcts.scene import LEFT, RIGHT, Decision, Floats, Follow, Plan, RootChild
 
 EMERGENCY = -8.0  # m/s2, when every action was discarded
 TIMED_SLICE = 20  # iterations between looks at the clock
 
 
-def horizon_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
-    """How far the search looks into a forecast, s.
+def forecast_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
+    """How long a forecast the search needs, s.
 
     `step`: of the simulation, `forecast_step`: between the states of the forecast, s.
     """
@@ -38,7 +38,7 @@ def make(_: Mapping[str, Any], scenario: ScenarioConfig) -> "PaperPlanner":
     return PaperPlanner(scenario)
 
 
-class PaperPlanner(Drawing):
+class PaperPlanner(SeededPlanner):
     """Monte-Carlo tree search as the paper prints it."""
 
     def __init__(self, scenario: ScenarioConfig) -> None:

@@ -14,12 +14,12 @@ from sumo_mcts.model.local_map import (
     HALF_WIDTH,
     LocalMap,
     State,
-    apart,
     follows,
     index_at,
     is_gone,
     keep_state,
     kept_state,
+    on_other_level,
 )
 from sumo_mcts.model.motion import (
     FREE,
@@ -37,7 +37,7 @@ from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, box_distance
 from sumo_mcts.numerics.kernel import kernel, making_arrays
 from sumo_mcts.planners.actions import ACCEL, SIDE
-from sumo_mcts.planners.rollout import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
+from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.scene import (
     COMFORT,
     OTHER,
@@ -50,6 +50,8 @@ from sumo_mcts.scene import (
 )
 
 SIGHT = 40.0  # m beyond which agents are ignored
+# Accelerations of the rollout are drawn from LEAST on, m/s2: braking up to 5, accelerating up to 3.
+LEAST, BRAKE_RANGE, ACCEL_RANGE = 1.0, 4.0, 2.0
 
 
 class Weights(NamedTuple):
@@ -178,17 +180,17 @@ def _expand(
     node: int,
 ) -> None:
     """All children of a node; those that collide are marked and never visited."""
-    root = kept_state(tree.where, tree.motion, node)
+    begin = kept_state(tree.where, tree.motion, node)
     for k in range(len(actions)):
         side = int(actions[k, SIDE])
         tree.child[node, k] = IMPOSSIBLE
         if (
-            (side != 0 and not can_change(local, p, root, side))
+            (side != 0 and not can_change(local, p, begin, side))
             or tree.used[0] >= len(tree.parent)
             or tree.end[node] != ALIVE
         ):
             continue
-        state = begin_change(local, p, root, side) if side != 0 else root
+        state = begin_change(local, p, begin, side) if side != 0 else begin
         state, cost, end = _ply(
             local, p, w, state, actions[k, ACCEL], guide, tree.level[node] * w.ply
         )
@@ -207,7 +209,7 @@ def _expand(
 @kernel
 def _can_finish(local: LocalMap, p: EgoParams, w: Weights, state: State, level: int) -> bool:
     """Whether a lane change that began in the ply before can go on at this speed without contact;
-    it may take longer than T_1."""
+    it may take longer than T_1, the paper's length of a ply (paper.step_s)."""
     for k in range(level * w.ply, (w.look_ahead + w.rollout) * w.ply):
         if state.progress <= 0.0:
             return True
@@ -238,9 +240,9 @@ def _rollout(
         draw = rng.random()
         accel = 0.0
         if draw < w.brake_probability:
-            accel = -1.0 - 4.0 * rng.random()
+            accel = -(LEAST + BRAKE_RANGE * rng.random())
         elif draw < w.brake_probability + w.accelerate_probability:
-            accel = 1.0 + 2.0 * rng.random()
+            accel = LEAST + ACCEL_RANGE * rng.random()
         state, cost, end = _ply(local, p, w, state, accel, guide, level * w.ply)
         total += cost.sum()
         if end == LOST:
@@ -254,7 +256,8 @@ def _rollout(
 def _ply(
     local: LocalMap, p: EgoParams, w: Weights, state: State, accel: float, guide: Guide, at: int
 ) -> tuple[State, Floats, int]:
-    """One step of T_1: the state after it, its four weighted costs, and how it ended.
+    """One ply of T_1, from simulation step `at` on: the state after it, its four weighted costs,
+    and how it ended.
 
     Costs are counted at its end, as the sum of equation 1 is.
     """
@@ -297,16 +300,16 @@ def _ply(
 def _nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
     """Distance between the boxes of the ego and of the nearest agent, m; 0 at contact."""
     x, y, c, s = pose_of(local, p, state)
-    now = min(index_at(local, time), local.agent.shape[0] - 1)
+    t = min(index_at(local, time), local.agent.shape[0] - 1)
     nearest = math.inf
     for i in range(local.agent.shape[1]):
         if (
-            is_gone(local, now, i)
+            is_gone(local, t, i)
             or follows(local, local.followers, i)
-            or apart(local, state.node, state.s, 2.0 * p.half_length, now, i)
+            or on_other_level(local, state.node, state.s, 2.0 * p.half_length, t, i)
         ):
             continue
-        row, trait = local.agent[now, i], local.trait[i]
+        row, trait = local.agent[t, i], local.trait[i]
         if abs(row[X] - x) < SIGHT and abs(row[Y] - y) < SIGHT:
             other = Box(row[X], row[Y], row[COS], row[SIN], trait[HALF_LENGTH], trait[HALF_WIDTH])
             own = Box(x, y, c, s, p.half_length, p.half_width)

@@ -16,10 +16,10 @@ from sumo_mcts.model.cost import step_comfort
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.model.reactions import at_rest
+from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.actions import ACCEL, FOLLOW, SIDE, commanded, lasting, to_steps
 from sumo_mcts.planners.base import Situation, Task, local_of
-from sumo_mcts.planners.rollout import SearchParams, may_change, search_params
+from sumo_mcts.planners.ply import SearchParams, may_change, search_params
 from sumo_mcts.scene import Floats, Follow, Indices
 
 # by the names of when they were frozen, which the digest is of too
@@ -66,8 +66,8 @@ def digest() -> str:
     return hashlib.sha256(json.dumps(numbers).encode()).hexdigest()
 
 
-def horizon_s(forecast_dt: float) -> float:
-    """How far the reference looks into a forecast with states `forecast_dt` apart, s."""
+def forecast_s(forecast_dt: float) -> float:
+    """How long a forecast the reference needs, with states `forecast_dt` apart, s."""
     return ENDS_S[-1] + COST.claim_s + forecast_dt
 
 
@@ -95,7 +95,7 @@ def problem_of(task: Task, situation: Situation) -> Problem:
         for accel, side in actions
     ]
     return Problem(
-        task, local, state, at_rest(local, REACTIVE), q, ends, actions, actions[possible]
+        task, local, state, undisturbed(local, REACTIVE), q, ends, actions, actions[possible]
     )
 
 

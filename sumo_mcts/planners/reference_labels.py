@@ -9,7 +9,7 @@ from sumo_mcts.model.local_map import MOTION_TURN, WHERE_NODE, WHERE_OTHER, Stat
 from sumo_mcts.model.reactions import CLOCK, SPEED
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.planners.actions import copy_line
-from sumo_mcts.planners.rollout import copy_pairs
+from sumo_mcts.planners.ply import copy_pairs
 from sumo_mcts.planners.tree import GAP, LEADER_V
 from sumo_mcts.scene import Floats, Indices
 

@@ -32,9 +32,7 @@ from sumo_mcts.planners.actions import (
     no_actions,
     put_action,
 )
-from sumo_mcts.planners.reference import CELL, COST, KIND, LABELS, Problem
-from sumo_mcts.planners.reference_labels import Labels, copy_label, merge, rank, write_label
-from sumo_mcts.planners.rollout import (
+from sumo_mcts.planners.ply import (
     ALIVE,
     LOST,
     Ply,
@@ -44,6 +42,8 @@ from sumo_mcts.planners.rollout import (
     may_change,
     simulate,
 )
+from sumo_mcts.planners.reference import CELL, COST, KIND, LABELS, Problem
+from sumo_mcts.planners.reference_labels import Labels, copy_label, merge, rank, write_label
 from sumo_mcts.planners.tree import GAP, LEADER_V
 from sumo_mcts.scene import Bools, Floats, Indices
 
@@ -343,5 +343,5 @@ def _at_least(local: LocalMap, rest: Rest, v: float, steps: int, step: float) ->
     # steps until the limit is reached
     n = min(float(steps), max(0.0, math.floor((rest.limit - v) / gain)))
     lost = step * (n * (1.0 - v / rest.limit) - gain * n * (n + 1.0) / (2.0 * rest.limit))
-    missing = max(0.0, local.limit - v - gain * steps) if local.free else 0.0
+    missing = max(0.0, local.limit - v - gain * steps) if local.open_ahead else 0.0
     return COST.progress * (lost + missing * missing / (2.0 * PICK_UP * local.limit))

@@ -7,7 +7,7 @@ import math
 
 from numpy.random import Generator
 
-from sumo_mcts.model.cost import terminal
+from sumo_mcts.model.cost import LEAST_LOSS, terminal
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.interaction import meet
 from sumo_mcts.model.local_map import LocalMap, State, kept_state
@@ -23,7 +23,7 @@ from sumo_mcts.planners.actions import (
     clear_line,
     put_action,
 )
-from sumo_mcts.planners.rollout import (
+from sumo_mcts.planners.ply import (
     ALIVE,
     ARRIVED,
     IMPOSSIBLE,
@@ -49,7 +49,7 @@ from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY, Floats
 
 # What a rollout does (see _continuation).
 FOLLOWS, BRAKES, SLOWS_DOWN, THEN_BRAKES, PUSHES, CHANGES = range(6)
-LATER_ROLLOUTS = 3  # from a leaf that do not depend on a level: to follow, brake, slow down
+ROLLOUTS_WITHOUT_TURN = 3  # from a leaf that do not depend on a level: to follow, brake, slow down
 FOR_EACH_LEVEL = 4  # and those for each level at which they may turn to something else
 
 
@@ -97,11 +97,11 @@ def search(
             # Whether to try braking after car following. It is tried for every first action, since
             # one that looks bad after a single pass is not visited again, and wherever car
             # following led to a contact.
-            doubtful = not leaf and (tree.level[node] == 1 or j > c.contact * 0.5)
+            doubtful = not leaf and (tree.level[node] == 1 or j > LEAST_LOSS * c.contact)
             if again or not doubtful or done + known >= iterations:
                 break
         # Every continuation was driven, see _continuation.
-        driven = LATER_ROLLOUTS + FOR_EACH_LEVEL * q.rollout
+        driven = ROLLOUTS_WITHOUT_TURN + FOR_EACH_LEVEL * q.rollout
         if leaf and q.adaptive and tree.visits[node] >= driven:
             close_branch(tree, node)
     return done, known
@@ -120,6 +120,8 @@ def _plant(tree: Tree, local: LocalMap, p: EgoParams, c: CostParams, root: State
 def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
     """Down from the root by UCB1 on best values, to a node with an untried action or on the last
     level. Closes what is pruned."""
+    # Values are scaled to 0 .. 1, from the lowest J to the highest of the root's open children (at
+    # least 1 more): so `exploration` has no unit.
     low = tree.best[0]
     high = low + 1.0
     for k in range(tree.child.shape[1]):
@@ -159,7 +161,7 @@ def _is_pruned(
     while q.each and tree.level[node] > 1:
         node = tree.parent[node]
     known = tree.best[node] if q.each else min(tree.best[0], beat)
-    return q.adaptive and known < 0.5 * c.contact and cost >= known
+    return q.adaptive and known < LEAST_LOSS * c.contact and cost >= known
 
 
 # --- expansion ---
@@ -270,8 +272,10 @@ def _continuation(tree: Tree, q: SearchParams, node: int, rng: Generator) -> tup
     if q.adaptive:
         if visits == SLOWS_DOWN:
             return SLOWS_DOWN, last, 0
-        which = (visits - LATER_ROLLOUTS) % FOR_EACH_LEVEL  # push, brake, to the right, to the left
-        turn = level + (visits - LATER_ROLLOUTS) // FOR_EACH_LEVEL
+        which = (
+            visits - ROLLOUTS_WITHOUT_TURN
+        ) % FOR_EACH_LEVEL  # push, brake, to the right, to the left
+        turn = level + (visits - ROLLOUTS_WITHOUT_TURN) // FOR_EACH_LEVEL
         if which >= 2:
             return CHANGES, turn, 2 * which - 5
         return PUSHES if which == 0 else THEN_BRAKES, turn, 0

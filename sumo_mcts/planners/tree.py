@@ -16,7 +16,7 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.planners.actions import ACCEL, SIDE, copy_line, no_actions, put_action
-from sumo_mcts.planners.rollout import NONE
+from sumo_mcts.planners.ply import NONE
 from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY, Bools, Floats, Indices
 
 GAP, LEADER_V = range(2)  # columns of Tree.leader
@@ -40,8 +40,9 @@ class Tree(NamedTuple):
     followers: Indices  # [M] bit mask, see Neighbours
     leader: Floats  # [M, 2] GAP (m) and LEADER_V (m/s)
     others: Floats  # [M, R, 2] the agents that the search moves (see model/reactions.py)
-    moving: Floats  # [R, 2] scratch for them
     cost: Floats  # [M, 4] SAFETY .. OTHER from the root
+    # of the tree, not of a node:
+    moving: Floats  # [R, 2] scratch for the agents that the search moves
     plan: Floats  # [A, levels, 3] for each root action the best sequence (see actions.py)
     line: Floats  # [levels, 3] scratch
     used: Indices  # [1] nodes in use
@@ -68,8 +69,8 @@ def new_tree(size: int, actions: int, plies: int, others: Floats) -> Tree:
         followers=np.zeros(size, np.int64),
         leader=np.zeros((size, 2)),
         others=moved,
-        moving=others.copy(),
         cost=np.zeros((size, 4)),
+        moving=others.copy(),
         plan=no_actions(actions, plies),
         line=no_actions(plies),
         used=np.zeros(1, np.int64),

@@ -3,6 +3,7 @@
 Every agent is led along its most likely lanes (paths.py). `constant_velocity` keeps its speed.
 `idm` drives there as SUMO's drivers do (behaviour.py). `routes` does so along the lanes that the
 agents really take. `script` reads scripted states, `clone` those of a copy of the simulation.
+No lane change is predicted that has not begun, except by these two.
 """
 
 import math

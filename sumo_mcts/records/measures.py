@@ -1,17 +1,20 @@
 """The one table of measures: every key of an episode's row.
 
-MEASURES gives the order and the types of a row (rows.py) and the columns of episodes.csv. It also
-gives the reference table of docs/measures.md (docs.py) and the check of rows that are read
-(reporting/results.py). A report counts, labels and explains each key by it (reporting/columns.py).
+MEASURES gives the order, types and bounds of a row (rows.py) and the columns of episodes.csv. It
+also gives the reference table of docs/measures.md, which docs.py generates, and the check of rows
+that are read (reporting/results.py). A report counts, labels and explains each key by it
+(reporting/columns.py).
 
 A new measure takes three files: the code that computes it, its line here, its test. With a label
-and a Count it stands in a table of the report, too, if TABLES names it.
+and a Count it stands in a table of the report, too, if TABLES names it. COMPARED names those whose
+episodes are compared with the twin's. After an error the referee keeps only some keys
+(referee.py, _KNOWN_AFTER_ERROR): the others are null.
 """
 
 from enum import Enum
 from typing import Any, NamedTuple
 
-MOST = 1e12  # of any number in a row that is read
+MOST = 1e12  # of any number in a row
 Row = dict[str, Any]  # an episode of one ego: a value, or None (unknown), by key
 
 
@@ -66,8 +69,12 @@ class Measure(NamedTuple):
         """Whether a value has this measure's type and, if a number, lies within its bounds."""
         if value is None or self.kind in (Kind.TEXT, Kind.TRUTH):
             return self.is_of_kind(value)
-        most = 1.0 if self.kind is Kind.SHARE else MOST
-        return self.is_of_kind(value) and bool(0 <= value <= most)
+        return self.is_of_kind(value) and bool(0 <= value <= self.most)
+
+    @property
+    def most(self) -> float:
+        """The largest number that it may be; the smallest is 0."""
+        return 1.0 if self.kind is Kind.SHARE else MOST
 
 
 _IMPOSED = (

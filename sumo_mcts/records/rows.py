@@ -6,6 +6,7 @@ What the keys of a row mean: measures.py.
 import hashlib
 import io
 import json
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping
@@ -28,7 +29,8 @@ LONGEST_LINE = 1 << 20  # bytes; a longer line is no row
 def complete_row(known: Mapping[str, Any]) -> Row:
     """A row with every key in order: the known values, and None for the others.
 
-    Raises TypeError where a key is no measure, or a value not of its measure's type.
+    Numbers that are not finite are unknown. Raises TypeError where a key is no measure, or a value
+    not of its measure's type, and ValueError where a number is out of its measure's bounds.
     """
     row = {**row_defaults(), **{key: _python_value(value) for key, value in known.items()}}
     for key, value in row.items():
@@ -36,6 +38,8 @@ def complete_row(known: Mapping[str, Any]) -> Row:
             raise TypeError(f"{key} is no key of a row: records/measures.py names them all")
         if not BY_KEY[key].is_of_kind(value):
             raise TypeError(f"{key} has to be a {BY_KEY[key].kind.value}, got {value!r}")
+        if not BY_KEY[key].is_within(value):
+            raise ValueError(f"{key} has to lie between 0 and {BY_KEY[key].most:g}, got {value!r}")
     return row
 
 
@@ -55,7 +59,8 @@ def episode_key(scenario: str, variant: str, seed: int | None, ego: str | None =
 
 
 def _python_value(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _safe_name(part: str) -> str:

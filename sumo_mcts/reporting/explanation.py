@@ -300,7 +300,7 @@ def _name(children: Sequence[RootChild], i: int, setting: Setting) -> str:
     last and was not visited.
     """
     row = PLANNERS.get(scenario_of(setting).get("planner", {}).get("name"))
-    if row is None or not row.carries_on:
+    if row is None or not row.warm_starts:
         return "acceleration"
     if children[i].visits == 0:
         return "last plan, carried on"

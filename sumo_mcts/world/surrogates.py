@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 _MEASURES = ("minTTC", "maxDRAC", "minPET")
 _SETTINGS = ("measures", "thresholds", "range", "extratime")  # of the device
-_MOST = 1e6  # a larger number stands for none
+_MOST = 1e6  # a larger number, or one below 0, stands for none
 
 
 class Surrogates(NamedTuple):
@@ -57,4 +57,4 @@ def _number(text: str) -> float:
         value = float(text)
     except ValueError:
         return math.nan
-    return value if abs(value) < _MOST else math.nan
+    return value if 0.0 <= value < _MOST else math.nan

@@ -25,9 +25,9 @@ from sumo_mcts.model.local_map import (
     UPSTREAM,
     LocalMap,
     State,
-    apart,
     chain_gap,
     follows,
+    on_other_level,
 )
 from sumo_mcts.model.motion import FREE, OFF_END, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.occupancy import late_cost
@@ -37,7 +37,7 @@ from sumo_mcts.planners.actions import lasting
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.candidates import follow_line
 from sumo_mcts.planners.mcts import in_steps, mcts_params
-from sumo_mcts.planners.rollout import ALIVE, LOST
+from sumo_mcts.planners.ply import ALIVE, LOST
 from sumo_mcts.scene import STOP, RoadMap
 from sumo_mcts.world.roadmap import known_roadmap
 
@@ -203,7 +203,7 @@ def test_what_lies_behind_a_short_edge_is_not_behind_a_bridge() -> None:
         ),
     )
     inside = state._replace(node=state.node + 1, s=6.0)
-    assert not apart(local, inside.node, inside.s, 5.0, 0, 0) and apart(
+    assert not on_other_level(local, inside.node, inside.s, 5.0, 0, 0) and on_other_level(
         local, inside.node, inside.s, 5.0, 0, 1
     )
 
@@ -232,7 +232,7 @@ def test_whoever_the_referee_would_count_is_never_on_another_level(name: str) ->
         local = SimpleNamespace(first=node, level=level, place=place, node=route.table)
         if can_meet(road, (int(route.lane[node]), s, 5.0), (lane, other_s, 5.0)):
             met += 1
-            assert not apart.py_func(local, node, s, 5.0, 0, 0), (
+            assert not on_other_level.py_func(local, node, s, 5.0, 0, 0), (
                 road.lane_ids[lane],
                 other_s,
                 road.lane_ids[route.lane[node]],
@@ -306,13 +306,13 @@ def test_whom_a_first_look_leaves_out_would_not_have_mattered(seed: int) -> None
     ]
     task, local, state = view(road, here, rng.uniform(10.0, 60.0), rng.uniform(0.0, 15.0), *agents)
     everywhere = np.broadcast_to(
-        np.array([-np.inf, np.inf, -np.inf, np.inf]), local.reach.shape
+        np.array([-np.inf, np.inf, -np.inf, np.inf]), local.bounds.shape
     ).copy()
     for index in (0, 1, 5, 20, 60):
         after = state._replace(s=state.s + state.v * index * local.dt)
         seen, all_of_them = (
             meet(view, task.ego, task.cost, after, NO_OTHERS, 0, index)
-            for view in (local, local._replace(reach=everywhere))
+            for view in (local, local._replace(bounds=everywhere))
         )
         assert seen == all_of_them
 

@@ -13,7 +13,7 @@ from sumo_mcts.config.sections.cost import CostConfig, CostWeights
 from sumo_mcts.driver.params import cost_params
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import LocalMap, State
-from sumo_mcts.model.reactions import at_rest
+from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.actions import commanded, lasting
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.candidates import follow_line
@@ -38,7 +38,7 @@ def drive(toy: Toy, line: Floats, turn: float = 0.0) -> Drive:
     reactive = scenario(*toy.sets).planner.reactive
     task = task_of(toy.road, toy.scene.ego)
     local, state = local_of(task, toy.scene, reactive=reactive)
-    others = at_rest(local, reactive)
+    others = undisturbed(local, reactive)
     return Drive(task, local, state._replace(turn=turn), others, line)
 
 

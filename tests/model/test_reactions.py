@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_mcts.model.local_map import SLOT, LocalMap, S, State, V
-from sumo_mcts.model.reactions import CLOCK, IMPOSED, SPEED, at_rest, react, seen
+from sumo_mcts.model.reactions import CLOCK, IMPOSED, SPEED, react, seen, undisturbed
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.planners.base import Task
@@ -33,7 +33,7 @@ def drive(
 ) -> tuple[list[State], list[tuple[float, float]], list[float]]:
     """The ego's states, position and speed of agent 0 beside each, and the braking imposed."""
     others, states, rows, imposed = (
-        at_rest(local, 4),
+        undisturbed(local, 4),
         [state],
         [(float(local.agent[0, 0, S]), float(local.agent[0, 0, V]))],
         [0.0],
@@ -50,7 +50,7 @@ def drive(
 
 def test_who_has_nobody_ahead_does_as_forecast() -> None:
     task, local, state = view(10.0, Agent("beside", "a_0", 280.0, 12.0))
-    others = at_rest(local, 4)
+    others = undisturbed(local, 4)
     for k in range(1, 40):
         assert react(local, task.ego, state._replace(s=300.0 + 2.0 * k), others, k, DT) == 0.0
         assert seen(local, others, 0, k) == pytest.approx(
@@ -131,9 +131,9 @@ def test_the_nearest_that_react_on_the_way_are_moved() -> None:
         for name, slot in zip(names, local.trait[:, SLOT].tolist(), strict=True)
         if slot >= 0
     } == {"ahead": 0.0, "near": 1.0}
-    assert at_rest(local, 2)[:, [CLOCK, SPEED]].tolist() == [[0.0, 9.0], [0.0, 9.0]]
+    assert undisturbed(local, 2)[:, [CLOCK, SPEED]].tolist() == [[0.0, 9.0], [0.0, 9.0]]
     _, local, _ = view(10.0, *those, reactive=0)
-    assert np.all(local.trait[:, SLOT] == -1) and at_rest(local, 0).shape == (0, 2)
+    assert np.all(local.trait[:, SLOT] == -1) and undisturbed(local, 0).shape == (0, 2)
 
 
 def test_who_stands_where_its_forecast_stands_is_found_again() -> None:

@@ -463,7 +463,7 @@ NEEDED = {
     "interaction": "_headway _nearness _swept _touch meet",
     "krauss": "safe_speed",
     "local_build": "_fill_ahead _fill_upstream _followers",
-    "local_map": "apart chain_gap follows index_at keep_state kept_state node_of",
+    "local_map": "chain_gap follows index_at keep_state kept_state node_of on_other_level",
     "motion": """
         _cap _move _moved _next_speed _to_line _towards_line _turned advance follow_accel
         is_closed pose_of within_step
@@ -477,7 +477,7 @@ NEEDED = {
     "obligations": "_find_obligations",
     "occupancy": "may_be_near",
     "poses": "_lane_at _place _place_on_path _point",
-    "rollout": "copy_pairs for_steps needed_side replay simulate",
+    "ply": "copy_pairs for_steps needed_side replay simulate",
     "route": "_fill_caps _fill_poses lane_pose",
     "search": "_continuation _expand _plant _rollout _select search",
     "tree": "_action_of _trace_back back_up is_known near_of spent store",

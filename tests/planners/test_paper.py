@@ -14,7 +14,7 @@ from helpers_tree import TOYS, Toy, mirrored, on_three_lanes
 from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.planners import paper, paper_search
 from sumo_mcts.planners.paper import TIMED_SLICE
-from sumo_mcts.planners.rollout import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
+from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.scene import Decision, Follow, RoadMap
 
 ACTIONS = 12  # ten accelerations and two lane changes

@@ -23,6 +23,7 @@ from sumo_mcts.episode.run import default_variant, run_episode
 from sumo_mcts.planners import reference, reference_solver
 from sumo_mcts.planners.actions import ACCEL, FOLLOW, NO_SPEED, SIDE, lasting
 from sumo_mcts.planners.candidates import follow_line
+from sumo_mcts.planners.ply import ALIVE, IMPOSSIBLE, LOST
 from sumo_mcts.planners.reference import (
     COST,
     Problem,
@@ -33,7 +34,6 @@ from sumo_mcts.planners.reference import (
     steps_of,
 )
 from sumo_mcts.planners.reference_solver import Rest, Solution, best_root, solve
-from sumo_mcts.planners.rollout import ALIVE, IMPOSSIBLE, LOST
 from sumo_mcts.scene import GREEN, RED, Floats, Follow, Plan
 
 NONE_YET = (np.nan,) * 3  # in place of the first ply, which is the beginning

@@ -38,7 +38,7 @@ from hypothesis import strategies as st
 from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.planners.budget import Budget
 from sumo_mcts.planners.mcts import MctsPlanner
-from sumo_mcts.planners.rollout import ALIVE, IMPOSSIBLE, LOST, NONE
+from sumo_mcts.planners.ply import ALIVE, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.planners.search import search
 from sumo_mcts.planners.tree import new_tree
 from sumo_mcts.scene import GREEN, RED, YELLOW, Follow

@@ -75,6 +75,31 @@ def test_a_row_with_a_wrong_key_or_type_is_not_made(wrong: dict[str, Any], said:
         records.complete_row(named("k", **wrong))
 
 
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"min_ttc_s": -0.1}, r"min_ttc_s has to lie between 0 and 1e\+12, got -0.1"),
+        ({"wall_s": 2e12}, r"wall_s has to lie between 0 and 1e\+12, got 2000000000000.0"),
+        ({"collisions": -1}, r"collisions has to lie between 0 and 1e\+12, got -1"),
+        ({"speeding_share": 1.01}, "speeding_share has to lie between 0 and 1, got 1.01"),
+    ],
+)
+def test_a_row_that_a_report_would_refuse_is_not_made(wrong: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        records.complete_row(named("k", **wrong))
+
+
+def test_the_bounds_themselves_make_a_row_and_what_is_not_finite_is_unknown() -> None:
+    row = records.complete_row(
+        named(
+            "k", min_ttc_s=0.0, wall_s=1e12, speeding_share=1.0,
+            min_pet_s=float("nan"), max_drac_mps2=np.float64("inf"),
+        )
+    )  # fmt: skip
+    assert (row["min_ttc_s"], row["wall_s"], row["speeding_share"]) == (0.0, 1e12, 1.0)
+    assert row["min_pet_s"] is None and row["max_drac_mps2"] is None
+
+
 def test_a_row_after_a_torn_line_is_whole(tmp_path: Path) -> None:
     records.append_row(tmp_path, named("a"))
     with (tmp_path / records.ROWS).open("a") as file:

@@ -58,7 +58,9 @@ class CostWeights(Section):
         "leaves takes it to be free",
     )
     route: NonNegative = Field(
-        2.0, description="per second on a lane that the route leaves, at full urgency"
+        2.0,
+        description="per second on a lane that the route leaves, at full urgency, and for "
+        "each change needed, at most 3",
     )
     lane_change: NonNegative = Field(0.6, description="C_o,lc per change begun")
     red: Positive = Field(100.0, description="entering on red")

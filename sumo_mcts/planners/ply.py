@@ -1,4 +1,4 @@
-"""One ply of the search: an action simulated for a period, and the parameters of the search."""
+"""One ply of the search: an action simulated for planner.step_s; the parameters of the search."""
 
 import math
 from typing import NamedTuple
@@ -137,10 +137,10 @@ def simulate(
             share = (r + 1.0) / checks
             there = within_step(local, p, before, state, share)
             moment = time + share * p.step
-            now = index_at(local, moment)
+            t = index_at(local, moment)
             if others.shape[0] > 0:
-                safety += c.imposed * react(local, p, there, others, now, every) * every
-            meeting = meet(local, p, c, there, others, followers, now)
+                safety += c.imposed * react(local, p, there, others, t, every) * every
+            meeting = meet(local, p, c, there, others, followers, t)
             gap, leader_v, followers = meeting.near
             safety += meeting.rate * every + meeting.once
             if meeting.contact:

@@ -1,4 +1,7 @@
-"""The ego's lane change as SUMO executes it."""
+"""How far the ego's lane change has come.
+
+It is decided in planners/ and commanded in world/command.py.
+"""
 
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.motion import HALF
