@@ -96,7 +96,7 @@ SCENARIOS = {
     "sensor-nan": "sensor.speed_error_mps: has to be a finite number, got nan",
     "sensor-share": "sensor.drop_probability: has to be at most 1, got 3",
     "sensor-time-zero": "sensor.error_time_s: has to be at least 0.01, got 0",
-    "sumo-both": "sumo: give either sumocfg or net",
+    "sumo-both": "sumo: give either sumocfg or net or dense",
     "no-egos": "egos: has to have at least 1 entry",
     "name-unsafe": "name: has to be a text like ^[A-Za-z0-9]",
     "option-unknown": "No option with the name 'warp-speed' exists",
@@ -195,7 +195,7 @@ OPTIONS = [
     ),
     (
         ("run", "nowhere"),
-        "nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: highway-exit",
+        "nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: dense-all-way-stop",
     ),
     (("run", "nowhere.yaml"), "nowhere.yaml: no such scenario"),
     (("run", "nowhere.sumocfg", "--ego", "any"), "nowhere.sumocfg: no such file"),
@@ -362,7 +362,7 @@ OPTIONS = [
     ),
     (
         ("regret", "nowhere"),
-        "nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: highway-exit",
+        "nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: dense-all-way-stop",
     ),
     (
         ("regret", "good.yaml", "--planners", "mcts,sumo"),

@@ -1,5 +1,6 @@
 """The command validate: finds every mistake in scenarios, experiments and .sumocfg files."""
 
+import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ from sumo_mcts.scenarios import check_sumocfg, naming_source
 from sumo_mcts.world import crowd, scripts
 from sumo_mcts.world.arguments import is_sumocfg, network_of, require_good, sumocfg_arguments
 from sumo_mcts.world.candidates import candidates
+from sumo_mcts.world.generated import standing
 from sumo_mcts.world.roadmap import known_roadmap
 
 TRIED_S = 7.0  # wall time that a check may take once SUMO runs
@@ -67,7 +69,9 @@ def _mistakes(scenario: ScenarioConfig, origin: str) -> list[str]:
 def _require_fit(scenario: ScenarioConfig) -> None:
     """Raise ConfigError, with a line for each mistake, where the scenario does not fit its
     network."""
-    road = known_roadmap(network_of(scenario.sumo.sumocfg, scenario.sumo.net))
+    with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as folder:
+        sumo = standing(scenario.sumo, 0, Path(folder))
+        road = known_roadmap(network_of(sumo.sumocfg, sumo.net))
     parts = [
         partial(check_edges, scenario.model_copy(update={"egos": (ego,)}), road)
         for ego in scenario.egos

@@ -24,7 +24,7 @@ from sumo_mcts.config.names import PLANNER_GROUP, is_plugin
 from sumo_mcts.config.problems import positive, refused, whole
 from sumo_mcts.config.schema import ScenarioConfig
 from sumo_mcts.config.sections.perception import SensorConfig
-from sumo_mcts.config.sections.simulation import EgoConfig, SumoConfig
+from sumo_mcts.config.sections.simulation import DenseConfig, EgoConfig, SumoConfig
 from sumo_mcts.config.sections.traffic import (
     CROWD_ID,
     Actor,
@@ -46,6 +46,7 @@ __all__ = [
     "Actor",
     "ConfigError",
     "CrowdConfig",
+    "DenseConfig",
     "Depart",
     "DriversConfig",
     "EgoConfig",

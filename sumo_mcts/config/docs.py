@@ -121,7 +121,8 @@ def _is_list(field: Schema) -> bool:
 
 def _reference(field: Schema) -> str:
     """The definition that a field, or each of its items, follows; "" for plain values."""
-    return str(field.get("$ref", field.get("items", {}).get("$ref", ""))).rsplit("/", 1)[-1]
+    named = [each["$ref"] for each in (*_kinds(field), field.get("items", {})) if "$ref" in each]
+    return str(named[0]).rsplit("/", 1)[-1] if named else ""
 
 
 def _target(schema: Schema, field: Schema) -> Schema:
@@ -136,7 +137,8 @@ def _kinds(field: Schema) -> list[Schema]:
 
 def _type(field: Schema, key: str) -> str:
     if _reference(field):
-        return "list of sections" if _is_list(field) else "section"
+        optional = " or null" if "anyOf" in field else ""
+        return "list of sections" if _is_list(field) else f"section{optional}"
     unit = next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
     return " or ".join(dict.fromkeys(_type_name(kind) for kind in _kinds(field))) + (
         f", {unit}" if unit else ""
@@ -160,7 +162,7 @@ def _type_name(kind: Schema) -> str:
 def _default(field: Schema, required: bool) -> str:
     if required:
         return "required"
-    if _reference(field):
+    if _reference(field) and "anyOf" not in field:
         return "empty" if _is_list(field) else "as below"
     return f"`{json.dumps(field.get('default'), ensure_ascii=False)}`"
 

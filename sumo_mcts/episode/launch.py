@@ -18,6 +18,7 @@ from sumo_mcts.world.actors import Actors
 from sumo_mcts.world.arguments import network_of, sumo_arguments, window_delay_ms
 from sumo_mcts.world.candidates import require_named
 from sumo_mcts.world.crowd import Cast, cast, crowd_ids
+from sumo_mcts.world.generated import standing
 from sumo_mcts.world.roadmap import known_roadmap
 from sumo_mcts.world.scripts import check
 from sumo_mcts.world.simulation import Simulation
@@ -49,10 +50,11 @@ class Launcher:
 
     def __init__(self, config: ScenarioConfig, seed: int | None, options: LaunchOptions) -> None:
         """Start nothing yet. `seed` None: SUMO keeps its own."""
-        self._config, self._seed, self._options = config, seed, options
+        self._seed, self._options = seed, options
         self._egos = [ego.id for ego in config.egos]
         self._traffic = np.random.default_rng(streams(seed).traffic)
         self._folder = tempfile.TemporaryDirectory(prefix="sumo_mcts-")
+        self._config = self._standing(config)
         self._simulation: Simulation | None = None
 
     def launch(self) -> Running:
@@ -73,6 +75,15 @@ class Launcher:
         """Close SUMO, and remove its temporary files."""
         self._end()
         self._folder.cleanup()
+
+    def _standing(self, config: ScenarioConfig) -> ScenarioConfig:
+        """The scenario with files in place of a dense situation. Raises ConfigError."""
+        try:
+            sumo = standing(config.sumo, self._seed, Path(self._folder.name))
+        except BaseException:
+            self._folder.cleanup()
+            raise
+        return config if sumo is config.sumo else config.model_copy(update={"sumo": sumo})
 
     def _checked_road(self) -> RoadMap:
         """The network; SUMO itself does not survive every one. Raises ConfigError."""

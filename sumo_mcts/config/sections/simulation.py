@@ -4,19 +4,42 @@ an episode ends.
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from sumo_mcts import dense
 from sumo_mcts.config.sections.section import Section
 from sumo_mcts.config.values import FileName, FileNames, Float, Id, Positive, SumoValue
 
 
+class DenseConfig(Section):
+    """A dense situation of the package: network and traffic are made by the seed."""
+
+    kind: str = Field(
+        description="which; docs/dense.md has them all",
+        json_schema_extra={"enum": list(dense.KINDS)},
+    )
+    half: dense.Half = Field(
+        "development",
+        description="the half of the parameter ranges; `final` is kept for the last measurement",
+    )
+    family: dense.Family = Field("krauss", description="how the others drive")
+
+    @field_validator("kind")
+    @classmethod
+    def _known(cls, kind: str) -> str:
+        if kind not in dense.KINDS:
+            raise ValueError(f"has to be one of {', '.join(dense.KINDS)}")
+        return kind
+
+
 class SumoConfig(Section):
-    """The simulation: either a .sumocfg, or a network with routes."""
+    """The simulation: either a .sumocfg, or a network with routes, or a dense situation."""
 
     sumocfg: FileName | None = Field(
         None, description="a .sumocfg file; its settings stay as they are"
     )
     net: FileName | None = Field(None, description="network (.net.xml, .net.xml.gz)")
+    dense: DenseConfig | None = Field(None, description="a dense situation, in place of a network")
     routes: FileNames = Field((), description="route files")
     additional: FileNames = Field(
         (), description="additional files: vehicle types, signal plans, stops"
@@ -30,8 +53,8 @@ class SumoConfig(Section):
 
     @model_validator(mode="after")
     def _one_source(self) -> "SumoConfig":
-        if (self.sumocfg is None) == (self.net is None):
-            raise ValueError("give either sumocfg or net")
+        if [self.sumocfg, self.net, self.dense].count(None) != 2:
+            raise ValueError("give either sumocfg or net or dense")
         return self
 
 

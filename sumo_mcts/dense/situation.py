@@ -1,0 +1,74 @@
+"""What a kind builds: a network in plain terms, the streams of traffic in it, and the ego."""
+
+from typing import NamedTuple
+
+LEAST_GAP_S = 1.3  # between cars of a regular row
+
+
+class Node(NamedTuple):
+    """A junction, or the end of a road."""
+
+    id: str
+    x: float  # m
+    y: float
+    type: str = "priority"  # as netconvert names types
+
+
+class Edge(NamedTuple):
+    """A road in one direction."""
+
+    id: str
+    start: str
+    end: str
+    lanes: int
+    speed: float  # limit, m/s
+    priority: int = 1
+    shape: tuple[tuple[float, float], ...] = ()  # m; empty: straight
+
+
+class Link(NamedTuple):
+    """A way from lane to lane across a junction; 0 is the rightmost lane."""
+
+    start: str
+    end: str
+    from_lane: int
+    to_lane: int
+
+
+class Stream(NamedTuple):
+    """Vehicles, or pedestrians, on one route."""
+
+    route: str  # edges, with spaces between
+    per_hour: float
+    lane: str = "best"  # on which they enter, as SUMO's departLane
+    # False: random, at a constant rate; True: gaps within SPREAD of the mean
+    regular: bool = False
+    vtype: str = ""  # of all of them; "": cars and trucks
+
+
+class Parked(NamedTuple):
+    """A van that stands on a lane from the beginning to the end."""
+
+    edge: str
+    lane: int
+    position: float  # of its front, m
+
+
+class Situation(NamedTuple):
+    """A network with traffic."""
+
+    nodes: tuple[Node, ...]
+    edges: tuple[Edge, ...]
+    streams: tuple[Stream, ...]
+    ego_route: str
+    ego_lane: str = "best"
+    links: tuple[Link, ...] = ()  # of edges that are not named netconvert makes all
+    netconvert: tuple[str, ...] = ()  # further options
+    rings: tuple[tuple[str, str], ...] = ()  # nodes and edges of roundabouts
+    parked: tuple[Parked, ...] = ()
+
+
+def row_per_hour(gap: float, speed: float) -> float:
+    """Vehicles an hour in a lane in which cars of 5 m drive at `speed` (m/s) with `gap` (m) between
+    them, or LEAST_GAP_S where that is more: no lane takes more at this speed."""
+    return 3600.0 * speed / (max(gap, LEAST_GAP_S * speed) + 5.0)

@@ -1,0 +1,120 @@
+"""A situation as the files of netconvert and SUMO."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from random import Random
+from xml.etree import ElementTree
+
+from sumo_mcts.dense.families import Family, types
+from sumo_mcts.dense.situation import Edge, Parked, Situation, Stream
+
+WARM_UP_S = (100.0, 160.0)  # the ego departs between; a cycle of signals apart
+TRAFFIC_S = 480.0  # vehicles depart until then
+SPREAD = 0.4  # of regular gaps around their mean
+EGO = "ego"
+
+Entry = tuple[str, Mapping[str, object]]  # tag, attributes
+
+
+def plain_files(situation: Situation) -> dict[str, str]:
+    """Option of netconvert -> the text of the file that it names."""
+    nodes = [("node", node._asdict()) for node in situation.nodes]
+    edges = [("edge", _edge(edge)) for edge in situation.edges]
+    rings = [("roundabout", {"nodes": nodes, "edges": edges}) for nodes, edges in situation.rings]
+    links = [
+        ("connection", {"from": link.start, "to": link.end, "fromLane": link.from_lane,
+         "toLane": link.to_lane})
+        for link in situation.links
+    ]  # fmt: skip
+    return {
+        "node-files": _xml("nodes", nodes),
+        "edge-files": _xml("edges", [*edges, *rings]),
+        "connection-files": _xml("connections", links),
+    }
+
+
+def routes(situation: Situation, family: Family, trucks: float, random: Random) -> str:
+    """The route file: vehicle types, the others in the order in which they depart, the ego.
+
+    trucks: their share
+    """
+    parked = [_parked(each, k) for k, each in enumerate(situation.parked)]
+    moving = [
+        entry
+        for k, stream in enumerate(situation.streams)
+        for entry in _departures(stream, f"{k}", trucks, random)
+    ]
+    moving.append((random.uniform(*WARM_UP_S), _ego(situation)))
+    root = ElementTree.Element("routes")
+    for name, attributes in types(family).items():
+        ElementTree.SubElement(root, "vType", {"id": name, **attributes})
+    root.extend(parked)
+    for time, element in sorted(moving, key=lambda each: each[0]):
+        element.set("depart", f"{time:.2f}")
+        root.append(element)
+    return _text(root)
+
+
+def _departures(
+    stream: Stream, name: str, trucks: float, random: Random
+) -> Iterator[tuple[float, ElementTree.Element]]:
+    """Time of departure, and the vehicle or pedestrian, one after the other."""
+    mean = 3600.0 / stream.per_hour
+    time, number = random.uniform(0.0, mean), 0
+    while time < TRAFFIC_S:
+        vtype = stream.vtype or ("truck" if random.random() < trucks else "car")
+        yield time, _traveller(f"{name}.{number}", vtype, stream.route, stream.lane)
+        time += (
+            mean * random.uniform(1.0 - SPREAD, 1.0 + SPREAD)
+            if stream.regular
+            else random.expovariate(1.0 / mean)
+        )
+        number += 1
+
+
+def _traveller(name: str, vtype: str, route: str, lane: str) -> ElementTree.Element:
+    if vtype == "pedestrian":
+        person = ElementTree.Element("person", {"id": name, "type": vtype, "depart": ""})
+        ElementTree.SubElement(person, "walk", {"edges": route})
+        return person
+    vehicle = ElementTree.Element(
+        "vehicle",
+        {"id": name, "type": vtype, "depart": "", "departLane": lane, "departSpeed": "max"},
+    )
+    ElementTree.SubElement(vehicle, "route", {"edges": route})
+    return vehicle
+
+
+def _ego(situation: Situation) -> ElementTree.Element:
+    return _traveller(EGO, EGO, situation.ego_route, situation.ego_lane)
+
+
+def _parked(van: Parked, number: int) -> ElementTree.Element:
+    vehicle = _traveller(f"van.{number}", "van", van.edge, str(van.lane))
+    vehicle.attrib |= {"depart": "0.00", "departPos": f"{van.position:.2f}", "departSpeed": "0"}
+    stop = {"lane": f"{van.edge}_{van.lane}", "endPos": f"{van.position:.2f}", "duration": "86400"}
+    ElementTree.SubElement(vehicle, "stop", stop)
+    return vehicle
+
+
+def _edge(edge: Edge) -> dict[str, object]:
+    shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in edge.shape)
+    return {
+        "id": edge.id, "from": edge.start, "to": edge.end, "numLanes": edge.lanes,
+        "speed": edge.speed, "priority": edge.priority, **({"shape": shape} if shape else {}),
+    }  # fmt: skip
+
+
+def _xml(root: str, entries: Iterable[Entry]) -> str:
+    top = ElementTree.Element(root)
+    for tag, attributes in entries:
+        ElementTree.SubElement(top, tag, {key: _word(each) for key, each in attributes.items()})
+    return _text(top)
+
+
+def _word(value: object) -> str:
+    return f"{value:.2f}" if isinstance(value, float) else str(value)
+
+
+def _text(root: ElementTree.Element) -> str:
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
