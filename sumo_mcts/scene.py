@@ -283,6 +283,7 @@ class Follow(NamedTuple):
 
     speeds: Floats  # [M] m/s
     lane_change: int  # -1 right, 0 none, 1 left, at once
+    asks: int = 0  # side on which others are asked for room: -1 right, 0 none, 1 left
 
 
 class Release(NamedTuple):

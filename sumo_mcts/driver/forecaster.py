@@ -140,7 +140,8 @@ def nominal_command(last: LastDecision, now: float, step: float) -> Follow | Rel
         return last.command
     begin = round((now - last.time) / step)
     left = last.command.speeds[begin : begin + round(NOMINAL_S / step)]
-    return Follow(left, last.command.lane_change if begin == 0 else 0) if len(left) else Release()
+    side = last.command.lane_change if begin == 0 else 0
+    return Follow(left, side, last.command.asks) if len(left) else Release()
 
 
 def no_forecast(dt: float) -> Forecast:

@@ -67,6 +67,7 @@ class EgoVehicle:
 
     def look(self) -> Frame:
         """The inputs of the referee about the step that has just ended."""
+        self._commander.notice()
         self._frame = self._world.observer.frame(self._vehicle, self._commander.change, self._frame)
         self._time = self._frame.time
         return self._frame
@@ -79,6 +80,7 @@ class EgoVehicle:
             self._commander.skip(
                 round((self._time - self._commanded) / self._world.physics.step) - 1
             )
+        self._commander.notice()
 
     def due(self) -> bool:
         """Whether a decision is needed before the next step."""

@@ -23,7 +23,8 @@ class Digest:
         """What is to be done, and how the search came to it."""
         command = decision.command
         if isinstance(command, Follow):
-            self._add([1, command.lane_change, *map(_micro, command.speeds)])
+            asks = [command.asks] if command.asks else []
+            self._add([1, command.lane_change, *asks, *map(_micro, command.speeds)])
             self._add([child.visits for child in decision.children])
         else:
             self._hash.update(b"release")

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.evaluation.goal import Goal
-from sumo_mcts.model.local_build import Rules, build_local
+from sumo_mcts.model.local_build import build_local
 from sumo_mcts.model.local_map import (
     GONE,
     HALF_LENGTH,
@@ -34,6 +34,7 @@ from sumo_mcts.model.motion import (
     within_step,
 )
 from sumo_mcts.model.route import RouteMap, route_map
+from sumo_mcts.model.stop_lines import Rules
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
 from sumo_mcts.numerics.kernel import kernel, lengthy
 from sumo_mcts.scene import (

@@ -9,6 +9,7 @@ standing still.
 import math
 
 from sumo_mcts.model.cost_params import CostParams, Term
+from sumo_mcts.model.cost_to_go import waiting_s
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import INTERNAL, LIMIT, NEXT, REACH, RIGHT_NODE, STATION
@@ -109,8 +110,10 @@ def step_own(
 
 
 @kernel
-def terminal(local: LocalMap, c: CostParams, state: State, gap: float, leader_v: float) -> float:
-    """The cost of the time after the horizon.
+def terminal(
+    local: LocalMap, c: CostParams, state: State, gap: float, leader_v: float, time: float
+) -> float:
+    """The cost of the time after the horizon, which is `time` s from now.
 
     This is the time lost until the ego reaches the limit. For tail_s more it is the time lost
     behind a slow leader, before the end of the road, and in a lane that the route leaves.
@@ -126,11 +129,11 @@ def terminal(local: LocalMap, c: CostParams, state: State, gap: float, leader_v:
         _behind(local, c, gap, leader_v),
         _behind(local, c, local.node[state.node, REACH] - state.s, 0.0),
     )
-    lost = (
-        missing * missing / (2.0 * PICK_UP * local.limit)
-        + c.tail_s * behind
-        + min(_to_sign(local, state), UP_TO_SIGN) / MOVE_UP
-    )
+    picks_up = missing * missing / (2.0 * PICK_UP * local.limit)
+    waits = 0.0
+    if c.beyond_s > 0.0:
+        waits = c.beyond_s * (1.0 - math.exp(-waiting_s(local, state, time, picks_up) / c.beyond_s))
+    lost = picks_up + waits + c.tail_s * behind + min(_to_sign(local, state), UP_TO_SIGN) / MOVE_UP
     return c.progress * lost + c.route * _urgent(local, state.node) * c.tail_s * (
         1.0 + RUN_UP * _too_slow(local, state)
     )

@@ -1,11 +1,11 @@
 """Builds the local map of one cycle from the route, the signals and the forecast."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.model.cost_to_go import gap_times, gates
 from sumo_mcts.model.local_map import (
     ELSEWHERE,
     GONE,
@@ -19,13 +19,11 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.model.obligations import Coming, obligations
 from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap, Upstream, stop_ahead
+from sumo_mcts.model.stop_lines import Rules, closed_lines
 from sumo_mcts.numerics.geometry import Y
 from sumo_mcts.numerics.kernel import entry
-from sumo_mcts.numerics.signals import signal_states
 from sumo_mcts.prediction.poses import SIDEWAYS
 from sumo_mcts.scene import (
-    GREEN,
-    YELLOW,
     Agents,
     Bools,
     EgoState,
@@ -40,9 +38,6 @@ from sumo_mcts.scene import (
 # m of the route behind the ego where followers are seen: as far as on the lanes that lead into it
 BACK = UPSTREAM_VIEW
 VIEW = 400.0  # m of the route ahead that a search may see
-# m/s2 of braking beyond which the ego does not stop for red: yellow was short, or it departs right
-# before a red light
-RED_DECEL = 6.0
 # A lane change that the route needs begins to be urgent so many s before the lane leaves the route,
 AHEAD_S = 14.4
 GROWS_S = 9.0  # and is urgent in full so many s later.
@@ -68,15 +63,6 @@ def window(route: RouteMap, here: float) -> tuple[int, int]:
     return first, int(begins[beyond]) if beyond < len(begins) else len(route.lane)
 
 
-class Rules(NamedTuple):
-    """What the local map of a cycle takes for granted."""
-
-    cleared: frozenset[int]  # nodes at whose stop sign the ego has stood
-    stop_decel: float  # m/s2 of braking beyond which a yellow light is passed
-    claim_s: float  # s for which the path ahead of an agent counts as occupied by it
-    reactive: int = 0  # agents at most that the search is to move
-
-
 def build_local(
     road: RoadMap,
     route: RouteMap,
@@ -98,7 +84,7 @@ def build_local(
     ahead = np.full((last - first, last - first), np.inf)
     _fill_ahead(ahead, route.next, route.length, first)
     level, place = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
-    closed = _closed(route, view, scene, forecast, state, rules)
+    closed = closed_lines(route, view, scene, forecast, state, rules)
     bits = _bits(forecast, node, scene.ego)
     followers = _followers(node[0], s[0], forecast.reacts, bits, ahead, state, first)
     behind = (bits >= 0) & ((followers >> np.maximum(bits, 0)) & 1 > 0)
@@ -109,7 +95,12 @@ def build_local(
     beside, until = _reaching_in(
         road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt
     )
+    owed = obligations(road, route, first, last, here, coming)
+    gap_s = gap_times(owed, first, last, (times - 1) * forecast.dt, 2.0 * scene.ego.length)
+    gate, to_gate = gates(road, route, first, last, scene.signals, gap_s)
     return LocalMap(
+        gate=gate,
+        to_gate=to_gate,
         node=route.table,
         row=route.rows,
         closed=closed,
@@ -127,7 +118,7 @@ def build_local(
             forecast.pose[hypothesis, :, :, : Y + 1], v,
             forecast.half_length + forecast.half_width, forecast.dt, rules.claim_s,
         ),
-        obligation=obligations(road, route, first, last, here, coming),
+        obligation=owed,
         first=first,
         limit=limit,
         target_lane_speed=_target_lane_speed(route, view, here, node[0], position[0], v[0]),
@@ -373,28 +364,3 @@ def _target_lane_speed(
         return float(v[beside].mean())
     good = route.changes[view] == 0
     return float(route.limit[view][good].max(initial=0.0))
-
-
-def _closed(
-    route: RouteMap, view: slice, scene: Scene, forecast: Forecast, state: State, rules: Rules
-) -> NDArray[np.uint8]:
-    """[W, T] red and yellow lights, and stop signs at which the ego has not stood yet."""
-    first, here = view.start, route.station[state.node] + state.s
-    times = forecast.pose.shape[1]
-    closed = np.zeros((view.stop - first, times), np.uint8)
-    lines = first + np.flatnonzero(route.stop[view])
-    for n in lines[route.signal[lines] < 0]:
-        closed[n - first] = int(n) not in rules.cleared
-    lights = lines[route.signal[lines] >= 0]
-    grid = np.arange(times, dtype=np.float64) * forecast.dt
-    states = signal_states(scene.signals, route.signal[lights], route.link[lights], grid)
-    for n, shows in zip(lights, states, strict=True):
-        closed[n - first] = shows != GREEN
-        distance = route.station[n] + route.length[n] - here
-        # An ego that the change to yellow (or an unannounced switch) catches too close to stop goes
-        # on: until the next green or the stop line.
-        decel = rules.stop_decel if shows[0] == YELLOW else max(rules.stop_decel, RED_DECEL)
-        if shows[0] != GREEN and state.v > 0.5 and 0.0 < distance < state.v**2 / (2.0 * decel):
-            reopened = np.flatnonzero(shows == GREEN)
-            closed[n - first, : reopened[0] if len(reopened) else times] = 0
-    return closed

@@ -44,6 +44,9 @@ class LocalMap(NamedTuple):
     # [K, 5] OWN_NODE .. MERGES below: stretches of a junction that an agent is going to use and
     # that the ego has to leave to it
     obligation: Floats
+    # [G, .] NEXT_GATE .. CLOSES below: places ahead where the ego may have to wait
+    gate: Floats
+    to_gate: Floats  # [W, 4] GATE .. QUEUE below
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
     # mean speed of the others near the ego in the lanes in which the route goes on, m/s; without
@@ -87,6 +90,15 @@ HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, GOES_ROUND = 
 # Columns of LocalMap.obligation: the ego's node; where the stretch ends on it, m; the agent; m that
 # the agent drives until it enters the stretch; 1 where both lead into the same lane.
 OWN_NODE, STRETCH_END, AGENT, ENTERS, MERGES = range(5)
+
+# Columns of LocalMap.gate (model/cost_to_go.py): the gate after it, -1: none; s of free driving
+# there; s until the streams that it yields to have a gap; s until they end; then OPENINGS pairs of
+# times (s from now) at which it opens and closes, inf: none.
+NEXT_GATE, NEXT_FREE_S, GAP_S, STREAM_S, OPENS, CLOSES = range(6)
+OPENINGS = 4
+# Columns of LocalMap.to_gate: the next gate, -1: none; s of free driving and m to it from the
+# start of the node; the node whose lane the ego needs there.
+GATE, FREE_S, AWAY, QUEUE = range(4)
 
 # Columns of LocalMap.bounds, m.
 WEST, EAST, SOUTH, NORTH = range(4)

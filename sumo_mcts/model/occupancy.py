@@ -1,8 +1,6 @@
 """The predicted occupancy of the others and the ego's yield obligations: where other vehicles are
 about to be, and what it costs to be there."""
 
-import math
-
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import (
     AGENT,
@@ -23,12 +21,10 @@ from sumo_mcts.model.local_map import (
     LocalMap,
     State,
     V,
-    chain_gap,
     is_gone,
     on_other_level,
 )
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.model.route import JUNCTION
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.numerics.krauss import STANDSTILL, USUAL_S, safe_gap
@@ -103,10 +99,11 @@ def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, t:
     rate = 0.0
     for k in range(local.obligation.shape[0]):
         node, i = int(local.obligation[k, OWN_NODE]), int(local.obligation[k, AGENT])
-        if local.node[node, JUNCTION] != local.node[state.node, JUNCTION]:
+        # Where a turn has a place to wait, its path through the junction is two lanes: those that
+        # it yields to on the second pass a vehicle that waits on the first.
+        if node != state.node:
             continue
-        left = chain_gap(local, state.node, state.s, node, local.obligation[k, STRETCH_END])
-        if left == math.inf or left + 2.0 * p.half_length < 0.0:
+        if local.obligation[k, STRETCH_END] - state.s + 2.0 * p.half_length < 0.0:
             continue
         distance = local.obligation[k, ENTERS] - local.agent[t, i, DRIVEN]
         # To a driver in SUMO, a vehicle that crosses its path is as good as standing there; one

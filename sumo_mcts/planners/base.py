@@ -6,10 +6,11 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from sumo_mcts.model.cost_params import CostParams
-from sumo_mcts.model.local_build import Rules, build_local
+from sumo_mcts.model.local_build import build_local
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import RouteMap
+from sumo_mcts.model.stop_lines import Rules
 from sumo_mcts.scene import Decision, Forecast, PlannerMemory, RoadMap, Scene, Words
 
 STOP_DECEL = 3.0  # m/s2 beyond which no driver has to stop for yellow (measures: yellow_run)

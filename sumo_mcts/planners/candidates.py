@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.model.local_map import MOTION_V, LocalMap, State
+from sumo_mcts.model.route import LEFT_NODE, RIGHT_NODE
 from sumo_mcts.planners.actions import ACCEL, FOLLOW, SIDE, to_steps
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.ply import (
@@ -13,12 +14,17 @@ from sumo_mcts.planners.ply import (
     ARRIVED,
     DRIVEN_S,
     DRIVEN_V,
+    IMPOSSIBLE,
     LOST,
     SearchParams,
     replay,
 )
 from sumo_mcts.planners.tree import Tree
 from sumo_mcts.scene import LOSS, Floats, Plan, RootChild
+
+# s within which a change that is planned needs nobody's help: a car that were asked would wait for
+# an ego that waits for it to pass
+SOON = 4.0
 
 
 class Candidate(NamedTuple):
@@ -115,6 +121,25 @@ def cost_in(
         return begun, lost
     line = _best_line(start, tree, actions, k)
     return begun, follow_line(local, task, q, state, others, line)[1]
+
+
+def asked_side(start: Start, line: Floats) -> int:
+    """The side on which others are asked for room (1 left, -1 right, 0 none) while `line`
+    [steps, 3] is driven: that of the lane change that the route needs soon, where it is not
+    possible now and the line does not make it within SOON."""
+    local, state = start.local, start.state
+    i = state.node - local.first
+    urgency = local.urgency[i] if 0 <= i < len(local.urgency) else 0.0
+    side = int(np.sign(urgency))
+    column = LEFT_NODE if side > 0 else RIGHT_NODE
+    if side == 0 or state.progress > 0.0 or local.node[state.node, column] < 0.0:
+        return 0
+    if (line[: round(SOON / start.task.ego.step), SIDE] == side).any():
+        return 0
+    now = line[:1].copy()
+    now[0, SIDE] = side
+    *_, end = follow_line(local, start.task, start.q, state, start.others, now)
+    return side if end == IMPOSSIBLE else 0
 
 
 def follow_line(

@@ -17,7 +17,14 @@ from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.actions import FOLLOW, lasting, packed, unpacked
 from sumo_mcts.planners.base import SeededPlanner, Situation, Task, local_of
 from sumo_mcts.planners.budget import Budget, next_passes, next_passes_in_time, part, passes_within
-from sumo_mcts.planners.candidates import Candidate, Start, cost_in, root_candidates, warm_start
+from sumo_mcts.planners.candidates import (
+    Candidate,
+    Start,
+    asked_side,
+    cost_in,
+    root_candidates,
+    warm_start,
+)
 from sumo_mcts.planners.ply import SearchParams, search_params
 from sumo_mcts.planners.risk import risk, shares
 from sumo_mcts.planners.search import search
@@ -42,6 +49,7 @@ class MctsParams(NamedTuple):
     reactive: int
     worst_share: float  # of what may happen, whose mean cost counts; 1: the expected cost
     adaptive: bool
+    asks: bool  # others for room where the route needs a lane change
 
 
 def mcts_params(scenario: ScenarioConfig) -> MctsParams:
@@ -62,6 +70,7 @@ def mcts_params(scenario: ScenarioConfig) -> MctsParams:
         reactive=p.reactive,
         worst_share=p.cvar_alpha if p.risk == "cvar" else 1.0,
         adaptive=p.adaptive,
+        asks=scenario.ego_model.asks,
     )
 
 
@@ -127,7 +136,8 @@ class MctsPlanner(SeededPlanner):
         warm_chosen = warm is not None and chosen == len(found) - 1
         reason = "brake" if lost else "carried on" if warm_chosen else "search"
         children = tuple(each.child for each in found)
-        command = Follow(plan.v, child.lane_change)
+        asks = asked_side(start, line) if p.asks and child.lane_change == 0 else 0
+        command = Follow(plan.v, child.lane_change, asks)
         return Decision(command, plan, children, chosen, reason, done, known)
 
     def _choice(self, found: list[Candidate]) -> tuple[int, bool]:

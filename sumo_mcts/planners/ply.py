@@ -235,5 +235,5 @@ def replay(
         if ply.end != ALIVE:
             return at + 1, ply.end
     if (len(line) + 0.5) * p.step > q.horizon:
-        terms[PASSABILITY] += terminal(local, c, state, near.gap, near.leader_v)
+        terms[PASSABILITY] += terminal(local, c, state, near.gap, near.leader_v, q.horizon)
     return len(line), ALIVE

@@ -272,7 +272,9 @@ def _spread(
                     found = merge(work.table, work.cell, then, found)
             else:
                 if step.end == ALIVE:
-                    cost += terminal(local, COST, step.state, step.near.gap, step.near.leader_v)
+                    cost += terminal(
+                        local, COST, step.state, step.near.gap, step.near.leader_v, work.q.horizon
+                    )
                 _note(least, best, step.end, cost, then.line[found])
     return found
 
@@ -307,7 +309,7 @@ def _drive_on(
         if end != ALIVE:
             break
     if end == ALIVE:
-        cost += terminal(local, COST, state, near.gap, near.leader_v)
+        cost += terminal(local, COST, state, near.gap, near.leader_v, work.q.horizon)
     _note(least, best, end, cost, line)
     line[ply + 1 :] = np.nan
 

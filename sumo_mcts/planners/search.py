@@ -254,7 +254,7 @@ def _rollout(
         if ply.end == ARRIVED:
             return j
         state, near = ply.state, ply.near
-    return j + terminal(local, c, state, near.gap, near.leader_v)
+    return j + terminal(local, c, state, near.gap, near.leader_v, q.horizon)
 
 
 @kernel

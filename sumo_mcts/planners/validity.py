@@ -22,6 +22,8 @@ def why_invalid(task: Task, state: State, decision: object) -> str:
         return f"a speed of {speeds[~(np.isfinite(speeds) & (speeds >= 0.0))][0]:g} m/s"
     if side not in (-1, 0, 1):
         return f"a lane change by {side!r}"
+    if command.asks not in (-1, 0, 1):
+        return f"a wish for the side {command.asks!r}"
     if side != 0 and state.progress > 0.0:
         return "a lane change during another one"
     if side != 0 and task.route.table[state.node, LEFT_NODE if side > 0 else RIGHT_NODE] < 0.0:

@@ -142,7 +142,7 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
     "Intent": {"agent": _index("F"), "does": Rule((), 0, 4), "way": _index("lanes", "w", least=0)},
     "Decision": {"children": Rule(("c",)), "chosen": _index("c"), "iterations": _COUNT,
     "known": _COUNT},
-    "Follow": {"speeds": Rule(("m",)), "lane_change": _SIDE},
+    "Follow": {"speeds": Rule(("m",)), "lane_change": _SIDE, "asks": _SIDE},
     "Release": {},
     "Plan": {"time": Rule(("m",)), "v": Rule(("m",)), "lane": _index("lanes", "m"),
     "s": Rule(("m",)), "pose": _place("m", 4)},

@@ -23,6 +23,8 @@ FORMAT = 5
 MOST_BYTES = 1 << 30  # of a trace or map, unpacked: five times what an hour in dense traffic takes
 # Large columns that are drawn and not computed with: single precision (0.5 mm at 5 km).
 COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/poses")
+# Columns that traces of this format may lack: their fields then have their default.
+ADDED = ("Follow/asks",)
 Columns = dict[str, NDArray[Any]]
 _SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}
 
@@ -189,7 +191,9 @@ def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]
             None if args[tag] is type(None) else next(values[tag]) for tag in _lengths(tags, path)
         ]
     fields = [
-        _decode(annotation, count, f"{path}/{field}", columns)
+        [kind._field_defaults[field]] * count
+        if f"{path}/{field}".endswith(ADDED) and f"{path}/{field}" not in columns
+        else _decode(annotation, count, f"{path}/{field}", columns)
         for field, annotation in get_type_hints(kind).items()
     ]
     return (

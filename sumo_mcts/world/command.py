@@ -11,6 +11,7 @@ from sumo_mcts.scene import Floats, Follow, Release, RoadMap
 from sumo_mcts.world.library import import_libsumo
 from sumo_mcts.world.observe import Change, departure
 from sumo_mcts.world.roadmap import sumo_lane
+from sumo_mcts.world.wish import Wish
 
 _SLACK = 1e-6  # m/s2: rounding is no trespass
 _ALIGNED = 1e-3  # m off the centre line that are no lane change
@@ -51,6 +52,8 @@ class Commander:
         self._profile: Floats = np.zeros(0)
         self._at = 0
         self._own: _Own | None = None  # to be given back; None: SUMO drives
+        self._wish = Wish(vehicle)
+        self._asks, self._asks_on = 0, -1  # the side asked for, and the lane it is asked from
         self.change = Change()
 
     def accept(self, command: Follow | Release) -> None:
@@ -61,6 +64,8 @@ class Commander:
         if self._own is None:
             self._own = self._taken_over()
         self._profile, self._at = command.speeds, 0
+        busy = command.lane_change != 0 or self.change.target >= 0 or self._is_aside()
+        self._ask(0 if busy else command.asks)
         if command.lane_change != 0:
             self._begin_change(command.lane_change)
 
@@ -75,10 +80,11 @@ class Commander:
             return
         if (
             self._get.getSpeedMode(self._vehicle) != 0
-            or self._get.getLaneChangeMode(self._vehicle) != 0
+            or self._get.getLaneChangeMode(self._vehicle) != self._wish.mode
         ):
             # a state was loaded, or the user set modes: those are to be given back then
             self._own = self._taken_over()
+            self._wish.renew()
         v = float(self._get.getSpeed(self._vehicle))
         a = float(self._get.getAcceleration(self._vehicle))
         self._get.setSpeed(self._vehicle, bounded(self._wanted(v, a), v, a, self._bounds))
@@ -93,16 +99,33 @@ class Commander:
         if self.change.target >= 0:
             self._go_on_changing(steps)
 
+    def notice(self) -> None:
+        """After each step of SUMO: whether it began the change that was asked for, which it may
+        where nobody has to brake. Then no more is asked, and the change is under way."""
+        own = self._own
+        if not self._wish.on or own is None or own.departure != departure(self._vehicle):
+            return
+        lane, side = self._here(), self._asks
+        aside = self._is_aside()
+        if lane == self._asks_on and not aside:
+            return
+        self._ask(0)
+        if lane >= 0 and aside:
+            self.change = Change(0.0, lane, self._beside(lane, side))
+            self._go_on_changing()
+
     def release(self) -> None:
         """Hand the vehicle back to SUMO, also while it is being teleported, with the modes that it
         was taken over with."""
         own, self._own = self._own, None
         self.change = Change()
         if own is not None and own.departure == departure(self._vehicle):
+            self._ask(0)
             self._get.setSpeed(self._vehicle, -1.0)
             self._get.setSpeedMode(self._vehicle, own.speed_mode)
             self._get.setLaneChangeMode(self._vehicle, own.lane_change_mode)
             self._act_every(own.action_step, own)
+        self._wish.forget()
 
     def _taken_over(self) -> _Own:
         """Take the vehicle from SUMO's driver; returns what to give back."""
@@ -136,23 +159,39 @@ class Commander:
 
     def _begin_change(self, side: int) -> None:
         """Begin a lane change to the left (1) or right (-1), where there is a lane."""
-        source = self._lanes.get(self._get.getLaneID(self._vehicle), -1)
-        target = (
-            int((self._road.left if side > 0 else self._road.right)[source]) if source >= 0 else -1
-        )
+        source = self._here()
+        target = self._beside(source, side)
         if target < 0:
             return
         takes_time = self._bounds.change_duration > 0.0
         # SUMO drops the wish where the change before, begun at a stand, takes one step more than
         # its duration: then it is held for a step.
-        still_moving = (
-            takes_time and abs(self._get.getLateralLanePosition(self._vehicle)) > _ALIGNED
-        )
+        still_moving = self._is_aside()
         self._get.changeLane(
             self._vehicle, sumo_lane(self._road, target), self._bounds.step if still_moving else 0.0
         )
         if takes_time:
             self.change = Change(0.0, source, target)
+
+    def _ask(self, side: int) -> None:
+        """Ask for room on a side (1 left, -1 right), or no longer (0)."""
+        self._asks, self._asks_on = side, self._here() if side != 0 else -1
+        self._wish.turn(side != 0)
+
+    def _is_aside(self) -> bool:
+        """Whether a lane change that takes time has the vehicle off the middle of its lane."""
+        return (
+            self._bounds.change_duration > 0.0
+            and abs(float(self._get.getLateralLanePosition(self._vehicle))) > _ALIGNED
+        )
+
+    def _here(self) -> int:
+        """The lane that the vehicle is on, -1: none that is known."""
+        return self._lanes.get(self._get.getLaneID(self._vehicle), -1)
+
+    def _beside(self, lane: int, side: int) -> int:
+        """The lane to the left (1) or right (-1) of a lane, -1: none."""
+        return int((self._road.left if side > 0 else self._road.right)[lane]) if lane >= 0 else -1
 
     def _go_on_changing(self, steps: int = 1) -> None:
         """SUMO moves the vehicle sideways for change_duration; the same clock runs here."""

@@ -82,21 +82,22 @@ def test_a_metre_more_never_costs_more_than_the_time_it_saves(
     """Else it would pay to stand before a slow leader, or before the end of a lane."""
     task, local, state = view(ending_lane(), lane, 100.0, 10.0)
     here, further = (state._replace(s=s + more, v=v) for more in (0.0, 1.0))
-    rise = terminal(local, task.cost, further, gap, leader_v) - terminal(
-        local, task.cost, here, gap + 1.0, leader_v
+    rise = terminal(local, task.cost, further, gap, leader_v, 8.0) - terminal(
+        local, task.cost, here, gap + 1.0, leader_v, 8.0
     )
     assert rise <= task.cost.progress / local.limit + 1e-9
 
 
 def test_the_end_of_a_lane_counts_like_somebody_who_stands_there_and_goes_on_being_urgent() -> None:
     task, local, state = view(ending_lane(), "a_0", 400.0, 10.0)
-    at_the_end = terminal(local, task.cost, state._replace(s=498.0, v=0.0), math.inf, 0.0)
+    at_the_end = terminal(local, task.cost, state._replace(s=498.0, v=0.0), math.inf, 0.0, 8.0)
     on_the_other = terminal(
         local,
         task.cost,
         state._replace(node=int(np.flatnonzero(task.route.lane == 1)[0]), s=498.0, v=0.0),
         math.inf,
         0.0,
+        8.0,
     )
     urgency = (14.4 - 100.0 / local.limit) / 9.0
     slow = 1.0 - math.sqrt(2.0 * 2.6 * 2.0) / local.target_lane_speed
@@ -449,7 +450,7 @@ def test_every_second_counts_until_the_ego_has_stood_at_the_stop_sign(
         for each in (local, cleared)
     ]
     assert rates[0] - rates[1] == pytest.approx(task.cost.progress * share)
-    ends = [terminal(each, task.cost, state, math.inf, 0.0) for each in (local, cleared)]
+    ends = [terminal(each, task.cost, state, math.inf, 0.0, 8.0) for each in (local, cleared)]
     assert ends[0] - ends[1] == pytest.approx(
         task.cost.progress * min(max(room - 2.0, 0.0), 30.0) / 4.0
     )
@@ -663,7 +664,7 @@ def test_the_pace_is_that_of_those_beside_and_of_those_who_come(
 def test_at_the_horizon_room_to_get_as_fast_as_the_others_is_worth_something() -> None:
     task, local, state = merging(12.0, 10.0, Agent("x", "a_1", 60.0, 20.0))
     costs = [
-        terminal(local, task.cost, state._replace(s=s, v=v), math.inf, 0.0)
+        terminal(local, task.cost, state._replace(s=s, v=v), math.inf, 0.0, 8.0)
         for s, v in ((60.0, 0.0), (120.0, 0.0), (120.0, 16.0))
     ]
     no_room, full = 1.0 - math.sqrt(2.0 * 2.6 * 30.0) / 20.0, task.cost.route * task.cost.tail_s

@@ -260,3 +260,13 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
         records.save_trace(path, crossing_trace())
     assert path.read_bytes() == b"old"
     assert [p.name for p in tmp_path.iterdir()] == ["t.npz"]
+
+
+def test_a_trace_from_before_anybody_asked(tmp_path: Path) -> None:
+    trace = busy_trace()
+    columns = codec.columns_of(records.Trace, trace)
+    (column,) = (name for name in columns if name.endswith("Follow/asks"))
+    del columns[column]
+    (tmp_path / "old.npz").write_bytes(codec.packed(columns))
+    commands = [c.decision.command for c in records.load_trace(tmp_path / "old.npz").cycles]
+    assert {command.asks for command in commands if isinstance(command, Follow)} == {0}

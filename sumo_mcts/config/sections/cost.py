@@ -51,6 +51,11 @@ class CostWeights(Section):
         description="for how long beyond the horizon a slow leader, or the end of a lane, still "
         "counts",
     )
+    beyond_s: Delay = Field(
+        30.0,
+        description="s that waiting at lights and for gaps beyond the horizon costs at most; 0: "
+        "nothing",
+    )
     blocking: NonNegative = Field(0.3, description="per second of standing inside a junction")
     astride: NonNegative = Field(
         4.0,

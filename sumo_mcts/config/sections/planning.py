@@ -47,6 +47,11 @@ class EgoModelConfig(Section):
     stop_gap_m: Float = Field(
         1.0, ge=0.0, le=2.0, description="distance to the stop line at standstill"
     )
+    asks: Flag = Field(
+        True,
+        description="ask others for room, as SUMO's drivers do, where the route needs a lane "
+        "change soon (planner `mcts`; not with SUMO's sublane model)",
+    )
 
 
 class PlannerConfig(Section):

@@ -1,0 +1,224 @@
+"""The cost-to-go: the time that is still to be lost beyond the horizon, where the ego may have to
+wait on its route.
+
+A gate is such a place: a stop line with a signal, or the place before a stretch of a junction that
+the ego has to leave to others. Gates are built once a cycle, of what is seen then; the search asks
+for each of its last states how long the ego would wait at all of them, one after the other.
+"""
+
+import math
+
+import numpy as np
+
+from sumo_mcts.model.local_map import (
+    AGENT,
+    AWAY,
+    CLOSES,
+    FREE_S,
+    GAP_S,
+    GATE,
+    NEXT_FREE_S,
+    NEXT_GATE,
+    OPENINGS,
+    OPENS,
+    OWN_NODE,
+    QUEUE,
+    STREAM_S,
+    STRETCH_END,
+    LocalMap,
+    S,
+    State,
+    chain_gap,
+    follows,
+    index_at,
+    node_of,
+)
+from sumo_mcts.model.route import LIMIT, RouteMap
+from sumo_mcts.numerics.kernel import kernel
+from sumo_mcts.scene import GREEN, Floats, RoadMap, Signals
+
+DISCHARGE_S = 2.0  # s between two vehicles of a queue that starts
+UNKNOWN_S = 20.0  # s expected at a light of which no coming green is known
+START = 2.6  # m/s2 with which the ego starts after it had to wait
+REACT_S = 1.0  # s until it starts
+MOST_GAP_S = 60.0  # s expected at most until a stream has a gap: it may end before
+
+
+def gates(
+    road: RoadMap, route: RouteMap, first: int, last: int, signals: Signals, gap_s: Floats
+) -> tuple[Floats, Floats]:
+    """LocalMap.gate [G, .] and LocalMap.to_gate [W, 4] of the nodes [first, last).
+
+    `gap_s` [W]: seconds expected until the streams that a node yields to have a gap.
+    """
+    rows: list[Floats] = []
+    to_gate = np.full((last - first, QUEUE + 1), np.inf)
+    to_gate[:, GATE] = -1.0
+    for n in range(last - 1, first - 1, -1):
+        i, after = n - first, int(route.next[n])
+        to_gate[i, QUEUE] = n
+        if not first <= after < last:
+            continue
+        gap = gap_s[after - first]
+        if (route.stop[n] and route.signal[n] >= 0) or gap > 0.0:
+            rows.append(_gate(road, route, n, signals, gap, to_gate[after - first]))
+            to_gate[i, GATE], to_gate[i, FREE_S], to_gate[i, AWAY] = len(rows) - 1, 0.0, 0.0
+        elif to_gate[after - first, GATE] >= 0.0:
+            to_gate[i, : AWAY + 1] = to_gate[after - first, : AWAY + 1]
+        to_gate[i, FREE_S] += route.length[n] / route.limit[n]
+        to_gate[i, AWAY] += route.length[n]
+    _of_needed_lane(to_gate, route, first, last)
+    return np.array(rows).reshape(-1, CLOSES + 2 * OPENINGS), to_gate
+
+
+def _of_needed_lane(to_gate: Floats, route: RouteMap, first: int, last: int) -> None:
+    """A lane that the route leaves has the gates and the queue of the lane that it needs: leaving
+    the queue saves nothing."""
+    for n in range(first, last):
+        lane = n
+        while route.changes[lane] != 0:
+            beside = int(route.left[lane] if route.changes[lane] > 0 else route.right[lane])
+            if not first <= beside < last:
+                break
+            lane = beside
+        to_gate[n - first] = to_gate[lane - first]
+
+
+def _gate(
+    road: RoadMap, route: RouteMap, n: int, signals: Signals, gap: float, beyond: Floats
+) -> Floats:
+    """The row of the gate at the end of node n; `beyond` [4]: to_gate of the node after it."""
+    row = np.full(CLOSES + 2 * OPENINGS, np.inf)
+    row[NEXT_GATE], row[NEXT_FREE_S], row[GAP_S] = beyond[GATE], beyond[FREE_S], gap
+    row[STREAM_S] = _stream_ends(road, int(route.lane[route.next[n]]), signals) if gap > 0 else 0.0
+    openings = (
+        green_times(signals, int(route.signal[n]), int(route.link[n]))
+        if route.stop[n] and route.signal[n] >= 0
+        else [(0.0, math.inf)]
+    )
+    for k, (opens, closes) in enumerate(openings[:OPENINGS]):
+        row[OPENS + 2 * k], row[CLOSES + 2 * k] = opens, closes
+    return row
+
+
+def green_times(signals: Signals, signal: int, link: int) -> list[tuple[float, float]]:
+    """The times from now (s) at which a link turns green and stops being it, as far as known."""
+    shows = signals.state[signals.offset[signal] + link]
+    until = signals.until[signal]
+    found: list[tuple[float, float]] = []
+    begin = 0.0
+    for state, end in zip(shows.tolist(), until.tolist(), strict=True):
+        if state == GREEN:
+            if found and found[-1][1] == begin:
+                found[-1] = (found[-1][0], end)
+            else:
+                found.append((begin, end))
+        begin = end
+        if math.isinf(end):
+            break
+    return found
+
+
+def _stream_ends(road: RoadMap, lane: int, signals: Signals) -> float:
+    """s until the last of the streams that `lane` yields to is stopped by its signal; inf: never,
+    as far as known."""
+    ends = 0.0
+    for e in range(road.conflict_offset[lane], road.conflict_offset[lane + 1]):
+        other = int(road.conflict_lane[e])
+        if not road.conflict_yields[e]:
+            continue
+        if road.signal[other] < 0:
+            return math.inf
+        times = green_times(signals, int(road.signal[other]), int(road.link[other]))
+        if times and times[0][0] == 0.0:
+            ends = max(ends, times[0][1])
+    return ends
+
+
+def gap_times(owed: Floats, first: int, last: int, seconds: float, length: float) -> Floats:
+    """[W] s expected until there is a gap in the streams that each node yields to.
+
+    `owed`: LocalMap.obligation; `seconds`: of the forecast, in which they come; `length`: of the
+    ego, m.
+    A stream without memory of q vehicles a second has a gap of t s after (exp(q t) - 1 - q t) / q
+    seconds in the mean (Adams 1936).
+    """
+    found = np.zeros(last - first)
+    nodes = owed[:, OWN_NODE].astype(np.int64)
+    for n in np.unique(nodes):
+        rows = owed[nodes == n]
+        rate = len(np.unique(rows[:, AGENT])) / seconds
+        clears = REACT_S + math.sqrt(2.0 * (rows[:, STRETCH_END].max() + length) / START)
+        x = rate * clears
+        found[n - first] = min((math.exp(min(x, 50.0)) - 1.0 - x) / rate, MOST_GAP_S)
+    return found
+
+
+@kernel
+def waiting_s(local: LocalMap, state: State, time: float, lost: float) -> float:
+    """s that the ego waits at the gates ahead when it is in `state` at `time` (s from now), and has
+    `lost` s to lose until it drives as fast as it may."""
+    i = state.node - local.first
+    if not 0 <= i < local.to_gate.shape[0]:
+        return 0.0
+    gate = int(local.to_gate[i, GATE])
+    if gate < 0:
+        return 0.0
+    arrives = (
+        time + lost + max(local.to_gate[i, FREE_S] - state.s / local.node[state.node, LIMIT], 0.0)
+    )
+    queue, waits = DISCHARGE_S * _queued(local, state, time), 0.0
+    while gate >= 0:
+        passes = _passes(local, gate, arrives, time, queue)
+        waits += passes - arrives
+        arrives = passes + local.gate[gate, NEXT_FREE_S]
+        gate, queue = int(local.gate[gate, NEXT_GATE]), 0.0
+    return waits
+
+
+@kernel
+def _passes(local: LocalMap, gate: int, arrives: float, time: float, queue: float) -> float:
+    """When the ego passes a gate that it reaches at `arrives`, in the mean, s from now.
+
+    `queue`: s that those need who stand before it.
+    """
+    gap, stream = local.gate[gate, GAP_S], local.gate[gate, STREAM_S]
+    share, mean, now = 1.0, 0.0, arrives  # share: how likely it still waits at `now`
+    for k in range(OPENINGS):
+        opens, closes = local.gate[gate, OPENS + 2 * k], local.gate[gate, CLOSES + 2 * k]
+        if math.isinf(opens):
+            break
+        if closes <= now:
+            continue
+        start = max(now, opens + queue) if opens > time else now
+        if start >= closes:
+            queue = max(queue - (closes - opens), 0.0)
+            continue
+        mean += share * (start - now)
+        busy = max(min(closes, stream) - start, 0.0)
+        if gap > 0.0 and busy > 0.0:
+            goes_on = math.exp(-busy / gap)
+            mean += share * gap * (1.0 - goes_on)
+            share *= goes_on
+        if stream < closes or gap <= 0.0:
+            return arrives + mean
+        if math.isinf(closes):
+            return arrives + mean
+        now = closes
+    return arrives + mean + share * UNKNOWN_S
+
+
+@kernel
+def _queued(local: LocalMap, state: State, time: float) -> int:
+    """How many vehicles are between the ego and its next gate at `time`, in the lane that it
+    needs."""
+    i, now, count = state.node - local.first, index_at(local, time), 0
+    lane, away = int(local.to_gate[i, QUEUE]), local.to_gate[i, AWAY] - state.s
+    now = min(now, local.agent.shape[0] - 1)
+    for j in range(local.agent.shape[1]):
+        node = node_of(local, now, j)
+        if node < 0 or follows(local, local.followers, j):
+            continue
+        if 0.0 < chain_gap(local, lane, state.s, node, local.agent[now, j, S]) < away:
+            count += 1
+    return count

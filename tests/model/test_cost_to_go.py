@@ -1,0 +1,193 @@
+"""The time that is still to be lost beyond the horizon."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import Agent, Lane, build, crossing, edges, ego_at
+from helpers_model import compiled, local_of, road_with_light, scene_of, task_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sumo_mcts.model.cost_to_go import (
+    DISCHARGE_S,
+    MOST_GAP_S,
+    UNKNOWN_S,
+    gap_times,
+    green_times,
+    waiting_s,
+)
+from sumo_mcts.model.local_map import (
+    AGENT,
+    CLOSES,
+    GAP_S,
+    MERGES,
+    OPENINGS,
+    OPENS,
+    OWN_NODE,
+    STREAM_S,
+    STRETCH_END,
+    LocalMap,
+    State,
+)
+from sumo_mcts.model.occupancy import yielding_cost
+from sumo_mcts.planners.base import Task
+from sumo_mcts.scene import GREEN, RED, YELLOW, RoadMap, Signals
+
+waiting_s, yielding_cost = map(compiled, (waiting_s, yielding_cost))
+
+Shown = tuple[int, float]  # what a light shows, and until when (s)
+
+
+def light(*phases: Shown) -> Signals:
+    """One signal with one link."""
+    return Signals(
+        np.array([0, 1], np.int32),
+        np.array([[state for state, _ in phases]], np.int32),
+        np.array([[until for _, until in phases]]),
+    )
+
+
+RED_FOR_20 = light((RED, 20.0), (GREEN, 50.0), (YELLOW, 53.0), (RED, 90.0), (GREEN, 120.0))
+
+
+def before_a_light(
+    s: float, v: float, signals: Signals, *agents: Agent
+) -> tuple[Task, LocalMap, State]:
+    road = road_with_light()
+    ego = ego_at(road, "a_0", s, v, route=edges(road, "a", "b"))
+    task = task_of(road, ego)
+    return task, *local_of(task, scene_of(ego, road, *agents, signals=signals))
+
+
+def test_phases_that_show_green_one_after_the_other_are_one_green() -> None:
+    signals = light((GREEN, 5.0), (GREEN, 9.0), (YELLOW, 12.0), (RED, 30.0), (GREEN, math.inf))
+    assert green_times(signals, 0, 0) == [(0.0, 9.0), (30.0, math.inf)]
+    assert green_times(light((RED, math.inf)), 0, 0) == []
+
+
+@pytest.mark.parametrize(("time", "waits"), [(0.0, 20.0), (8.0, 12.0), (20.0, 0.0), (49.0, 0.0)])
+def test_a_red_light_costs_the_time_until_it_opens(time: float, waits: float) -> None:
+    _, local, state = before_a_light(199.99, 0.0, RED_FOR_20)
+    assert waiting_s(local, state, time, 0.0) == pytest.approx(waits, abs=0.01)
+
+
+def test_a_missed_green_costs_the_whole_red_that_follows() -> None:
+    _, local, state = before_a_light(200.0 - 30.0, 15.0, RED_FOR_20)
+    passes, misses = (waiting_s(local, state, time, 0.0) for time in (47.9, 48.1))
+    assert passes == 0.0
+    assert misses == pytest.approx(90.0 - 50.1, abs=0.01)
+
+
+def test_a_light_of_which_nothing_is_known_costs_the_same_at_any_time() -> None:
+    _, local, state = before_a_light(190.0, 0.0, light((RED, math.inf)))
+    assert waiting_s(local, state, 0.0, 0.0) == waiting_s(local, state, 8.0, 0.0) == UNKNOWN_S
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.floats(0.0, 60.0),
+    st.floats(0.0, 10.0),
+    st.floats(0.0, 30.0),
+    st.floats(0.0, 80.0),
+    st.lists(st.floats(1.0, 30.0), min_size=2, max_size=2 * OPENINGS),
+)
+def test_coming_later_never_means_to_be_through_earlier(
+    time: float, later: float, gap: float, stream: float, phases: list[float]
+) -> None:
+    """A state from which nothing was gained is worth no more a cycle later."""
+    _, local, state = before_a_light(180.0, 0.0, RED_FOR_20)
+    row = local.gate[0]
+    row[GAP_S], row[STREAM_S] = gap, stream
+    row[OPENS:] = np.inf
+    ends = np.cumsum(phases)[: len(phases) // 2 * 2]
+    row[OPENS : OPENS + len(ends)] = ends
+    now, then = (t + waiting_s(local, state, t, 0.0) for t in (time, time + later))
+    assert then >= now - 1e-6
+
+
+def test_each_vehicle_of_the_queue_before_the_light_takes_its_time_to_start() -> None:
+    waits = [
+        waiting_s(local, state, 8.0, 0.0)
+        for _, local, state in (
+            before_a_light(160.0, 0.0, RED_FOR_20, *cars)
+            for cars in (
+                [],
+                [Agent("one", "a_0", 198.0, 0.0)],
+                [Agent("one", "a_0", 198.0, 0.0), Agent("two", "a_0", 190.0, 0.0)],
+                [Agent("behind", "a_0", 140.0, 0.0)],
+            )
+        )
+    ]
+    assert np.diff(waits[:3]) == pytest.approx([DISCHARGE_S, DISCHARGE_S])
+    assert waits[3] == waits[0]
+
+
+def two_lanes_before_a_light() -> RoadMap:
+    """Only the left lane of a leads through the light to b; the right one has a queue of none."""
+    return build(
+        [
+            Lane("a", 0, ((0.0, -1.6), (200.0, -1.6))),
+            Lane("a", 1, ((0.0, 1.6), (200.0, 1.6)), (":m_0",)),
+            Lane(":m", 0, ((200.0, 1.6), (220.0, 1.6)), ("b_0",), junction="m", signal="t", link=0),
+            Lane("b", 0, ((220.0, 1.6), (520.0, 1.6))),
+        ]
+    )
+
+
+def test_leaving_the_queue_for_a_lane_that_leads_elsewhere_saves_nothing() -> None:
+    road = two_lanes_before_a_light()
+    queue = [Agent(f"q{k}", "a_1", 198.0 - 8.0 * k, 0.0) for k in range(4)]
+    found = []
+    for lane in ("a_0", "a_1"):
+        ego = ego_at(road, lane, 150.0, 0.0, route=edges(road, "a", "b"))
+        task = task_of(road, ego)
+        local, state = local_of(task, scene_of(ego, road, *queue, signals=RED_FOR_20))
+        found.append(waiting_s(local, state, 8.0, 0.0))
+    assert found[0] == found[1] > 4 * DISCHARGE_S
+
+
+def owed(*agents: int, end: float = 12.0) -> np.ndarray:  # type: ignore[type-arg]
+    """Obligations on node 3."""
+    rows = np.zeros((len(agents), MERGES + 1))
+    for row, agent in zip(rows, agents, strict=True):
+        row[OWN_NODE], row[AGENT], row[STRETCH_END] = 3, agent, end
+    return rows
+
+
+def test_the_gap_in_a_stream_comes_the_later_the_more_vehicles_come() -> None:
+    times = [gap_times(owed(*range(n)), 0, 6, 10.0, 5.0)[3] for n in (1, 3, 6)]
+    assert 0.0 < times[0] < times[1] < times[2] <= MOST_GAP_S
+    assert gap_times(owed(1, 1), 0, 6, 10.0, 5.0)[3] == times[0]  # one vehicle, two stretches
+    # Adams: three in ten seconds, and 1 + sqrt(2 * 17 / 2.6) s to clear the stretch
+    clears = 1.0 + math.sqrt(2.0 * 17.0 / 2.6)
+    assert times[1] == pytest.approx((math.exp(0.3 * clears) - 1.0 - 0.3 * clears) / 0.3)
+
+
+def test_a_stream_that_its_light_stops_is_waited_for_until_then_only() -> None:
+    _, local, state = before_a_light(199.99, 0.0, light((GREEN, math.inf)))
+    row = local.gate[0]
+    row[GAP_S], row[STREAM_S] = 30.0, math.inf
+    for_ever = waiting_s(local, state, 0.0, 0.0)
+    row[STREAM_S] = 10.0
+    until_red = waiting_s(local, state, 0.0, 0.0)
+    assert for_ever == pytest.approx(30.0)
+    assert until_red == pytest.approx(30.0 * (1.0 - math.exp(-10.0 / 30.0)), abs=0.01)
+    row[CLOSES] = 5.0  # the own green ends before the stream does, and no other one is known
+    share = math.exp(-5.0 / 30.0)
+    own = 30.0 * (1.0 - share) + share * UNKNOWN_S
+    assert waiting_s(local, state, 0.0, 0.0) == pytest.approx(own, abs=0.05)
+
+
+def test_there_is_a_gate_where_the_ego_yields_and_none_where_it_has_priority() -> None:
+    road = crossing(bridge=False)
+    gates = []
+    for begin, end, other in (("si", "no", "wi"), ("wi", "eo", "si")):
+        ego = ego_at(road, f"{begin}_0", 70.0, 5.0, route=edges(road, begin, end))
+        task = task_of(road, ego)
+        cars = [Agent(f"{k}", f"{other}_0", 85.0 - 25.0 * k, 10.0) for k in range(3)]
+        local, state = local_of(task, scene_of(ego, road, *cars))
+        gates.append((len(local.gate), waiting_s(local, state, 8.0, 0.0)))
+    assert gates[0][0] == 1
+    assert gates[0][1] > 0.5
+    assert gates[1] == (0, 0.0)
