@@ -336,6 +336,7 @@ class PlannerMemory(NamedTuple):
     numbers: Floats = np.zeros(0)  # their meaning is the planner's own affair
     # the state of its random generator; empty: it draws nothing
     generator: Words = np.zeros(0, np.uint64)
+    waited_s: float = 0.0  # s for which it has waited for a gap
 
 
 class Memory(NamedTuple):

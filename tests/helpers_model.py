@@ -143,10 +143,12 @@ def local_of(
     cleared: frozenset[int] = frozenset(),
     seconds: float = 10.0,
     reactive: int = 0,
+    asked: int = 0,
+    patience: float = 1.0,
 ) -> tuple[LocalMap, State]:
     """The local map of a cycle, and the ego's state in it."""
-    situation = situation_of(task, scene, cleared, seconds)
-    return base.local_of(task, situation, reactive), situation.state
+    situation = situation_of(task, scene, cleared, seconds)._replace(asked=asked)
+    return base.local_of(task, situation, reactive, patience=patience), situation.state
 
 
 def half(params: EgoParams) -> float:

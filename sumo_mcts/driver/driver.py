@@ -118,6 +118,7 @@ class Driver:
             forecast=self._forecaster.nothing() if forecast is None else forecast,
             cleared=frozenset(self._stood),
             until=until + watch.loading_s,
+            asked=_asked(self._last.command),
         )
         self.question = (task, situation)
         decision, why = self._plan(situation, failure)
@@ -170,7 +171,8 @@ class Driver:
         self._lay_out(ego, memory.edges)
         self._stood = dict(zip(memory.stood, memory.stood_since, strict=True))
         self._fail_safe.ready = memory.ready
-        if isinstance(self._planner, Remembering) and any(len(part) for part in memory.planner):
+        remembers = len(memory.planner.numbers) + len(memory.planner.generator) > 0
+        if isinstance(self._planner, Remembering) and remembers:
             self._planner.recall(memory.planner)
 
     def _memory(self) -> Memory:
@@ -283,3 +285,8 @@ class Driver:
         to_line = route.length[state.node] - state.s
         if route.sign[state.node] and state.v < STANDING and to_line < NEAR_STOP:
             self._stood.setdefault(state.node, now)
+
+
+def _asked(command: Follow | Release) -> int:
+    """The side on which the ego asks for room: 1 left, -1 right, 0 neither."""
+    return command.asks if isinstance(command, Follow) else 0

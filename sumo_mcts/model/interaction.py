@@ -127,7 +127,7 @@ def meet(  # noqa: PLR0915
             and local.trait[i, REACTS] > 0.0
             and 0.0 < to_ego < math.inf
         ):
-            price = cut_in_cost(c, to_ego - 2.0 * p.half_length, v, state.v)
+            price = local.patience * cut_in_cost(c, to_ego - 2.0 * p.half_length, v, state.v)
             if price >= 0.0:
                 followers |= 1 << int(local.trait[i, BIT])
                 once += price
@@ -214,12 +214,19 @@ def _swept(box: Box, driven: float) -> Box:
 
 @kernel
 def place_is_free(
-    local: LocalMap, p: EgoParams, c: CostParams, changed: State, index: int, most: float = math.inf
+    local: LocalMap,
+    p: EgoParams,
+    c: CostParams,
+    changed: State,
+    others: Floats,
+    index: int,
+    most: float = math.inf,
 ) -> bool:
     """Whether a change that begins now leaves every agent that reacts a sufficient gap, at a cost
     of at `most`.
 
-    `changed`: the state right after the change began.
+    `changed`: the state right after the change began; `others` [R, 2]: the reacting agents; without
+    rows all are where the forecast has them.
     """
     t = min(index, local.agent.shape[0] - 1)
     target = changed.other if changed.other >= 0 else changed.node
@@ -227,12 +234,15 @@ def place_is_free(
         node, comes_to = node_of(local, t, i), upstream_of(local, t, i)
         if (node < 0 and comes_to < 0) or local.trait[i, REACTS] == 0.0:
             continue
-        s, left = local.agent[t, i, S], lane_left(local, i, t)
+        s, v, left = local.agent[t, i, S], local.agent[t, i, V], lane_left(local, i, t)
+        if others.shape[0] > 0 and local.trait[i, SLOT] >= 0.0:
+            _, _, _, _, v, s, at = seen(local, others, i, t)
+            node = node_of(local, at, i)
         behind = chain_gap(local, max(node, comes_to), s, target, changed.s)
         if left >= 0:
             behind = min(behind, chain_gap(local, left, s, target, changed.s))
         price = (
-            cut_in_cost(c, behind - 2.0 * p.half_length, local.agent[t, i, V], changed.v)
+            local.patience * cut_in_cost(c, behind - 2.0 * p.half_length, v, changed.v)
             if 0.0 <= behind < math.inf
             else 0.0
         )
@@ -241,7 +251,7 @@ def place_is_free(
         if comes_to >= 0:
             continue
         ahead = chain_gap(local, target, changed.s, node, s) - 2.0 * local.trait[i, HALF_LENGTH]
-        closing = max(0.0, changed.v - local.agent[t, i, V])
+        closing = max(0.0, changed.v - v)
         beside = ahead < LEAST_GAP <= ahead + 2.0 * local.trait[i, HALF_LENGTH]
         if beside or (
             behind == math.inf

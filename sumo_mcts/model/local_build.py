@@ -48,6 +48,7 @@ TARGET_LANE_VIEW = 100.0
 # errors would stop a change that has begun
 ASIDE = 0.2
 FREE_BEYOND = 50.0  # m, added to the distance that the ego could drive within the forecast
+MOST_ASKED = 4  # agents behind the ego that may make room in one cycle
 MOST_FOLLOWERS = 63  # bits of a mask
 CRAWLS = 1.0  # m/s of the ego below which people on foot walk round it
 CHAIN = 250.0  # m beyond its end over which one lane is followed into the next
@@ -111,7 +112,8 @@ def build_local(
         agent=np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
         trait=np.column_stack([
             forecast.half_length, forecast.half_width, forecast.reacts,
-            forecast.yields[hypothesis], _slots(forecast, node, scene, rules.reactive),
+            forecast.yields[hypothesis],
+            _slots(route, state, forecast, node, position, scene, rules),
             beside, until, bits, _goes_round(scene.agents, len(bits), state),
         ]),
         bounds=_bounds(
@@ -126,6 +128,8 @@ def build_local(
         stop_at=_stop_at(route, state, rules.cleared, here),
         followers=followers,
         aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
+        patience=rules.patience,
+        asked=rules.asked,
         dt=forecast.dt,
     )  # fmt: skip
 
@@ -205,11 +209,25 @@ def _levels(
     return level, np.where(lane >= 0, (column.reshape(lane.shape) << KINDS) + near, -1)
 
 
-def _slots(forecast: Forecast, node: Indices, scene: Scene, reactive: int) -> Indices:
-    """[N] 0, 1, ... for the nearest of those that react and come to a lane of the ego's route, -1
-    for the others."""
-    those = np.flatnonzero(forecast.reacts & (node >= 0).any(axis=0))
-    return _nearest(forecast, those, scene.ego, reactive)
+def _slots(
+    route: RouteMap,
+    state: State,
+    forecast: Forecast,
+    node: Indices,
+    s: Floats,
+    scene: Scene,
+    rules: Rules,
+) -> Indices:
+    """[N] 0, 1, ... for those that the search moves, -1 for the others: the nearest that react and
+    come to a lane of the ego's route; where it asks for room, those behind it in the lane asked."""
+    if rules.asked == 0:
+        those = np.flatnonzero(forecast.reacts & (node >= 0).any(axis=0))
+        return _nearest(forecast, those, scene.ego, rules.reactive)
+    beside = (route.left if rules.asked > 0 else route.right)[state.node]
+    comes_to = np.where(node[0] <= UPSTREAM, UPSTREAM - node[0], node[0])
+    behind = (comes_to == beside) & (s[0] < state.s)
+    those = np.flatnonzero(forecast.reacts & behind & (beside >= 0))
+    return _nearest(forecast, those, scene.ego, MOST_ASKED)
 
 
 def _bits(forecast: Forecast, node: Indices, ego: EgoState) -> Indices:

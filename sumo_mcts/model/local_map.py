@@ -62,6 +62,9 @@ class LocalMap(NamedTuple):
     followers: int
     # m to the side that a lane change keeps clear, since it may differ a little from its plan
     aside: float
+    # share of its price that comfortable braking of others costs an ego that has waited for a gap
+    patience: float
+    asked: int  # the side on which the ego asks for room: 1 left, -1 right, 0 neither
     dt: float  # s between forecast times
 
 

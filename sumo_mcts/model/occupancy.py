@@ -112,5 +112,10 @@ def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, t:
             local.agent[t, i, V], state.v if local.obligation[k, MERGES] > 0.0 else 0.0, USUAL_S
         )
         if 0.0 < distance < needed:
-            rate = max(rate, c.claim * min(1.0, BRAKES_SHARE + GROWTH * (1.0 - distance / needed)))
+            v = local.agent[t, i, V]
+            # an agent that can stop in comfort may have to for an ego that has waited long
+            copes = v * v < 2.0 * c.cut_in_decel_mps2 * max(distance - STANDSTILL, 0.0)
+            share = local.patience if copes else 1.0
+            price = min(1.0, BRAKES_SHARE + GROWTH * (1.0 - distance / needed))
+            rate = max(rate, share * c.claim * price)
     return rate

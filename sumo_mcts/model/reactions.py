@@ -20,8 +20,10 @@ from sumo_mcts.model.local_map import (
     chain_gap,
     is_gone,
     node_of,
+    upstream_of,
 )
 from sumo_mcts.model.motion import EgoParams
+from sumo_mcts.model.route import LEFT_NODE, RIGHT_NODE
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_speed
@@ -30,6 +32,8 @@ from sumo_mcts.scene import Floats
 PANIC = 9.0  # m/s2 of emergency braking, as SUMO's cars have it by default,
 NEAR = 1.0  # m to the ego up to which they brake like that
 CATCHES_UP = 2.0  # m/s2 with which an agent that is late drives faster again
+# m/s2 with which an agent brakes at most for an ego that asks for room: SUMO's brake with 4.5
+HELPS = 3.0
 IMPOSED = 2.0  # m/s2 of braking that counts as imposed (measures)
 
 # Columns of the array that holds the reacting agents. CLOCK: forecast index (with fraction) of the
@@ -37,9 +41,10 @@ IMPOSED = 2.0  # m/s2 of braking that counts as imposed (measures)
 CLOCK, SPEED = range(2)
 
 
-def undisturbed(local: LocalMap, count: int) -> Floats:
-    """[count, 2] the reacting agents as they are now, before the ego has held any up."""
-    others = np.zeros((count, 2))
+def undisturbed(local: LocalMap, count: int = 0) -> Floats:
+    """[R, 2] the reacting agents as they are now, before the ego has held any up; at least `count`
+    rows."""
+    others = np.zeros((max(int(local.trait[:, SLOT].max(initial=-1.0)) + 1, count), 2))
     for i, slot in enumerate(local.trait[:, SLOT].astype(int)):
         if slot >= 0:
             others[slot, SPEED] = local.agent[0, i, V]
@@ -66,10 +71,15 @@ def react(
             local,
             p,
             state,
-            node_of(local, k, i),
+            max(node_of(local, k, i), upstream_of(local, k, i) if local.asked != 0 else -1),
             local.agent[k, i, S] + driven - local.agent[k, i, DRIVEN],
         )
         speed = v + CATCHES_UP * seconds
+        asked = _gap_when_asked(local, p, state, others, i)
+        if asked < math.inf:
+            careful = safe_speed(asked - STANDSTILL, state.v, USUAL_S)
+            speed = min(speed, max(careful, v - HELPS * seconds))
+            imposed += max(0.0, min((v - careful) / seconds, HELPS) - IMPOSED)
         if gap < math.inf:
             careful = safe_speed(gap - STANDSTILL, state.v, USUAL_S)
             if careful < v:
@@ -129,3 +139,37 @@ def _gap_to_ego(local: LocalMap, p: EgoParams, state: State, node: int, s: float
     if state.other >= 0:
         gap = min(gap, chain_gap(local, node, s, state.other, state.s))
     return gap - 2.0 * p.half_length if gap > 0.0 else math.inf
+
+
+@kernel
+def _gap_when_asked(local: LocalMap, p: EgoParams, state: State, others: Floats, i: int) -> float:
+    """m from agent i's front to the ego's rear where the ego asks it for room, and it makes some;
+    else inf.
+
+    Like SUMO's drivers the nearest one behind falls back if it can brake for the ego in comfort.
+    From an ego that is too slow for that it drives on.
+    """
+    if local.asked == 0 or state.progress > 0.0:
+        return math.inf
+    beside = int(local.node[state.node, LEFT_NODE if local.asked > 0 else RIGHT_NODE])
+    if beside < 0:
+        return math.inf
+    gap, v = _gap_to(local, others, i, beside, state.s), others[int(local.trait[i, SLOT]), SPEED]
+    room, closing = gap - 2.0 * p.half_length, max(0.0, v - state.v)
+    if room <= 0.0 or room == math.inf or closing * closing > 2.0 * HELPS * room:
+        return math.inf
+    for j in range(local.agent.shape[1]):
+        if j != i and local.trait[j, SLOT] >= 0.0:
+            if 0.0 < _gap_to(local, others, j, beside, state.s) < gap:
+                return math.inf
+    return room
+
+
+@kernel
+def _gap_to(local: LocalMap, others: Floats, i: int, node: int, s: float) -> float:
+    """m from the front of the reacting agent i, where it is by now, to `s` on `node`; inf: its lane
+    does not lead there."""
+    clock = others[int(local.trait[i, SLOT]), CLOCK]
+    k = int(clock)
+    here = local.agent[k, i, S] + _at(local, i, clock, DRIVEN) - local.agent[k, i, DRIVEN]
+    return chain_gap(local, max(node_of(local, k, i), upstream_of(local, k, i)), here, node, s)

@@ -21,6 +21,8 @@ class Rules(NamedTuple):
     cleared: frozenset[int]  # nodes at whose stop sign the ego has stood
     stop_decel: float  # m/s2 of braking beyond which a yellow light is passed
     claim_s: float  # s for which the path ahead of an agent counts as occupied by it
+    asked: int = 0  # the side on which the ego asks for room: 1 left, -1 right, 0 neither
+    patience: float = 1.0  # LocalMap.patience
     reactive: int = 0  # agents at most that the search is to move
 
 

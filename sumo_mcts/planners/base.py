@@ -35,12 +35,28 @@ class Situation(NamedTuple):
     cleared: frozenset[int]  # route nodes at whose stop sign the ego has stood
     # time.perf_counter() at which a search has to end; inf: iterations count
     until: float = math.inf
+    asked: int = 0  # the side on which the ego asks for room: 1 left, -1 right, 0 neither
 
 
-def local_of(task: Task, situation: Situation, reactive: int = 0, hypothesis: int = 0) -> LocalMap:
-    """What one cycle's search reads, in one hypothesis (0 the likeliest) of the forecast; it may
-    move at most `reactive` agents."""
-    rules = Rules(situation.cleared, STOP_DECEL, task.cost.claim_s, reactive)
+def local_of(
+    task: Task,
+    situation: Situation,
+    reactive: int = 0,
+    hypothesis: int = 0,
+    patience: float = 1.0,
+) -> LocalMap:
+    """What one cycle's search reads, in one hypothesis (0 the likeliest) of the forecast.
+
+    It may move at most `reactive` agents; `patience` as in LocalMap.
+    """
+    rules = Rules(
+        cleared=situation.cleared,
+        stop_decel=STOP_DECEL,
+        claim_s=task.cost.claim_s,
+        asked=situation.asked,
+        patience=patience,
+        reactive=reactive,
+    )
     return build_local(
         task.road, task.route, situation.state, situation.scene, situation.forecast, rules,
         hypothesis,

@@ -193,7 +193,7 @@ class IdmPlanner:
         if side == 0 or not can_change(local, self._task.ego, state, side):
             return 0
         changed = begin_change(local, self._task.ego, state, side)
-        if not place_is_free(local, self._task.ego, self._task.cost, changed, 0):
+        if not place_is_free(local, self._task.ego, self._task.cost, changed, NO_OTHERS, 0):
             return 0
         return (
             side

@@ -134,7 +134,8 @@ def asked_side(start: Start, line: Floats) -> int:
     column = LEFT_NODE if side > 0 else RIGHT_NODE
     if side == 0 or state.progress > 0.0 or local.node[state.node, column] < 0.0:
         return 0
-    if (line[: round(SOON / start.task.ego.step), SIDE] == side).any():
+    soon = (line[: round(SOON / start.task.ego.step), SIDE] == side).any()
+    if soon and local.asked != side:  # else it may count on those that were asked
         return 0
     now = line[:1].copy()
     now[0, SIDE] = side

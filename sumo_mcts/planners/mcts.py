@@ -25,10 +25,11 @@ from sumo_mcts.planners.candidates import (
     root_candidates,
     warm_start,
 )
+from sumo_mcts.planners.patience import patience, waited_s
 from sumo_mcts.planners.ply import SearchParams, search_params
 from sumo_mcts.planners.risk import risk, shares
 from sumo_mcts.planners.search import search
-from sumo_mcts.planners.tree import Tree, new_tree
+from sumo_mcts.planners.tree import GAP, Tree, new_tree
 from sumo_mcts.scene import LOSS, Decision, Floats, Follow, PlannerMemory
 
 
@@ -49,6 +50,7 @@ class MctsParams(NamedTuple):
     reactive: int
     worst_share: float  # of what may happen, whose mean cost counts; 1: the expected cost
     adaptive: bool
+    impatience: float  # 1/s, see patience.py
     asks: bool  # others for room where the route needs a lane change
 
 
@@ -70,6 +72,7 @@ def mcts_params(scenario: ScenarioConfig) -> MctsParams:
         reactive=p.reactive,
         worst_share=p.cvar_alpha if p.risk == "cvar" else 1.0,
         adaptive=p.adaptive,
+        impatience=p.impatience,
         asks=scenario.ego_model.asks,
     )
 
@@ -101,25 +104,29 @@ class MctsPlanner(SeededPlanner):
     def start(self, task: Task, seed: int) -> None:
         """Take the ego over."""
         super().start(task, seed)
-        self._last_line, self._last_time = np.zeros(0), 0.0
+        self._last_line, self._last_time, self._waited_s = np.zeros(0), 0.0, 0.0
 
     def memory(self) -> PlannerMemory:
-        """The last sequence, after the time (s) at which it began."""
-        return super().memory()._replace(numbers=np.array([self._last_time, *self._last_line]))
+        """The last sequence, after the time (s) at which it began, and how long the ego has
+        waited."""
+        numbers = np.array([self._last_time, *self._last_line])
+        return super().memory()._replace(numbers=numbers, waited_s=self._waited_s)
 
     def recall(self, memory: PlannerMemory) -> None:
         """Go on from there."""
         super().recall(memory)
         self._last_time, self._last_line = float(memory.numbers[0]), memory.numbers[1:]
+        self._waited_s = memory.waited_s
 
     def plan(self, situation: Situation) -> Decision:
         """Search from the present state; where the warm start is no worse than what was found, it
         is chosen."""
         p, task, state = self._params, self._task, situation.state
-        local = local_of(task, situation, p.reactive)
+        calm = patience(p.impatience, self._waited_s)
+        local = local_of(task, situation, p.reactive, patience=calm)
         share = shares(situation.forecast.weight, p.budget.iterations, len(self._actions))
         q = in_steps(p, task.ego.step, local.dt)._replace(each=len(share) > 1)
-        start = Start(local, task, q, state, undisturbed(local, p.reactive))
+        start = Start(local, task, q, state, undisturbed(local))
         left = self._remaining(situation.scene.time, round(q.horizon / task.ego.step))
         warm = warm_start(start, left, p.period_s)
         beat = math.inf if warm is None else warm.child.best
@@ -127,10 +134,12 @@ class MctsPlanner(SeededPlanner):
         found = root_candidates(start, tree, self._actions)
         found += [warm] if warm is not None else []
         if len(share) > 1:
-            found, *more = self._weighed(situation, q, found, share)
+            found, *more = self._weighed(situation, q, found, share, calm)
             done, known = done + more[0], known + more[1]
         chosen, lost = self._choice(found)
         child, plan, line = found[chosen]
+        gap = float(tree.leader[0, GAP])
+        self._waited_s = waited_s(self._waited_s, local, task.route, state, gap, p.period_s)
         self._last_time = situation.scene.time
         self._last_line = packed(line) if child.terms[LOSS] == 0.0 else np.zeros(0)
         warm_chosen = warm is not None and chosen == len(found) - 1
@@ -157,7 +166,12 @@ class MctsPlanner(SeededPlanner):
         return chosen, lost
 
     def _weighed(
-        self, situation: Situation, q: SearchParams, found: list[Candidate], share: Floats
+        self,
+        situation: Situation,
+        q: SearchParams,
+        found: list[Candidate],
+        share: Floats,
+        calm: float,
     ) -> tuple[list[Candidate], int, int]:
         """The candidates with the risk over all hypotheses as their cost; the other hypotheses are
         searched here.
@@ -170,7 +184,7 @@ class MctsPlanner(SeededPlanner):
         terms[:, 0] = [candidate.child.terms for candidate in found]
         done = known = 0
         for h in range(1, len(share)):
-            local = local_of(task, situation, p.reactive, h)
+            local = local_of(task, situation, p.reactive, h, calm)
             tree, *more = self._search(local, q, situation, share[h:], math.inf)
             done, known = done + more[0], known + more[1]
             start = Start(local, task, q, state, tree.others[0])
@@ -200,7 +214,7 @@ class MctsPlanner(SeededPlanner):
             2 + passes_within(budget.most, until - began),
             len(self._actions),
             p.look_ahead_steps + p.rollout_steps,
-            undisturbed(local, p.reactive),
+            undisturbed(local),
         )
         done = known = 0
         while count := _count(budget, tree, done + known, began, until):

@@ -181,6 +181,7 @@ def may_change(
     p: EgoParams,
     c: CostParams,
     state: State,
+    others: Floats,
     side: int,
     accel: float,
     time: float,
@@ -196,7 +197,7 @@ def may_change(
     if state.v < ROLLING and accel <= 0.0 and not leads_nowhere(local, state.node):
         return False
     return can_change(local, p, state, side) and place_is_free(
-        local, p, c, begin_change(local, p, state, side), index_at(local, time), most
+        local, p, c, begin_change(local, p, state, side), others, index_at(local, time), most
     )
 
 
@@ -218,7 +219,9 @@ def replay(
     for at in range(len(line)):
         action = action_at(line, at)
         if action.side != 0:
-            if not may_change(local, p, c, state, action.side, action.accel, at * p.step, math.inf):
+            if not may_change(
+                local, p, c, state, others, action.side, action.accel, at * p.step, math.inf
+            ):
                 return at, IMPOSSIBLE
             state = begin_change(local, p, state, action.side)
             terms[OTHER] += c.lane_change

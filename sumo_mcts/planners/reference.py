@@ -91,7 +91,7 @@ def problem_of(task: Task, situation: Situation) -> Problem:
         + [(accel, side) for side in (1.0, -1.0) for accel in CHANGING]
     )
     possible = [
-        side == 0.0 or may_change(local, ego, COST, state, int(side), accel, 0.0)
+        side == 0.0 or may_change(local, ego, COST, state, np.zeros((0, 2)), int(side), accel, 0.0)
         for accel, side in actions
     ]
     return Problem(

@@ -79,6 +79,7 @@ def solve(
         kind=np.array(KIND),
         table=np.zeros(1 << (2 * rows).bit_length(), np.int64),
         moving=problem.others.copy(),
+        none=np.zeros((0, 2)),
         driven=np.zeros(1, np.int64),
     )
     starts, now, then = (_new_labels(size, plies, problem.others) for size in (count, labels, rows))
@@ -117,6 +118,7 @@ class Work(NamedTuple):
     kind: Floats  # KIND
     table: Indices  # label + 1 by the hash of its key, 0 free
     moving: Floats  # [R, 2] the agents that react, during an action
+    none: Floats  # [0, 2] no agents: whether a lane change is possible depends on the forecast
     driven: Indices  # [1] actions simulated
 
 
@@ -255,7 +257,9 @@ def _spread(
             state, cost = kept_state(now.where, now.motion, k), now.cost[k]
             action = Action(work.actions[n, ACCEL], int(work.actions[n, SIDE]), NO_SPEED)
             if action.side != 0:
-                if not may_change(local, p, COST, state, action.side, action.accel, at * p.step):
+                if not may_change(
+                    local, p, COST, state, work.none, action.side, action.accel, at * p.step
+                ):
                     continue
                 state = begin_change(local, p, state, action.side)
                 cost += COST.lane_change
@@ -297,7 +301,9 @@ def _drive_on(
         at = int(work.ends[k - 1])
         action = Action(FOLLOW, 0, NO_SPEED) if np.isnan(tail[k, ACCEL]) else action_at(tail, k)
         side = action.side
-        if side != 0 and may_change(local, p, COST, state, side, action.accel, at * p.step):
+        if side != 0 and may_change(
+            local, p, COST, state, work.none, side, action.accel, at * p.step
+        ):
             state = begin_change(local, p, state, side)
             cost += COST.lane_change
         else:

@@ -186,7 +186,9 @@ def _expand(
     action = Action(actions[k, ACCEL], int(actions[k, SIDE]), NO_SPEED)
     changed = 0.0
     if action.side != 0:
-        if not may_change(local, p, c, state, action.side, action.accel, at * p.step, math.inf):
+        if not may_change(
+            local, p, c, state, tree.others[node], action.side, action.accel, at * p.step, math.inf
+        ):
             return IMPOSSIBLE
         state = begin_change(local, p, state, action.side)
         changed = c.lane_change
@@ -240,7 +242,8 @@ def _rollout(
         # The tree's own changes may cost others something; what the route needs waits for a gap.
         own = k == turn and to_side != 0
         side, most = (to_side, math.inf) if own else (needed_side(local, state), 0.0)
-        if side != 0 and may_change(local, p, c, state, side, accel, k * q.ply * p.step, most):
+        time = k * q.ply * p.step
+        if side != 0 and may_change(local, p, c, state, others, side, accel, time, most):
             state = begin_change(local, p, state, side)
             j += c.lane_change
         else:

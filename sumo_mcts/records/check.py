@@ -152,7 +152,8 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "hypotheses": _any("h", 5),
     },
     "Manoeuvre": {"time": Rule()},
-    "PlannerMemory": {"numbers": Rule(("n",)), "generator": Rule(("g",), most=math.inf)},
+    "PlannerMemory": {"numbers": Rule(("n",)), "generator": Rule(("g",), most=math.inf),
+    "waited_s": Rule()},
     "Memory": {"edges": _index("edges", "e"), "stood": _COUNT._replace(shape=("s",)),
     "stood_since": Rule(("s",)), "failures": _COUNT},
     "Answers": {

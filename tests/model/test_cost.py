@@ -512,7 +512,9 @@ def test_who_leaves_a_lane_is_not_cut_in_on_until_its_whole_box_is_out_of_it(
     """The ego, at 3 m/s, wants to the right, where somebody moves over to the lane beyond."""
     task, local, state = view(lanes_east(3, 900.0), "a_2", 105.0, 3.0, Agent("x", lane, s, v, d))
     assert (
-        place_is_free(local, task.ego, task.cost, begin_change(local, task.ego, state, -1), 0)
+        place_is_free(
+            local, task.ego, task.cost, begin_change(local, task.ego, state, -1), NO_OTHERS, 0
+        )
         == free
     )
 
@@ -562,8 +564,8 @@ def test_a_place_may_be_free_at_a_price_only(behind: float, free: bool, at_no_co
     )
     changed = begin_change(local, task.ego, state, -1)
     assert (
-        place_is_free(local, task.ego, task.cost, changed, 0),
-        place_is_free(local, task.ego, task.cost, changed, 0, 0.0),
+        place_is_free(local, task.ego, task.cost, changed, NO_OTHERS, 0),
+        place_is_free(local, task.ego, task.cost, changed, NO_OTHERS, 0, 0.0),
     ) == (free, at_no_cost)
 
 
@@ -604,8 +606,8 @@ def test_who_comes_to_the_new_lane_from_beside_the_route_is_behind_there(
     task, local, state = merging(12.0, 10.0, Agent("x", "main_0", 300.0 - left, v))
     changed = begin_change(local, task.ego, state, 1)
     assert (
-        place_is_free(local, task.ego, task.cost, changed, 0),
-        place_is_free(local, task.ego, task.cost, changed, 0, 0.0),
+        place_is_free(local, task.ego, task.cost, changed, NO_OTHERS, 0),
+        place_is_free(local, task.ego, task.cost, changed, NO_OTHERS, 0, 0.0),
     ) == (free, at_no_cost)
     met = meet(local, task.ego, task.cost, changed._replace(progress=0.1), NO_OTHERS, 0, 0)
     assert (met.rate > 0.0, met.once > 0.0, met.near.followers) == (

@@ -74,6 +74,7 @@ def drives() -> tuple[Drive, ...]:
         drive(TOYS["traffic"], lasting(-6.0, 0, STEPS)),
         drive(on_three_lanes(slow, follower, sets=reactive), lasting(0.0, -1, STEPS)),
         drive(before_a_light(RED, distance=20.0), commanded(np.full(STEPS, 12.0), 0)),
+        drive(before_a_light(RED, distance=150.0), lasting(0.0, 0, STEPS)),
         drive(in_junction(), lasting(0.0, 0, STEPS)),
         drive(on_ending_lane(10.0), lasting(0.0, 0, STEPS)),
         drive(standing, lasting(0.0, 0, STEPS), turn=0.3),

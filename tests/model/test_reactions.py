@@ -6,12 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from helpers import Agent, ego_at
-from helpers_model import lanes_east, local_of, scene_of, task_of
+from helpers_model import compiled, lanes_east, local_of, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sumo_mcts.model.interaction import place_is_free
 from sumo_mcts.model.local_map import SLOT, LocalMap, S, State, V
-from sumo_mcts.model.reactions import CLOCK, IMPOSED, SPEED, react, seen, undisturbed
+from sumo_mcts.model.motion import begin_change
+from sumo_mcts.model.reactions import CLOCK, HELPS, IMPOSED, SPEED, react, seen, undisturbed
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.planners.base import Task
@@ -141,3 +143,81 @@ def test_who_stands_where_its_forecast_stands_is_found_again() -> None:
     task, local, state = view(0.0, Agent("behind", "a_1", 300.0 - LENGTH - STANDSTILL - 1.0, 0.0))
     _, rows, _ = drive(task, local, state, [0.0] * 20)
     assert all(math.isfinite(s) and s <= 300.0 - LENGTH for s, _ in rows)
+
+
+# --- those that are asked for room ---
+
+
+def asking(v: float, *agents: Agent, asked: int = 1) -> tuple[Task, LocalMap, State]:
+    """The ego asks on its left, from the middle of three lanes."""
+    road = lanes_east(3, 1500.0)
+    ego = ego_at(road, "a_1", 300.0, v)
+    task = task_of(road, ego)
+    return task, *local_of(task, scene_of(ego, road, *agents), asked=asked)
+
+
+def speeds_after(
+    v: float, *agents: Agent, asked: int = 1, seconds: float = 3.0
+) -> tuple[dict[str, float], float]:
+    """The speed of each agent beside an ego that keeps its speed, and all imposed braking."""
+    task, local, state = asking(v, *agents, asked=asked)
+    others, imposed, steps = undisturbed(local), 0.0, round(seconds / DT)
+    for k in range(1, steps + 1):
+        imposed += react(local, task.ego, state._replace(s=300.0 + v * DT * k), others, k, DT)
+    return {
+        name: seen(local, others, i, steps)[4]
+        for i, name in enumerate(sorted(agent.id for agent in agents))
+    }, imposed
+
+
+def test_the_nearest_behind_in_the_lane_asked_makes_room() -> None:
+    column = [Agent("near", "a_2", 290.0, 12.0), Agent("next", "a_2", 265.0, 12.0)]
+    asked, imposed = speeds_after(10.0, *column)
+    assert asked["near"] < 10.5
+    assert imposed > 0.0
+    quiet, nothing = speeds_after(10.0, *column, asked=0)
+    assert quiet["near"] > 11.5
+    assert nothing == 0.0
+
+
+def test_room_is_made_in_comfort() -> None:
+    task, local, state = asking(10.0, Agent("near", "a_2", 290.0, 12.0))
+    others, v = undisturbed(local), 12.0
+    for k in range(1, 20):
+        react(local, task.ego, state._replace(s=300.0 + 2.0 * k), others, k, DT)
+        now = seen(local, others, 0, k)[4]
+        assert v - now <= HELPS * DT + 1e-9
+        v = now
+
+
+@pytest.mark.parametrize(
+    ("v", "agent"),
+    [
+        (0.0, Agent("near", "a_2", 285.0, 14.0)),  # it could not brake for one that stands
+        (10.0, Agent("near", "a_0", 285.0, 12.0)),  # on the other side
+        (10.0, Agent("near", "a_2", 302.0, 12.0)),  # beside the ego already
+    ],
+)
+def test_no_other_makes_room(v: float, agent: Agent) -> None:
+    speeds, imposed = speeds_after(v, agent, seconds=1.0)
+    assert speeds["near"] >= agent.v - 0.5
+    assert imposed == 0.0
+
+
+def test_a_place_is_free_where_room_was_made() -> None:
+    """A follower that is too near falls back while the ego asks."""
+    pair = [Agent("ahead", "a_2", 320.0, 10.0), Agent("near", "a_2", 291.0, 10.0)]
+    task, local, state = asking(10.0, *pair)
+    place, others, nobody = compiled(place_is_free), undisturbed(local), np.zeros((0, 2))
+    found = []
+    for k in range(1, 40):
+        there = state._replace(s=300.0 + 2.0 * k)
+        react(local, task.ego, there, others, k, DT)
+        changed = begin_change(local, task.ego, there, 1)
+        found.append(
+            [
+                place(local, task.ego, task.cost, changed, moved, k, 25.0)
+                for moved in (others, nobody)
+            ]
+        )
+    assert [any(column) for column in zip(*found, strict=True)] == [True, False]

@@ -116,6 +116,11 @@ class PlannerConfig(Section):
     exploration: NonNegative = Field(
         0.8, description="const of the UCB equation, on costs normalised to 0..1"
     )
+    impatience: NonNegative = Field(
+        0.1,
+        description="1/s: after t s of waiting for a gap, what others have to brake in comfort for "
+        "the ego costs 1 / (1 + impatience * t) of its price; 0: always all of it",
+    )
     risk: Literal["expected", "cvar"] = Field(
         "expected",
         description="what counts of the costs in several hypotheses: their mean, or that of the "
