@@ -33,8 +33,8 @@ WRAPPED = 98  # columns to which a row is wrapped
 RUN = "run unprotected-left-turn --seed 3 --out out/left"
 FIGURES = "out/left/figures/*"
 REPORT = "out/budgets/report"
-REPLAY = "replay=highway-exit-scripted--mcts-iterations-300--3&t=4"
-SCENE = "highway-exit-scripted"  # whose figures are shown
+REPLAY = "replay=highway-exit--mcts-iterations-300--3&t=4"
+SCENE = "highway-exit"  # whose figures are shown
 
 
 class Excerpt(NamedTuple):

@@ -1,5 +1,5 @@
 """How the ego moves under an action: with the steps, bounds and rounding of world/command.py, which
-plays profiles into SUMO."""
+plays profiles into SUMO. It stops before closed lines (red, yellow, stop signs) while it can."""
 
 import math
 from typing import NamedTuple

@@ -35,8 +35,11 @@ class Tree(NamedTuple):
     # better can be there
     closed: Bools
     end: Indices  # [M] ALIVE, LOST or ARRIVED
-    where: Indices  # [M, 2] see local_map.keep_state
-    motion: Floats  # [M, 5] likewise
+    # the ego's state (local_map.keep_state): [M, 2] WHERE_NODE, WHERE_OTHER, the lane of its front
+    # and the other lane of a change; [M, 5] MOTION_S (m), MOTION_V (m/s), MOTION_A (m/s2),
+    # MOTION_PROGRESS (0..1 of a change), MOTION_TURN (rad)
+    where: Indices
+    motion: Floats
     followers: Indices  # [M] bit mask, see Neighbours
     leader: Floats  # [M, 2] GAP (m) and LEADER_V (m/s)
     others: Floats  # [M, R, 2] the agents that the search moves (see model/reactions.py)

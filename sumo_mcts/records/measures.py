@@ -5,6 +5,11 @@ also gives the reference table of docs/measures.md, which docs.py generates, and
 that are read (reporting/results.py). A report counts, labels and explains each key by it
 (reporting/columns.py).
 
+A key is filled in one of three places: evaluation/referee.py, Referee.row(), from states;
+episode/recorder.py, Recorder.planning(), from decisions; episode/run.py, completed(), what was run
+and how long it took. Three of each ego's are added by episode/ego.py, Ego.row(), and the last two,
+of what was drawn, where a row is kept: experiments/tasks.py and commands/run.py.
+
 A new measure takes three files: the code that computes it, its line here, its test. With a label
 and a Count it stands in a table of the report, too, if TABLES names it. COMPARED names those whose
 episodes are compared with the twin's. After an error the referee keeps only some keys
