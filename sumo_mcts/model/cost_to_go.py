@@ -33,15 +33,15 @@ from sumo_mcts.model.local_map import (
     index_at,
     node_of,
 )
-from sumo_mcts.model.route import LIMIT, RouteMap
-from sumo_mcts.numerics.kernel import kernel
-from sumo_mcts.scene import GREEN, Floats, RoadMap, Signals
+from sumo_mcts.model.route import LEFT_NODE, LENGTH, LIMIT, NEXT, RIGHT_NODE, RouteMap
+from sumo_mcts.numerics.kernel import entry, kernel
+from sumo_mcts.scene import GREEN, Floats, Indices, RoadMap, Signals
 
 DISCHARGE_S = 2.0  # s between two vehicles of a queue that starts
 UNKNOWN_S = 20.0  # s expected at a light of which no coming green is known
 START = 2.6  # m/s2 with which the ego starts after it had to wait
 REACT_S = 1.0  # s until it starts
-MOST_GAP_S = 60.0  # s expected at most until a stream has a gap: it may end before
+MOST_GAP_S = 20.0  # s expected at most until a stream has a gap: it may end before
 
 
 def gates(
@@ -51,54 +51,66 @@ def gates(
 
     `gap_s` [W]: seconds expected until the streams that a node yields to have a gap.
     """
-    rows: list[Floats] = []
+    view = slice(first, last)
+    after = route.next[view] - first
+    inside = (after >= 0) & (after < last - first)
+    gap = np.where(inside, gap_s[after * inside], 0.0)
+    signalled = route.stop[view] & (route.signal[view] >= 0)
+    those = np.flatnonzero(inside & (signalled | (gap > 0.0)))
+    gate = np.full((len(those), CLOSES + 2 * OPENINGS), np.inf)
+    for row, i in zip(gate, those.tolist(), strict=True):
+        n = first + i
+        row[GAP_S], row[STREAM_S] = gap[i], 0.0
+        if gap[i] > 0.0:
+            row[STREAM_S] = _stream_ends(road, int(route.lane[route.next[n]]), signals)
+        openings = (
+            green_times(signals, int(route.signal[n]), int(route.link[n]))[:OPENINGS]
+            if signalled[i]
+            else [(0.0, math.inf)]
+        )
+        row[OPENS : OPENS + 2 * len(openings)] = np.ravel(openings)
     to_gate = np.full((last - first, QUEUE + 1), np.inf)
-    to_gate[:, GATE] = -1.0
-    for n in range(last - 1, first - 1, -1):
-        i, after = n - first, int(route.next[n])
-        to_gate[i, QUEUE] = n
-        if not first <= after < last:
-            continue
-        gap = gap_s[after - first]
-        if (route.stop[n] and route.signal[n] >= 0) or gap > 0.0:
-            rows.append(_gate(road, route, n, signals, gap, to_gate[after - first]))
-            to_gate[i, GATE], to_gate[i, FREE_S], to_gate[i, AWAY] = len(rows) - 1, 0.0, 0.0
-        elif to_gate[after - first, GATE] >= 0.0:
-            to_gate[i, : AWAY + 1] = to_gate[after - first, : AWAY + 1]
-        to_gate[i, FREE_S] += route.length[n] / route.limit[n]
-        to_gate[i, AWAY] += route.length[n]
-    _of_needed_lane(to_gate, route, first, last)
-    return np.array(rows).reshape(-1, CLOSES + 2 * OPENINGS), to_gate
+    at = np.full(last - first, -1)
+    at[those] = np.arange(len(those))
+    _fill_to_gate(to_gate, gate, at, route.table, route.changes, first)
+    return gate, to_gate
 
 
-def _of_needed_lane(to_gate: Floats, route: RouteMap, first: int, last: int) -> None:
-    """A lane that the route leaves has the gates and the queue of the lane that it needs: leaving
-    the queue saves nothing."""
-    for n in range(first, last):
-        lane = n
-        while route.changes[lane] != 0:
-            beside = int(route.left[lane] if route.changes[lane] > 0 else route.right[lane])
-            if not first <= beside < last:
+@entry
+def _fill_to_gate(
+    to_gate: Floats, gate: Floats, at: Indices, table: Floats, changes: Indices, first: int
+) -> None:
+    """Fill LocalMap.to_gate, and NEXT_GATE and NEXT_FREE_S of the gates; `at` [W]: the gate at the
+    end of a node, -1: none.
+
+    A lane that the route leaves has the gates and the queue of the lane that it needs: leaving the
+    queue saves nothing.
+    """
+    w = to_gate.shape[0]
+    for i in range(w - 1, -1, -1):
+        n = first + i
+        after = int(table[n, NEXT]) - first
+        to_gate[i, GATE], to_gate[i, QUEUE] = -1.0, n
+        follows = 0 <= after < w
+        g = at[i]
+        if g >= 0:
+            gate[g, NEXT_GATE] = to_gate[after, GATE]
+            gate[g, NEXT_FREE_S] = to_gate[after, FREE_S]
+            to_gate[i, GATE], to_gate[i, FREE_S], to_gate[i, AWAY] = g, 0.0, 0.0
+        elif follows and to_gate[after, GATE] >= 0.0:
+            for k in (GATE, FREE_S, AWAY):
+                to_gate[i, k] = to_gate[after, k]
+        to_gate[i, FREE_S] += table[n, LENGTH] / table[n, LIMIT]
+        to_gate[i, AWAY] += table[n, LENGTH]
+    for i in range(w):
+        lane = first + i
+        for _ in range(abs(changes[lane])):
+            beside = int(table[lane, LEFT_NODE if changes[lane] > 0 else RIGHT_NODE])
+            if not first <= beside < first + w:
                 break
             lane = beside
-        to_gate[n - first] = to_gate[lane - first]
-
-
-def _gate(
-    road: RoadMap, route: RouteMap, n: int, signals: Signals, gap: float, beyond: Floats
-) -> Floats:
-    """The row of the gate at the end of node n; `beyond` [4]: to_gate of the node after it."""
-    row = np.full(CLOSES + 2 * OPENINGS, np.inf)
-    row[NEXT_GATE], row[NEXT_FREE_S], row[GAP_S] = beyond[GATE], beyond[FREE_S], gap
-    row[STREAM_S] = _stream_ends(road, int(route.lane[route.next[n]]), signals) if gap > 0 else 0.0
-    openings = (
-        green_times(signals, int(route.signal[n]), int(route.link[n]))
-        if route.stop[n] and route.signal[n] >= 0
-        else [(0.0, math.inf)]
-    )
-    for k, (opens, closes) in enumerate(openings[:OPENINGS]):
-        row[OPENS + 2 * k], row[CLOSES + 2 * k] = opens, closes
-    return row
+        for k in range(QUEUE + 1):
+            to_gate[i, k] = to_gate[lane - first, k]
 
 
 def green_times(signals: Signals, signal: int, link: int) -> list[tuple[float, float]]:
@@ -135,13 +147,16 @@ def _stream_ends(road: RoadMap, lane: int, signals: Signals) -> float:
     return ends
 
 
-def gap_times(owed: Floats, first: int, last: int, seconds: float, length: float) -> Floats:
+def gap_times(
+    owed: Floats, leg: Indices, first: int, last: int, seconds: float, length: float
+) -> Floats:
     """[W] s expected until there is a gap in the streams that each node yields to.
 
-    `owed`: LocalMap.obligation; `seconds`: of the forecast, in which they come; `length`: of the
-    ego, m.
+    `owed`: LocalMap.obligation; `leg` as in RouteMap; `seconds`: of the forecast, in which they
+    come; `length`: of the ego, m.
     A stream without memory of q vehicles a second has a gap of t s after (exp(q t) - 1 - q t) / q
-    seconds in the mean (Adams 1936).
+    seconds in the mean (Adams 1936). Lanes side by side wait for the same gap: the longest wait
+    counts for all of them, or the ego would change lanes for a difference that is noise.
     """
     found = np.zeros(last - first)
     nodes = owed[:, OWN_NODE].astype(np.int64)
@@ -151,6 +166,9 @@ def gap_times(owed: Floats, first: int, last: int, seconds: float, length: float
         clears = REACT_S + math.sqrt(2.0 * (rows[:, STRETCH_END].max() + length) / START)
         x = rate * clears
         found[n - first] = min((math.exp(min(x, 50.0)) - 1.0 - x) / rate, MOST_GAP_S)
+    for here in np.unique(leg[np.unique(nodes)]):
+        beside = (leg[first:last] == here) & (found > 0.0)
+        found[beside] = found[beside].max()
     return found
 
 

@@ -6,7 +6,7 @@ from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import BESIDE, HALF_LENGTH, UNTIL, LocalMap, State, chain_gap
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.numerics.kernel import kernel
-from sumo_mcts.numerics.krauss import CAREFUL_S, STANDSTILL, safe_speed
+from sumo_mcts.numerics.krauss import CAREFUL_S, STANDSTILL, USUAL_S, safe_speed
 
 # m/s by which a careful driver has to slow down for a lane change of the ego. For each time so much
 # the change costs as much as a second in a place that the driver is about to need.
@@ -81,13 +81,16 @@ def is_beside_in_lane(
 
 
 @kernel
-def cut_in_cost(c: CostParams, gap: float, follower_v: float, ego_v: float) -> float:
+def cut_in_cost(
+    c: CostParams, gap: float, follower_v: float, ego_v: float, expects: bool = False
+) -> float:
     """Cost of moving in front of a follower (gap m, speeds m/s): what speed it takes from a careful
-    driver; -1 where no driver could cope."""
+    driver, or from a usual one that `expects` the ego there; -1 where no driver could cope."""
     closing = max(0.0, follower_v - ego_v)
     if gap < 1.0 or closing * closing > 2.0 * c.cut_in_decel_mps2 * (gap - 1.0):
         return -1.0
     # an ego that is faster now may be so no longer when another vehicle slows down ahead of it
     leads_with = min(ego_v, follower_v)
-    taken = max(0.0, follower_v - safe_speed(gap - STANDSTILL, leads_with, CAREFUL_S))
+    reaction = USUAL_S if expects else CAREFUL_S
+    taken = max(0.0, follower_v - safe_speed(gap - STANDSTILL, leads_with, reaction))
     return c.claim * taken / max(TAKEN, TAKEN_SHARE * follower_v)

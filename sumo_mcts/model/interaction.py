@@ -22,6 +22,7 @@ from sumo_mcts.model.local_map import (
     GONE,
     HALF_LENGTH,
     HALF_WIDTH,
+    POLITE,
     REACTS,
     SLOT,
     LocalMap,
@@ -42,7 +43,9 @@ from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.scene import Floats
 
-SIGHT = 80.0  # m beyond which agents are ignored
+# m beyond which agents are ignored, but for those ahead in the ego's lane: a leader that came into
+# sight only there would cost the ego so much at once that it would rather wait out of sight.
+SIGHT = 80.0
 # Cost of standing on the path of a person on foot, as a share of that of an occupied place. In full
 # it would exceed that of a contact.
 ROUND_SHARE = 0.1
@@ -86,13 +89,12 @@ def meet(  # noqa: PLR0915
     own = wide.half_length + wide.half_width + 0.5 * state.v * local.dt + 0.01
     for i in range(local.agent.shape[1]):
         node, moved = node_of(local, t, i), local.trait[i, SLOT] >= 0.0
-        if (
-            node == GONE
-            or abs(local.agent[t, i, X] - x) > SIGHT
-            or abs(local.agent[t, i, Y] - y) > SIGHT
-        ):
+        if node == GONE:
             continue
-        near = moved or may_be_near(local, x, y, own, t, i)
+        far = abs(local.agent[t, i, X] - x) > SIGHT or abs(local.agent[t, i, Y] - y) > SIGHT
+        if far and node < 0:
+            continue
+        near = not far and (moved or may_be_near(local, x, y, own, t, i))
         comes_to = upstream_of(local, t, i) if changing else -1
         if node < 0 and comes_to < 0 and not near:
             continue
@@ -116,6 +118,8 @@ def meet(  # noqa: PLR0915
             )
             if to_rear < gap:
                 gap, leader_v = to_rear, v
+            if far:
+                continue
             if changing and is_beside_in_lane(local, p, state, node, s, length):
                 return Meeting(True, rate, once, Neighbours(gap, leader_v, followers))
             left = lane_left(local, i, t) if changing else -1
@@ -127,7 +131,10 @@ def meet(  # noqa: PLR0915
             and local.trait[i, REACTS] > 0.0
             and 0.0 < to_ego < math.inf
         ):
-            price = local.patience * cut_in_cost(c, to_ego - 2.0 * p.half_length, v, state.v)
+            expects = local.trait[i, POLITE] > 0.0
+            price = local.patience * cut_in_cost(
+                c, to_ego - 2.0 * p.half_length, v, state.v, expects
+            )
             if price >= 0.0:
                 followers |= 1 << int(local.trait[i, BIT])
                 once += price

@@ -97,7 +97,7 @@ def build_local(
         road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt
     )
     owed = obligations(road, route, first, last, here, coming)
-    gap_s = gap_times(owed, first, last, (times - 1) * forecast.dt, 2.0 * scene.ego.length)
+    gap_s = gap_times(owed, route.leg, first, last, (times - 1) * forecast.dt, scene.ego.length)
     gate, to_gate = gates(road, route, first, last, scene.signals, gap_s)
     return LocalMap(
         gate=gate,

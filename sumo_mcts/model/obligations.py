@@ -55,7 +55,9 @@ def _find_obligations(
     for node in nodes:
         here = node_lane[node]
         for e in range(areas.first[here], areas.first[here + 1]):
-            for i in range(len(coming.lets_pass) if areas.yields[e] else 0):
+            # at a zipper neither has the right of way: the forecast has who goes first
+            owes = areas.yields[e] and not (areas.zipper[here] and areas.merge[e])
+            for i in range(len(coming.lets_pass) if owes else 0):
                 enters = (
                     math.inf
                     if coming.lets_pass[i]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.numerics.kernel import kernel
-from sumo_mcts.scene import ALLWAY, IGNORING, Bools, Floats, Ints, RoadMap
+from sumo_mcts.scene import ALLWAY, IGNORING, ZIPPER, Bools, Floats, Ints, RoadMap
 
 
 def successors(road: RoadMap, lane: int) -> list[int]:
@@ -84,7 +84,7 @@ def leads_to(ahead: Ahead, lane: int, other: int) -> bool:
 class Areas(NamedTuple):
     """Where lanes cross or merge: the conflict areas of lane i are first[i]:first[i + 1].
 
-    All but `first` and `allway` as the fields conflict_... of RoadMap.
+    All but `first`, `allway` and `zipper` as the fields conflict_... of RoadMap.
     """
 
     first: Ints  # [L+1]
@@ -96,6 +96,7 @@ class Areas(NamedTuple):
     merge: Bools  # [C]
     yields: Bools  # [C]
     allway: Bools  # [L] the lane is entered as at an all-way stop
+    zipper: Bools  # [L] the lane is entered one by one with the other that leads where it leads
 
 
 def areas_of(road: RoadMap) -> Areas:
@@ -110,4 +111,5 @@ def areas_of(road: RoadMap) -> Areas:
         merge=road.conflict_merge,
         yields=road.conflict_yields,
         allway=road.rule == ALLWAY,
+        zipper=road.rule == ZIPPER,
     )

@@ -18,6 +18,7 @@ import numpy as np
 from sumo_mcts.numerics.geometry import nearest
 from sumo_mcts.numerics.lanes import of_class, successors
 from sumo_mcts.prediction.conflicts import FOE_BEGIN, MERGES, OWN_BEGIN, conflicts_of
+from sumo_mcts.prediction.course import stop_signs
 from sumo_mcts.prediction.drivers import TrafficParams
 from sumo_mcts.prediction.forecast import Question
 from sumo_mcts.prediction.paths import Paths, changing, likely_paths
@@ -238,6 +239,7 @@ def _forcing(seen: _Evidence) -> Iterator[Alternative]:
     if not yields.any():
         return
     foe, kind, place = conflicts_of(seen.road, seen.paths)
+    sign = stop_signs(seen.road, seen.paths)
     for i in np.flatnonzero(yields):
         meets = (
             (foe[i + 1] == 0)
@@ -246,8 +248,18 @@ def _forcing(seen: _Evidence) -> Iterator[Alternative]:
             & (place[i + 1, :, FOE_BEGIN] < seen.ego.s + EGO_VIEW)
         )
         if meets.any():
-            distance = float(place[i + 1, meets, OWN_BEGIN].min() - agents.s[i])
-            odds = forcing_odds(float(agents.v[i]), float(agents.trend[i]), distance)
+            begin = float(place[i + 1, meets, OWN_BEGIN].min())
+            way = seen.paths.offset[i + 1, : sign.shape[1]]
+            # a driver before a stop sign stops there whatever it does then: late braking shows
+            # nothing
+            stops = (sign[i + 1] & (way > agents.s[i]) & (way <= begin)).any()
+            odds = (
+                FORCING
+                if stops
+                else forcing_odds(
+                    float(agents.v[i]), float(agents.trend[i]), begin - float(agents.s[i])
+                )
+            )
             yield Alternative(odds, Intent(int(i), FORCES))
 
 

@@ -82,6 +82,8 @@ def _kind(areas: Areas, lane: int, e: int) -> int:
     back = False  # the other lane has to yield too
     for r in range(areas.first[areas.other[e]], areas.first[areas.other[e] + 1]):
         back = back or (areas.other[r] == lane and areas.yields[r])
+    if areas.zipper[lane] and areas.merge[e]:
+        return MERGES
     if areas.yields[e]:
         return IN_TURN if areas.allway[lane] else MUTUAL if back else YIELDS
     return MERGES if areas.merge[e] and not back else NOTHING

@@ -45,7 +45,7 @@ def course_of(road: RoadMap, signals: Signals, paths: Paths, times: Floats) -> C
         limit=road.speed[paths.lane],
         internal=road.internal[paths.lane],
         red=_red_lights(road, signals, paths, times),
-        sign=_stop_signs(road, paths),
+        sign=stop_signs(road, paths),
         end=np.where(paths.ends == NARROWS, last, np.inf),
         foe=conflicts.foe,
         kind=conflicts.kind,
@@ -63,7 +63,7 @@ def _red_lights(road: RoadMap, signals: Signals, paths: Paths, times: Floats) ->
     return red
 
 
-def _stop_signs(road: RoadMap, paths: Paths) -> Bools:
+def stop_signs(road: RoadMap, paths: Paths) -> Bools:
     """[N, L] a vehicle has to stand before it enters this lane of the path."""
     rule = road.rule[paths.lane]
     sign = (paths.lane >= 0) & ((rule == STOP) | (rule == ALLWAY)) & (road.signal[paths.lane] < 0)

@@ -3,7 +3,7 @@
 import math
 
 from sumo_mcts.numerics.kernel import inlined, kernel
-from sumo_mcts.numerics.krauss import safe_speed
+from sumo_mcts.numerics.krauss import STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.prediction.conflicts import (
     FOE_BEGIN,
     FOE_END,
@@ -34,9 +34,15 @@ SLOW = 0.5  # m/s below which a vehicle at a stop sign counts as standing
 
 # Right of way.
 OWN_VIEW = 60.0  # m before a shared stretch from which on a driver yields
-FOE_VIEW = 90.0  # m before it within which a foe matters,
-MERGE_VIEW = 30.0  # and where lanes merge
+FOE_VIEW = 90.0  # m before it within which a foe matters
 WAITS = 0.3  # m/s below which a foe waits itself
+
+# Merging one by one, as SUMO's drivers do at a zipper (its MSLink::getZipperSpeed).
+MERGE_VIEW = 100.0  # m before the stretch from which on a driver makes room
+AT_ONCE = 4.5  # m/s by which one that is behind can slow down within the second that it has
+# Of the safe gap, what they make. With all of it forecasts of the one behind are 3 m short after
+# 4 s, with this 1.5 m.
+ROOM = 0.5
 
 
 @kernel
@@ -119,15 +125,16 @@ def yield_accel(
         foe_begin, foe_end = c.place[i, u, FOE_BEGIN] - x[j], c.place[i, u, FOE_END] - x[j]
         if (
             to_begin < 0.0
-            or to_begin > OWN_VIEW
+            or to_begin > (MERGE_VIEW if c.kind[i, u] == MERGES else OWN_VIEW)
             or foe_end + d.length[j] < 0.0
             or foe_begin > FOE_VIEW
         ):
             continue
         if c.kind[i, u] == MERGES:
-            if to_end > foe_end and foe_begin < MERGE_VIEW:  # the foe is nearer: the leader
-                gap = max(to_end - foe_end - d.length[j], 0.5)
-                a = min(a, follow_accel(q, v[i], gap, v[j], q.accel))
+            own, its = c.limit[i, progress.at[i]], c.limit[j, progress.at[j]]
+            room = _merge_accel(q, to_end, v[i], own, foe_end, v[j], its, d.length[j])
+            polite[i] = polite[i] or (j == 0 and not math.isinf(room))
+            a = min(a, room)
             continue
         if j == 0 and d.does[i] == FORCES:
             continue
@@ -138,12 +145,54 @@ def yield_accel(
         if math.isinf(stop):
             continue
         if j == 0:
-            if not polite[i] and v[i] * v[i] > 2.0 * q.yield_decel * max(to_begin - 2.0, 0.1):
+            stands_first = (
+                math.isinf(progress.rank[i]) and to_sign(c, i, progress.at[i], x[i]) < to_begin
+            )
+            if (
+                not polite[i]
+                and not stands_first
+                and v[i] * v[i] > 2.0 * q.yield_decel * max(to_begin - 2.0, 0.1)
+            ):
                 # it could not let the ego pass in comfort when that came up: do not count on it
                 continue
             polite[i] = True
         a = min(a, stop)
     return a
+
+
+@kernel
+def _merge_accel(
+    q: TrafficParams,
+    distance: float,
+    v: float,
+    limit: float,
+    foe_distance: float,
+    foe_v: float,
+    foe_limit: float,
+    foe_length: float,
+) -> float:
+    """Acceleration of a driver that merges with a foe, one by one, m/s2; inf: it goes first.
+
+    `distance` and `foe_distance`: m to the end of the shared stretch. The one behind makes room,
+    if a second of braking is enough; else the one that comes later. The room grows evenly until
+    the foe is there, and both drive on as fast as they may meanwhile.
+    """
+    behind = distance - foe_distance
+    comes, foe_comes = distance / max(v, 1.0), foe_distance / max(foe_v, 1.0)
+    if behind > 0.0:
+        first = v - AT_ONCE - foe_v >= behind and comes < foe_comes
+    else:
+        first = foe_v - AT_ONCE - v < -behind or comes <= foe_comes
+    if first:
+        return math.inf
+    gap = behind - foe_length
+    foe_ends = min(foe_limit, math.sqrt(foe_v * foe_v + 2.0 * q.accel * max(foe_distance, 0.0)))
+    ends = min(limit, math.sqrt(v * v + 2.0 * q.accel * max(distance, 0.0)))
+    seconds = max(2.0 * foe_distance / max(foe_v + foe_ends, 0.2), 1.0)
+    grows = 0.5 * (foe_v + foe_ends - v - ends) * seconds
+    missing = ROOM * safe_gap(ends, foe_ends, USUAL_S) + STANDSTILL - gap - grows
+    makes_room = (ends - v) / seconds - 2.0 * missing / (seconds * seconds)
+    return max(follow_accel(q, v, max(gap, 0.5), foe_v, q.accel), makes_room, -STOPS)
 
 
 @kernel

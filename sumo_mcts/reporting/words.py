@@ -7,7 +7,7 @@ BRAKING = -1.0  # m/s2: harder than this, brake lights are shown
 
 
 def action_words(cycle: CycleRecord) -> str:
-    """The decision of a cycle: verb, acceleration, lane change and reason."""
+    """The decision of a cycle: verb, acceleration, lane change, what is asked, and reason."""
     accel, change = _action(cycle.decision, cycle.ego.v)
     if accel is None:
         return "SUMO drives"
@@ -22,6 +22,9 @@ def action_words(cycle: CycleRecord) -> str:
             "changing to the "
             + ("left" if cycle.ego.change_to > cycle.ego.change_from else "right")
         )
+    command = cycle.decision.command
+    if isinstance(command, Follow) and command.asks:
+        words.append("asks for room on the " + ("left" if command.asks > 0 else "right"))
     reason = cycle.decision.reason.partition(":")[0]  # the fail-safe's has an explanation, too
     if reason not in ("", "search", words[0].split()[0]):
         words.append(reason)

@@ -467,6 +467,34 @@ def test_only_the_stop_sign_that_comes_next_and_only_until_the_ego_has_stood_the
     assert local_of(task, scene_of(ego, road))[0].stop_at == math.inf
 
 
+# --- a leader far ahead ---
+
+
+@pytest.mark.parametrize("ahead", [60.0, 79.0, 85.0, 200.0])
+def test_a_leader_counts_at_any_distance(ahead: float) -> None:
+    """Else an ego waits where a queue is just out of sight."""
+    task, local, state = view(
+        lanes_east(1, 900.0), "a_0", 100.0, 10.0, Agent("x", "a_0", 105.0 + ahead, 0.0)
+    )
+    near = meet(local, task.ego, task.cost, state, NO_OTHERS, 0, 0).near
+    assert near.gap == pytest.approx(ahead) and near.leader_v == 0.0
+    assert near.followers == 0
+
+
+@pytest.mark.parametrize("v", [0.0, 5.0, 15.0])
+def test_no_place_behind_a_queue_is_worth_waiting_in(v: float) -> None:
+    """A metre further on costs at the horizon at most what driving it takes."""
+    task, local, state = view(
+        lanes_east(1, 900.0), "a_0", 100.0, 10.0, Agent("x", "a_0", 300.0, 0.0)
+    )
+    worth = []
+    for s in range(100, 280):
+        there = state._replace(s=float(s), v=v)
+        near = meet(local, task.ego, task.cost, there, NO_OTHERS, 0, 0).near
+        worth.append(terminal(local, task.cost, there, near.gap, near.leader_v, 8.0))
+    assert np.diff(worth).max() <= 1.0 / local.limit + 1e-9
+
+
 # --- those who leave a lane, those who come late ---
 
 

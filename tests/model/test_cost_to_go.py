@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers import Agent, Lane, build, crossing, edges, ego_at
+from helpers import Agent, Conflict, Lane, build, crossing, edges, ego_at
 from helpers_model import compiled, local_of, road_with_light, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -155,10 +155,23 @@ def owed(*agents: int, end: float = 12.0) -> np.ndarray:  # type: ignore[type-ar
     return rows
 
 
+LEGS = np.array([0, 0, 0, 0, 0, 1])  # of six nodes
+
+
+def test_lanes_side_by_side_wait_for_the_same_gap() -> None:
+    rows = np.vstack([owed(0), owed(1, 2, 3)])
+    rows[1:, OWN_NODE] = 4
+    both = gap_times(rows, LEGS, 0, 6, 10.0, 5.0)
+    assert both[3] == both[4] == gap_times(rows[1:], LEGS, 0, 6, 10.0, 5.0)[4]
+    rows[1:, OWN_NODE] = 5  # the next junction
+    apart = gap_times(rows, LEGS, 0, 6, 10.0, 5.0)
+    assert 0.0 < apart[3] < apart[5]
+
+
 def test_the_gap_in_a_stream_comes_the_later_the_more_vehicles_come() -> None:
-    times = [gap_times(owed(*range(n)), 0, 6, 10.0, 5.0)[3] for n in (1, 3, 6)]
+    times = [gap_times(owed(*range(n)), LEGS, 0, 6, 10.0, 5.0)[3] for n in (1, 3, 6)]
     assert 0.0 < times[0] < times[1] < times[2] <= MOST_GAP_S
-    assert gap_times(owed(1, 1), 0, 6, 10.0, 5.0)[3] == times[0]  # one vehicle, two stretches
+    assert gap_times(owed(1, 1), LEGS, 0, 6, 10.0, 5.0)[3] == times[0]  # one vehicle, two stretches
     # Adams: three in ten seconds, and 1 + sqrt(2 * 17 / 2.6) s to clear the stretch
     clears = 1.0 + math.sqrt(2.0 * 17.0 / 2.6)
     assert times[1] == pytest.approx((math.exp(0.3 * clears) - 1.0 - 0.3 * clears) / 0.3)
@@ -191,3 +204,30 @@ def test_there_is_a_gate_where_the_ego_yields_and_none_where_it_has_priority() -
     assert gates[0][0] == 1
     assert gates[0][1] > 0.5
     assert gates[1] == (0, 0.0)
+
+
+def turn_with_a_place_to_wait() -> RoadMap:
+    """A left turn over two lanes inside the junction; only the second one crosses the stream that
+    comes from the east."""
+    return build(
+        [
+            Lane("wi", 0, ((-100.0, 0.0), (-10.0, 0.0)), (":w1_0",)),
+            Lane(":w1", 0, ((-10.0, 0.0), (-2.0, 0.0)), (":w2_0",), junction="c"),
+            Lane(":w2", 0, ((-2.0, 0.0), (0.0, 10.0)), ("no_0",), junction="c"),
+            Lane("no", 0, ((0.0, 10.0), (0.0, 100.0))),
+            Lane("ei", 0, ((100.0, 4.0), (10.0, 4.0)), (":ew_0",)),
+            Lane(":ew", 0, ((10.0, 4.0), (-10.0, 4.0)), ("wo_0",), junction="c"),
+            Lane("wo", 0, ((-10.0, 4.0), (-100.0, 4.0))),
+        ],
+        [Conflict(":w2_0", 2.0, 7.0, ":ew_0", 8.0, 13.0, yields=":w2_0")],
+    )
+
+
+@pytest.mark.parametrize(("lane", "s", "due"), [(":w1_0", 7.0, False), (":w2_0", 1.0, True)])
+def test_waiting_inside_short_of_the_stream_has_no_price(lane: str, s: float, due: bool) -> None:
+    road = turn_with_a_place_to_wait()
+    ego = ego_at(road, lane, s, 0.0, route=edges(road, "wi", "no"))
+    task = task_of(road, ego)
+    local, state = local_of(task, scene_of(ego, road, Agent("x", "ei_0", 75.0, 12.0)))
+    assert len(local.obligation) == 1
+    assert (yielding_cost(local, task.ego, task.cost, state, 0) > 0.0) == due

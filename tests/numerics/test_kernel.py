@@ -454,6 +454,7 @@ warm_up(scenario, read_roadmap(str(scenario.sumo.net)), Physics(0.1, False, 3.0)
 # of the trial does not come to it.
 NEEDED = {
     "actions": "action_at clear_line copy_line put_action",
+    "cost_to_go": "_fill_to_gate waiting_s",
     "cost": """
         _before_sign _behind _to_sign _too_slow _urgent leads_nowhere step_comfort step_own
         step_passability terminal

@@ -554,6 +554,15 @@ def test_an_ego_that_stands_has_its_turn_before_those_who_come_later() -> None:
         assert forecast_of(task_of(road, ego), scene).yields[0].tolist() == [lets_pass]
 
 
+@pytest.mark.parametrize("s", [70.0, 72.0, 74.0])
+def test_one_that_stands_first_anyway_is_counted_on_however_late_it_brakes(s: float) -> None:
+    """12 m/s before a stop sign: SUMO's drivers brake at the last moment. The ego has entered."""
+    road = all_way_stop()
+    ego = ego_at(road, ":we_0", 11.0, 8.0, route=(0, 2))
+    scene = scene_of(ego, road, Agent("n", "si_0", s, 12.0))
+    assert forecast_of(task_of(road, ego), scene).yields[0].tolist() == [True]
+
+
 phases = st.integers(1, 6).flatmap(
     lambda n: st.tuples(
         st.lists(

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from sumo_mcts.prediction.alternatives import (
     COMES_OVER,
+    FORCING,
     HALTING,
     LEAST,
     STAYING,
@@ -28,6 +29,7 @@ from sumo_mcts.prediction.forecast import Question, predict
 from sumo_mcts.prediction.hypotheses import likeliest, predict_hypotheses
 from sumo_mcts.prediction.paths import likely_paths
 from sumo_mcts.scene import (
+    ALLWAY,
     BRAKES,
     FORCES,
     LEFT,
@@ -291,6 +293,19 @@ def test_who_turns_is_led_along_the_turn() -> None:
 
 
 # --- not letting the ego pass ---
+
+
+@pytest.mark.parametrize("s", [60.0, 70.0, 78.0])
+def test_late_braking_before_a_stop_sign_shows_nothing(s: float) -> None:
+    rule = ROAD.rule.copy()
+    rule[[lane(ROAD, name) for name in (":we_0", ":sn_0", ":wn_0")]] = ALLWAY
+    road = ROAD._replace(rule=rule, conflict_yields=np.ones_like(ROAD.conflict_yields))
+    ego = ego_at(road, "wi_0", 89.5, 0.0, route=(0, 2))
+    scene = scene_of(ego, road, Agent("n", "si_0", s, 12.0))
+    asked = question(scene)
+    found = alternatives(road, asked, predict(road, asked), expected(scene))
+    odds = [each.odds for each in found if each.intent == Intent(0, FORCES)]
+    assert odds == [FORCING]
 
 
 def test_who_forces_drives_through() -> None:

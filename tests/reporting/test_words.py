@@ -34,6 +34,10 @@ def test_actions_in_words() -> None:
         )
     )
     assert action_words(unchosen) == "brake \u22121.0 m/s\u00b2"
+    for side, words_of_it in ((1, "asks for room on the left"), (-1, "asks for room on the right")):
+        command = Follow(np.full(5, 10.0), 0, side)
+        asking = cycle._replace(decision=cycle.decision._replace(command=command))
+        assert words_of_it in action_words(asking)
 
 
 @pytest.mark.slow
