@@ -175,6 +175,8 @@ class EgoState(NamedTuple):
     # lane that it moves to, -1 none; the same as `lane` in the second half of the change
     change_to: int
     change_from: int  # lane that it leaves, -1 none
+    asks: int = 0  # the side on which it asks for room now: 1 left, -1 right, 0 neither
+    can_ask: bool = True  # SUMO's model of its lane changes knows such a wish
 
 
 class Scene(NamedTuple):

@@ -147,8 +147,9 @@ def local_of(
     patience: float = 1.0,
 ) -> tuple[LocalMap, State]:
     """The local map of a cycle, and the ego's state in it."""
-    situation = situation_of(task, scene, cleared, seconds)._replace(asked=asked)
-    return base.local_of(task, situation, reactive, patience=patience), situation.state
+    situation = situation_of(task, scene, cleared, seconds)
+    local = base.local_of(task, situation, reactive, asked=asked, patience=patience)
+    return local, situation.state
 
 
 def half(params: EgoParams) -> float:

@@ -118,7 +118,6 @@ class Driver:
             forecast=self._forecaster.nothing() if forecast is None else forecast,
             cleared=frozenset(self._stood),
             until=until + watch.loading_s,
-            asked=_asked(self._last.command),
         )
         self.question = (task, situation)
         decision, why = self._plan(situation, failure)
@@ -285,8 +284,3 @@ class Driver:
         to_line = route.length[state.node] - state.s
         if route.sign[state.node] and state.v < STANDING and to_line < NEAR_STOP:
             self._stood.setdefault(state.node, now)
-
-
-def _asked(command: Follow | Release) -> int:
-    """The side on which the ego asks for room: 1 left, -1 right, 0 neither."""
-    return command.asks if isinstance(command, Follow) else 0

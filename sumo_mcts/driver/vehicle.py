@@ -94,7 +94,8 @@ class EgoVehicle:
             self._sensor.range_m,
             self._sensor.signals == "timing",
         )
-        return self._senses.perceive(truth)
+        ego = truth.ego._replace(asks=self._commander.asks, can_ask=self._commander.can_ask)
+        return self._senses.perceive(truth._replace(ego=ego))
 
     def accept(self, decision: Decision) -> None:
         """Execute a decision until the next one."""

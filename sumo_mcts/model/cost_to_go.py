@@ -185,7 +185,9 @@ def waiting_s(local: LocalMap, state: State, time: float, lost: float) -> float:
     arrives = (
         time + lost + max(local.to_gate[i, FREE_S] - state.s / local.node[state.node, LIMIT], 0.0)
     )
-    queue, waits = DISCHARGE_S * _queued(local, state, time), 0.0
+    # a queue takes its time where the gate opens later
+    closed = local.gate[gate, OPENS] > time or local.gate[gate, CLOSES] <= arrives
+    queue, waits = DISCHARGE_S * _queued(local, state, time) if closed else 0.0, 0.0
     while gate >= 0:
         passes = _passes(local, gate, arrives, time, queue)
         waits += passes - arrives

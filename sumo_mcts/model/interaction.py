@@ -103,6 +103,7 @@ def meet(  # noqa: PLR0915
         if moved:
             bx, by, bc, bs, v, s, at = seen(local, others, i, t)
             node = node_of(local, at, i)
+            comes_to = upstream_of(local, at, i) if changing else -1
         length = local.trait[i, HALF_LENGTH]
         behind, to_ego = follows(local, followers, i), math.inf
         if comes_to >= 0:
@@ -244,7 +245,7 @@ def place_is_free(
         s, v, left = local.agent[t, i, S], local.agent[t, i, V], lane_left(local, i, t)
         if others.shape[0] > 0 and local.trait[i, SLOT] >= 0.0:
             _, _, _, _, v, s, at = seen(local, others, i, t)
-            node = node_of(local, at, i)
+            node, comes_to = node_of(local, at, i), upstream_of(local, at, i)
         behind = chain_gap(local, max(node, comes_to), s, target, changed.s)
         if left >= 0:
             behind = min(behind, chain_gap(local, left, s, target, changed.s))

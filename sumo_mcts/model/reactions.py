@@ -75,7 +75,7 @@ def react(
             local.agent[k, i, S] + driven - local.agent[k, i, DRIVEN],
         )
         speed = v + CATCHES_UP * seconds
-        asked = _gap_when_asked(local, p, state, others, i)
+        asked = _gap_when_asked(local, p, state, others, i, t)
         if asked < math.inf:
             careful = safe_speed(asked - STANDSTILL, state.v, USUAL_S)
             speed = min(speed, max(careful, v - HELPS * seconds))
@@ -142,7 +142,9 @@ def _gap_to_ego(local: LocalMap, p: EgoParams, state: State, node: int, s: float
 
 
 @kernel
-def _gap_when_asked(local: LocalMap, p: EgoParams, state: State, others: Floats, i: int) -> float:
+def _gap_when_asked(
+    local: LocalMap, p: EgoParams, state: State, others: Floats, i: int, t: int
+) -> float:
     """m from agent i's front to the ego's rear where the ego asks it for room, and it makes some;
     else inf.
 
@@ -159,7 +161,7 @@ def _gap_when_asked(local: LocalMap, p: EgoParams, state: State, others: Floats,
     if room <= 0.0 or room == math.inf or closing * closing > 2.0 * HELPS * room:
         return math.inf
     for j in range(local.agent.shape[1]):
-        if j != i and local.trait[j, SLOT] >= 0.0:
+        if j != i and local.trait[j, SLOT] >= 0.0 and not is_gone(local, t, j):
             if 0.0 < _gap_to(local, others, j, beside, state.s) < gap:
                 return math.inf
     return room

@@ -35,7 +35,6 @@ class Situation(NamedTuple):
     cleared: frozenset[int]  # route nodes at whose stop sign the ego has stood
     # time.perf_counter() at which a search has to end; inf: iterations count
     until: float = math.inf
-    asked: int = 0  # the side on which the ego asks for room: 1 left, -1 right, 0 neither
 
 
 def local_of(
@@ -43,17 +42,19 @@ def local_of(
     situation: Situation,
     reactive: int = 0,
     hypothesis: int = 0,
+    asked: int = 0,
     patience: float = 1.0,
 ) -> LocalMap:
     """What one cycle's search reads, in one hypothesis (0 the likeliest) of the forecast.
 
-    It may move at most `reactive` agents; `patience` as in LocalMap.
+    It may move at most `reactive` agents, or else those that make room on the side `asked`;
+    `asked` and `patience` as in LocalMap.
     """
     rules = Rules(
         cleared=situation.cleared,
         stop_decel=STOP_DECEL,
         claim_s=task.cost.claim_s,
-        asked=situation.asked,
+        asked=asked,
         patience=patience,
         reactive=reactive,
     )

@@ -123,7 +123,7 @@ class MctsPlanner(SeededPlanner):
         is chosen."""
         p, task, state = self._params, self._task, situation.state
         calm = patience(p.impatience, self._waited_s)
-        local = local_of(task, situation, p.reactive, patience=calm)
+        local = local_of(task, situation, p.reactive, 0, situation.scene.ego.asks, calm)
         share = shares(situation.forecast.weight, p.budget.iterations, len(self._actions))
         q = in_steps(p, task.ego.step, local.dt)._replace(each=len(share) > 1)
         start = Start(local, task, q, state, undisturbed(local))
@@ -145,7 +145,8 @@ class MctsPlanner(SeededPlanner):
         warm_chosen = warm is not None and chosen == len(found) - 1
         reason = "brake" if lost else "carried on" if warm_chosen else "search"
         children = tuple(each.child for each in found)
-        asks = asked_side(start, line) if p.asks and child.lane_change == 0 else 0
+        may_ask = p.asks and situation.scene.ego.can_ask and child.lane_change == 0
+        asks = asked_side(start, line) if may_ask else 0
         command = Follow(plan.v, child.lane_change, asks)
         return Decision(command, plan, children, chosen, reason, done, known)
 
@@ -184,7 +185,7 @@ class MctsPlanner(SeededPlanner):
         terms[:, 0] = [candidate.child.terms for candidate in found]
         done = known = 0
         for h in range(1, len(share)):
-            local = local_of(task, situation, p.reactive, h, calm)
+            local = local_of(task, situation, p.reactive, h, situation.scene.ego.asks, calm)
             tree, *more = self._search(local, q, situation, share[h:], math.inf)
             done, known = done + more[0], known + more[1]
             start = Start(local, task, q, state, tree.others[0])

@@ -70,6 +70,16 @@ class Commander:
             self._begin_change(command.lane_change)
 
     @property
+    def asks(self) -> int:
+        """The side on which others are asked for room now: 1 left, -1 right, 0 neither."""
+        return self._asks if self._wish.on else 0
+
+    @property
+    def can_ask(self) -> bool:
+        """Whether SUMO's model of the vehicle's lane changes knows such a wish."""
+        return self._wish.possible
+
+    @property
     def played(self) -> bool:
         """Whether the profile is over."""
         return self._at >= len(self._profile)
@@ -107,11 +117,14 @@ class Commander:
             return
         lane, side = self._here(), self._asks
         aside = self._is_aside()
-        if lane == self._asks_on and not aside:
+        source = self._asks_on
+        if lane == source and not aside:
             return
+        target = self._beside(source, side)
         self._ask(0)
-        if lane >= 0 and aside:
-            self.change = Change(0.0, lane, self._beside(lane, side))
+        # past the middle SUMO has it on the target lane already
+        if aside and lane in (source, target):
+            self.change = Change(0.0, source, target)
             self._go_on_changing()
 
     def release(self) -> None:

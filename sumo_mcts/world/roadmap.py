@@ -2,6 +2,7 @@
 through a junction meet."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from sumo_mcts.world.links import Link, following_lane, junction_clusters, mask_
 from sumo_mcts.world.net_file import BROKEN, NoInternalLanesError, read_net, require_within
 
 NAMED = 6  # edges that a message names
+MOST_KEPT = 16  # networks in one process: a batch may make one for each episode
 
 # Beyond these a number is taken for damage.
 MOST_SPEED = 1000.0  # m/s
@@ -69,16 +71,15 @@ def read_roadmap(net_file: str) -> RoadMap:
     return road
 
 
-_known: dict[str, RoadMap] = {}  # path and time of change -> network
-
-
 def known_roadmap(net_file: str) -> RoadMap:
-    """The same, read once in a process as long as the file does not change."""
+    """The same, read once in a process as long as the file does not change; the last MOST_KEPT."""
     path = files.absolute(Path(net_file))
-    key = "" if files.problem(path) else f"{path}:{path.stat().st_mtime_ns}"
-    if key not in _known:
-        _known[key] = read_roadmap(net_file)
-    return _known[key]
+    return _kept(net_file, 0 if files.problem(path) else path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=MOST_KEPT)
+def _kept(net_file: str, changed: int) -> RoadMap:
+    return read_roadmap(net_file)
 
 
 def has_edge(road: RoadMap, edge: str, where: str) -> None:

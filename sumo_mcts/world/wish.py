@@ -20,9 +20,9 @@ class Wish:
     def __init__(self, vehicle: str) -> None:
         self._sumo: Any = import_libsumo()
         self._get, self._vehicle = self._sumo.vehicle, vehicle
-        # asking gained nothing in SUMO's sublane model
-        self._possible = float(option("lateral-resolution")) <= 0.0
         self._own: dict[str, str] | None = None  # the parameters to be given back; None: it is off
+        # Asking gained nothing in SUMO's sublane model; the lane change model DK2008 has no wish.
+        self.possible = float(option("lateral-resolution")) <= 0.0 and self._settings() is not None
 
     @property
     def on(self) -> bool:
@@ -35,16 +35,12 @@ class Wish:
         return ASKING if self.on else 0
 
     def turn(self, on: bool) -> None:
-        """Ask from the coming step on, or no longer.
-
-        Where the lane change model has no such wish (DK2008) nothing is asked.
-        """
-        if on == self.on or not self._possible:
+        """Ask from the coming step on, or no longer; nothing where that is not possible."""
+        if on == self.on or not self.possible:
             return
         if self._own is None:
             self._own = self._settings()
-            self._possible = self.on
-            self._set(_WISHES if self.on else {})
+            self._set(_WISHES)
         else:
             self._set(self._own)
             self._own = None

@@ -22,6 +22,7 @@ from sumo_mcts.model.local_build import _fill_upstream, _levels
 from sumo_mcts.model.local_map import (
     AGENT,
     ENTERS,
+    NODE,
     UPSTREAM,
     LocalMap,
     State,
@@ -31,6 +32,7 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.model.motion import FREE, OFF_END, advance, begin_change, can_change, pose_of
 from sumo_mcts.model.occupancy import late_cost
+from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.model.route import Upstream, route_map
 from sumo_mcts.numerics.geometry import Box
 from sumo_mcts.planners.actions import lasting
@@ -842,3 +844,18 @@ def test_who_stands_in_a_bend_is_met_whatever_the_step(
     q = in_steps(mcts_params(scenario()), step, local.dt)
     line = lasting(0.0, 0, round(2.0 / step))
     assert follow_line(local, task, q, state, NO_OTHERS, line)[2] == end
+
+
+def test_an_agent_held_up_before_the_lane_asked_still_counts_as_behind() -> None:
+    """Its forecast is on that lane by now, it is not yet: both belong to one moment."""
+    road = acceleration_lane()
+    ego = ego_at(road, "a_0", 6.0, 1.0, route=edges(road, "a", "b"))
+    task = task_of(road, ego)
+    scene = scene_of(ego, road, Agent("x", "main_0", 297.0, 20.0))
+    local, state = local_of(task, scene, asked=1)
+    others, t = undisturbed(local), 4
+    assert others.shape == (1, 2)
+    assert local.agent[t, 0, NODE] >= 0.0  # the forecast: past the beginning of the lane
+    others[0] = 0.5, 20.0  # where it has come to: 1.5 m before it
+    changed = begin_change(local, task.ego, state._replace(s=8.0), 1)
+    assert not place_is_free(local, task.ego, task.cost, changed, others, t)

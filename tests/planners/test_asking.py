@@ -1,11 +1,15 @@
 """Room is asked for where the route needs a lane change soon and the plan finds no place, and
 nowhere else."""
 
+import numpy as np
 import pytest
 from helpers import Agent, Lane, build, edges, ego_at
-from helpers_model import scene_of
+from helpers_model import scene_of, situation_of, task_of
 from helpers_tree import Toy, decide
 
+from sumo_mcts.model.local_map import SLOT
+from sumo_mcts.planners.base import local_of
+from sumo_mcts.planners.reference import problem_of
 from sumo_mcts.scene import Follow, RoadMap
 
 
@@ -62,3 +66,27 @@ def test_it_does_not_ask_for_what_it_does_not_need(
 def test_it_does_not_ask_where_the_scenario_says_no() -> None:
     beside = column("a_1", 8.0, 200.0, 390.0)
     assert asks("a_0", 300.0, 8.0, *beside, sets=("ego_model.asks=false",)) == 0
+
+
+def test_it_does_not_ask_where_sumo_knows_no_wish() -> None:
+    road = ending_lane()
+    ego = ego_at(road, "a_0", 300.0, 8.0, route=edges(road, "a", "b"))._replace(can_ask=False)
+    command = decide(Toy(road, scene_of(ego, road, *column("a_1", 8.0, 200.0, 390.0)), ())).command
+    assert isinstance(command, Follow)
+    assert command.asks == 0
+
+
+def test_only_a_planner_that_moves_them_has_others_make_room() -> None:
+    """Others are handed to the search as rows; who takes a map without them has none that moves."""
+    road = ending_lane()
+    ego = ego_at(road, "a_0", 300.0, 8.0, route=edges(road, "a", "b"))._replace(asks=1)
+    task = task_of(road, ego)
+    situation = situation_of(task, scene_of(ego, road, *column("a_1", 8.0, 200.0, 390.0)))
+    assert (local_of(task, situation).trait[:, SLOT] < 0.0).all()
+    assert (local_of(task, situation, asked=1).trait[:, SLOT] >= 0.0).sum() == 4
+    asked, quiet = (
+        problem_of(task, situation._replace(scene=situation.scene._replace(ego=each)))
+        for each in (ego, ego._replace(asks=0))
+    )
+    assert np.array_equal(asked.local.trait, quiet.local.trait)
+    assert asked.local.asked == 0

@@ -262,11 +262,17 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     assert [p.name for p in tmp_path.iterdir()] == ["t.npz"]
 
 
-def test_a_trace_from_before_anybody_asked(tmp_path: Path) -> None:
+def test_a_trace_from_before_anybody_asked_or_waited(tmp_path: Path) -> None:
+    """Each column that an older version did not write is one that this version does without."""
     trace = busy_trace()
     columns = codec.columns_of(records.Trace, trace)
-    (column,) = (name for name in columns if name.endswith("Follow/asks"))
-    del columns[column]
+    for name in codec.ADDED:
+        (column,) = (each for each in columns if each.endswith(name))
+        del columns[column]
     (tmp_path / "old.npz").write_bytes(codec.packed(columns))
-    commands = [c.decision.command for c in records.load_trace(tmp_path / "old.npz").cycles]
+    cycles = records.load_trace(tmp_path / "old.npz").cycles
+    commands = [cycle.decision.command for cycle in cycles]
     assert {command.asks for command in commands if isinstance(command, Follow)} == {0}
+    assert {(c.ego.asks, c.ego.can_ask, c.memory.planner.waited_s) for c in cycles} == {
+        (0, True, 0.0)
+    }

@@ -135,14 +135,14 @@ def test_a_mode_set_while_it_asks_is_given_back(tmp_path: Path) -> None:
         assert settings() == (512, OWN)
 
 
-@pytest.mark.parametrize("change_s", [0.0, CHANGE_S])
+@pytest.mark.parametrize("change_s", [0.0, 2 * STEP, CHANGE_S])
 def test_a_change_that_nobody_brakes_for_may_be_sumos_and_is_noticed(
     change_s: float, tmp_path: Path
 ) -> None:
     with beside(tmp_path, at=40.0, v=2.0, change_s=change_s) as ego:
         ego.commander._bounds = ego.commander._bounds._replace(change_duration=change_s)
         ego.go(1.0, asks=1)
-        if change_s > 0.0:
+        if change_s == CHANGE_S:
             assert settings() == (0, OWN)
             assert ego.commander.change.source < ego.commander.change.target
             assert 0.2 < ego.commander.change.progress < 0.4
@@ -158,3 +158,28 @@ def test_a_lane_change_model_without_a_wish_asks_nobody(tmp_path: Path) -> None:
         assert libsumo.vehicle.getLaneChangeMode("ego") == 0
         assert libsumo.vehicle.getLaneID("ego") == "in_0"
         assert gap() < 5.0
+
+
+def test_a_change_that_is_past_its_middle_when_it_is_noticed_leads_to_the_lane_asked(
+    tmp_path: Path,
+) -> None:
+    """With a duration of two steps SUMO has the ego on the new lane by then."""
+    with beside(tmp_path, at=40.0, v=2.0, change_s=2 * STEP) as ego:
+        ego.commander._bounds = ego.commander._bounds._replace(change_duration=2 * STEP)
+        changes = set()
+        for _ in range(10):
+            ego.go(STEP, asks=1)
+            change = ego.commander.change
+            changes |= {(change.source, change.target)} if change.target >= 0 else set()
+        lanes = [ego.commander._lanes[name] for name in ("in_0", "in_1")]
+        assert changes <= {tuple(lanes)}
+        assert libsumo.vehicle.getLaneID("ego") == "in_1"
+
+
+def test_what_is_asked_is_known_and_nothing_where_the_model_has_no_wish(tmp_path: Path) -> None:
+    for model, asked in (("LC2013", 1), ("DK2008", 0)):
+        with beside(tmp_path, at=98.0, v=15.0, model=model) as ego:
+            ego.go(0.5, asks=1)
+            assert (ego.commander.asks, ego.commander.can_ask) == (asked, asked == 1)
+            ego.go(0.5)
+            assert ego.commander.asks == 0
