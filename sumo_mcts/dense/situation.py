@@ -27,7 +27,7 @@ class Edge(NamedTuple):
 
 
 class Link(NamedTuple):
-    """A way from lane to lane across a junction; 0 is the rightmost lane."""
+    """A connection from lane to lane across a junction; 0 is the rightmost lane."""
 
     start: str
     end: str

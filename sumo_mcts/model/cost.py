@@ -9,13 +9,12 @@ standing still.
 import math
 
 from sumo_mcts.model.cost_params import CostParams, Term
-from sumo_mcts.model.cost_to_go import waiting_s
+from sumo_mcts.model.cost_to_go import PICK_UP, waiting_s
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import INTERNAL, LIMIT, NEXT, REACH, RIGHT_NODE, STATION
 from sumo_mcts.numerics.kernel import kernel
 
-PICK_UP = 2.6  # m/s2 with which the ego is taken to regain lost speed
 # m/s2: by so much / limit for each metre of gap the ego's useful speed is above its leader's. Up to
 # PICK_UP * (1 - TAIL_SLOPE) a metre less driven lowers the cost by no more than 1 / limit.
 CLOSING = 1.0

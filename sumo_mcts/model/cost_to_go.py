@@ -39,7 +39,8 @@ from sumo_mcts.scene import GREEN, Floats, Indices, RoadMap, Signals
 
 DISCHARGE_S = 2.0  # s between two vehicles of a queue that starts
 UNKNOWN_S = 20.0  # s expected at a light of which no coming green is known
-START = 2.6  # m/s2 with which the ego starts after it had to wait
+# m/s2: acceleration with which the ego is taken to start, and to regain lost speed
+PICK_UP = 2.6
 REACT_S = 1.0  # s until it starts
 MOST_GAP_S = 20.0  # s expected at most until a stream has a gap: it may end before
 
@@ -91,13 +92,12 @@ def _fill_to_gate(
         n = first + i
         after = int(table[n, NEXT]) - first
         to_gate[i, GATE], to_gate[i, QUEUE] = -1.0, n
-        follows = 0 <= after < w
         g = at[i]
         if g >= 0:
             gate[g, NEXT_GATE] = to_gate[after, GATE]
             gate[g, NEXT_FREE_S] = to_gate[after, FREE_S]
             to_gate[i, GATE], to_gate[i, FREE_S], to_gate[i, AWAY] = g, 0.0, 0.0
-        elif follows and to_gate[after, GATE] >= 0.0:
+        elif 0 <= after < w and to_gate[after, GATE] >= 0.0:
             for k in (GATE, FREE_S, AWAY):
                 to_gate[i, k] = to_gate[after, k]
         to_gate[i, FREE_S] += table[n, LENGTH] / table[n, LIMIT]
@@ -163,7 +163,7 @@ def gap_times(
     for n in np.unique(nodes):
         rows = owed[nodes == n]
         rate = len(np.unique(rows[:, AGENT])) / seconds
-        clears = REACT_S + math.sqrt(2.0 * (rows[:, STRETCH_END].max() + length) / START)
+        clears = REACT_S + math.sqrt(2.0 * (rows[:, STRETCH_END].max() + length) / PICK_UP)
         x = rate * clears
         found[n - first] = min((math.exp(min(x, 50.0)) - 1.0 - x) / rate, MOST_GAP_S)
     for here in np.unique(leg[np.unique(nodes)]):
@@ -220,9 +220,7 @@ def _passes(local: LocalMap, gate: int, arrives: float, time: float, queue: floa
             goes_on = math.exp(-busy / gap)
             mean += share * gap * (1.0 - goes_on)
             share *= goes_on
-        if stream < closes or gap <= 0.0:
-            return arrives + mean
-        if math.isinf(closes):
+        if stream < closes or gap <= 0.0 or math.isinf(closes):
             return arrives + mean
         now = closes
     return arrives + mean + share * UNKNOWN_S

@@ -72,7 +72,7 @@ def react(
             p,
             state,
             max(node_of(local, k, i), upstream_of(local, k, i) if local.asked != 0 else -1),
-            local.agent[k, i, S] + driven - local.agent[k, i, DRIVEN],
+            _position(local, i, clock),
         )
         speed = v + CATCHES_UP * seconds
         asked = _gap_when_asked(local, p, state, others, i, t)
@@ -112,7 +112,7 @@ def seen(
         return row[X], row[Y], row[COS], row[SIN], row[V], row[S], t
     clock = others[r, CLOCK]
     k = int(clock)
-    s = local.agent[k, i, S] + _at(local, i, clock, DRIVEN) - local.agent[k, i, DRIVEN]
+    s = _position(local, i, clock)
     return (
         _at(local, i, clock, X), _at(local, i, clock, Y), _at(local, i, clock, COS),
         _at(local, i, clock, SIN), others[r, SPEED], s, k,
@@ -173,5 +173,12 @@ def _gap_to(local: LocalMap, others: Floats, i: int, node: int, s: float) -> flo
     does not lead there."""
     clock = others[int(local.trait[i, SLOT]), CLOCK]
     k = int(clock)
-    here = local.agent[k, i, S] + _at(local, i, clock, DRIVEN) - local.agent[k, i, DRIVEN]
+    here = _position(local, i, clock)
     return chain_gap(local, max(node_of(local, k, i), upstream_of(local, k, i)), here, node, s)
+
+
+@kernel
+def _position(local: LocalMap, i: int, clock: float) -> float:
+    """Lane position of agent i between two forecast times, on its lane at the earlier one, m."""
+    k = int(clock)
+    return float(local.agent[k, i, S] + _at(local, i, clock, DRIVEN) - local.agent[k, i, DRIVEN])

@@ -22,8 +22,8 @@ from sumo_mcts.planners.ply import (
 from sumo_mcts.planners.tree import Tree
 from sumo_mcts.scene import LOSS, Floats, Plan, RootChild
 
-# s within which a change that is planned needs nobody's help: a car that were asked would wait for
-# an ego that waits for it to pass
+# s within which a planned change needs no help: a car that was asked would wait for an ego that
+# waits for it to pass
 SOON = 4.0
 
 

@@ -122,8 +122,7 @@ class MctsPlanner(SeededPlanner):
         """Search from the present state; where the warm start is no worse than what was found, it
         is chosen."""
         p, task, state = self._params, self._task, situation.state
-        calm = patience(p.impatience, self._waited_s)
-        local = local_of(task, situation, p.reactive, 0, situation.scene.ego.asks, calm)
+        local = self._local(situation)
         share = shares(situation.forecast.weight, p.budget.iterations, len(self._actions))
         q = in_steps(p, task.ego.step, local.dt)._replace(each=len(share) > 1)
         start = Start(local, task, q, state, undisturbed(local))
@@ -134,7 +133,7 @@ class MctsPlanner(SeededPlanner):
         found = root_candidates(start, tree, self._actions)
         found += [warm] if warm is not None else []
         if len(share) > 1:
-            found, *more = self._weighed(situation, q, found, share, calm)
+            found, *more = self._weighed(situation, q, found, share)
             done, known = done + more[0], known + more[1]
         chosen, lost = self._choice(found)
         child, plan, line = found[chosen]
@@ -149,6 +148,17 @@ class MctsPlanner(SeededPlanner):
         asks = asked_side(start, line) if may_ask else 0
         command = Follow(plan.v, child.lane_change, asks)
         return Decision(command, plan, children, chosen, reason, done, known)
+
+    def _local(self, situation: Situation, hypothesis: int = 0) -> LocalMap:
+        """What the search reads in a hypothesis; asked agents make room, and patience counts."""
+        return local_of(
+            self._task,
+            situation,
+            reactive=self._params.reactive,
+            hypothesis=hypothesis,
+            asked=situation.scene.ego.asks,
+            patience=patience(self._params.impatience, self._waited_s),
+        )
 
     def _choice(self, found: list[Candidate]) -> tuple[int, bool]:
         """The candidate of lowest J, the last of equal ones; and whether nothing is free.
@@ -167,12 +177,7 @@ class MctsPlanner(SeededPlanner):
         return chosen, lost
 
     def _weighed(
-        self,
-        situation: Situation,
-        q: SearchParams,
-        found: list[Candidate],
-        share: Floats,
-        calm: float,
+        self, situation: Situation, q: SearchParams, found: list[Candidate], share: Floats
     ) -> tuple[list[Candidate], int, int]:
         """The candidates with the risk over all hypotheses as their cost; the other hypotheses are
         searched here.
@@ -185,7 +190,7 @@ class MctsPlanner(SeededPlanner):
         terms[:, 0] = [candidate.child.terms for candidate in found]
         done = known = 0
         for h in range(1, len(share)):
-            local = local_of(task, situation, p.reactive, h, situation.scene.ego.asks, calm)
+            local = self._local(situation, h)
             tree, *more = self._search(local, q, situation, share[h:], math.inf)
             done, known = done + more[0], known + more[1]
             start = Start(local, task, q, state, tree.others[0])

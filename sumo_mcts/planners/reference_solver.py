@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.cost import PICK_UP, terminal
+from sumo_mcts.model.cost import terminal
+from sumo_mcts.model.cost_to_go import PICK_UP
 from sumo_mcts.model.interaction import Neighbours, meet
 from sumo_mcts.model.local_map import (
     MOTION_TURN,

@@ -178,10 +178,10 @@ def _filled(text: str) -> str:
 # --- where the numbers come from ---
 
 
-def _source(results: Results, commands: Sequence[str]) -> str:
+def _source(results: Results, used: Sequence[str]) -> str:
     """The commands, an indented example; a sentence of what was driven with what; the notes."""
-    more = len(commands) - MOST_COMMANDS
-    listed = [*commands[:MOST_COMMANDS], *([f"# and {more} more"] if more > 0 else [])]
+    more = len(used) - MOST_COMMANDS
+    listed = [*used[:MOST_COMMANDS], *([f"# and {more} more"] if more > 0 else [])]
     examples = "\n".join(f"    {command}" for command in listed)
     versions = [
         f"{name} {results.versions[key]}"

@@ -110,8 +110,10 @@ class Commander:
             self._go_on_changing(steps)
 
     def notice(self) -> None:
-        """After each step of SUMO: whether it began the change that was asked for, which it may
-        where nobody has to brake. Then no more is asked, and the change is under way."""
+        """Find out, after each step of SUMO, whether it began the change that was asked for.
+
+        It may where no other vehicle has to brake. Then no more is asked: the change is under way.
+        """
         own = self._own
         if not self._wish.on or own is None or own.departure != departure(self._vehicle):
             return
