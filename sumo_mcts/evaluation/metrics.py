@@ -6,6 +6,7 @@ from math import inf
 
 import numpy as np
 
+from sumo_mcts.numerics.lanes import connection
 from sumo_mcts.scene import Floats, RoadMap
 
 ACCEL_RANGE = (-4.05, 2.40)  # m/s2, longitudinal
@@ -143,9 +144,10 @@ def crossing_time(
 ) -> tuple[float, int]:
     """Free-flow seconds from lane position s, m, on an internal lane to the end of its connection,
     and the ordinary lane there; 0 and the lane itself where it is ordinary."""
-    here, driven, time = lane, s, 0.0
-    while road.internal[here] and road.successor_offset[here] < road.successor_offset[here + 1]:
+    *inside, ends = connection(road, lane)
+    driven, time = s, 0.0
+    for here in inside:
         free = min(float(road.speed[here]) * speed_factor, max_speed)
         time += max(0.0, float(road.length[here]) - driven) / free
-        here, driven = int(road.successor[road.successor_offset[here]]), 0.0
-    return time, here
+        driven = 0.0
+    return time, ends

@@ -5,7 +5,7 @@ Definitions: docs/measures.md, `longest_stop_s` and `stopped_at_green_s`.
 
 import numpy as np
 
-from sumo_mcts.numerics.lanes import successors
+from sumo_mcts.numerics.lanes import connection, successors
 from sumo_mcts.scene import STANDING, Bools, Frame, RoadMap
 
 AT_LINE = 50.0  # m before a stop line from which on a standing ego stands at its light
@@ -45,14 +45,5 @@ def stands_at_green(road: RoadMap, frame: Frame) -> bool:
     if not links or not frame.green[links].all():
         return False
     ahead = (agents.lane == ego.lane) & (agents.s > ego.s)
-    crossing = np.isin(agents.lane, [lane for way in ways for lane in _connection(road, way)])
+    crossing = np.isin(agents.lane, [lane for way in ways for lane in connection(road, way)[:-1]])
     return not (ahead | crossing).any()
-
-
-def _connection(road: RoadMap, lane: int) -> list[int]:
-    """The internal lanes of a connection from one of them on."""
-    found: list[int] = []
-    while road.internal[lane] and lane not in found:
-        found.append(lane)
-        lane = next(iter(successors(road, lane)), lane)
-    return found

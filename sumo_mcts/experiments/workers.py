@@ -94,9 +94,7 @@ def cluster(address: str) -> Iterator[Crew]:
         from distributed import Client
         from distributed.scheduler import KilledWorker
     except ImportError:
-        raise ConfigError(
-            "--scheduler: needs dask.distributed: pip install 'sumo-mcts[cluster]'"
-        ) from None
+        raise ConfigError("--scheduler: needs dask.distributed: pip install distributed") from None
     with _without_logging("distributed"):
         try:
             client: Any = _answer(lambda: Client(address, timeout=ANSWER_S, set_as_default=False))  # type: ignore[no-untyped-call]

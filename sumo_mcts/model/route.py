@@ -10,7 +10,7 @@ import numpy as np
 
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.numerics.lanes import usable
+from sumo_mcts.numerics.lanes import connection, usable
 from sumo_mcts.scene import ALLWAY, STOP, Bools, Floats, Indices, RoadMap
 
 SPACING = 1.0  # m between the rows of the pose and speed tables
@@ -32,7 +32,6 @@ SPACING = 1.0  # m between the rows of the pose and speed tables
     JUNCTION,
 ) = range(12)
 CAP = 4  # column of RouteMap.rows after those of the pose
-MOST_INNER = 8  # lanes at most from a junction's entry to its exit
 END_GAP = 1.5  # m kept to the end of a lane that leads nowhere
 UPSTREAM_VIEW = 200.0  # m before the route over which the lanes that lead into it are followed
 
@@ -183,25 +182,13 @@ def _collect(
         for lane in here:
             paths = []
             for k in range(road.successor_offset[lane], road.successor_offset[lane + 1]):
-                path = _path(road, int(road.successor[k]))
+                path = connection(road, int(road.successor[k]))
                 if path[-1] in target and usable(road, np.array(path), vclass).all():
                     paths.append(path)
                     lanes += path[:-1]
                     legs += [leg] * (len(path) - 1)
             following[leg, lane] = paths
     return lanes, legs, following
-
-
-def _path(road: RoadMap, lane: int) -> list[int]:
-    """From the first lane of a connection to its exit lane."""
-    path = [lane]
-    while (
-        road.internal[path[-1]]
-        and road.successor_offset[path[-1]] < road.successor_offset[path[-1] + 1]
-        and len(path) < MOST_INNER
-    ):
-        path.append(int(road.successor[road.successor_offset[path[-1]]]))
-    return path
 
 
 def _continuations(

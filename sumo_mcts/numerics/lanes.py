@@ -18,6 +18,20 @@ def successors(road: RoadMap, lane: int) -> list[int]:
     return following
 
 
+def connection(road: RoadMap, lane: int) -> list[int]:
+    """The lanes of a junction from one of them on, then the ordinary lane where they end.
+
+    An ordinary lane is all by itself; where nothing follows the last one is internal.
+    """
+    path = [lane]
+    while road.internal[path[-1]]:
+        onward = successors(road, path[-1])
+        if not onward or onward[0] in path:
+            break
+        path.append(onward[0])
+    return path
+
+
 def usable(road: RoadMap, lanes: Ints | NDArray[np.int64] | slice, vclass: int) -> NDArray[Any]:
     """[lanes] whether a vehicle of this class may drive on them."""
     classes = road.classes[lanes]

@@ -33,7 +33,7 @@ def film(trace: Trace, path: Path, note: Note = silent) -> None:
         import imageio_ffmpeg as encoders
     except ImportError:
         raise EncoderError(
-            "needs an encoder that is not installed: pip install 'sumo-mcts[video]'; png and gif "
+            "needs an encoder that is not installed: pip install imageio-ffmpeg; png and gif "
             "need none"
         ) from None
     drawn = map(_even, frames(trace, WIDTH, note))

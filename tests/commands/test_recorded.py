@@ -402,7 +402,7 @@ def test_mp4_without_its_extra_names_it(several: Path, monkeypatch: pytest.Monke
     message = error_of("render", several, "--episode", "crossing--mcts--7", "--format", "mp4")
     assert (
         message
-        == "--format mp4: needs an encoder that is not installed: pip install 'sumo-mcts[video]'; "
+        == "--format mp4: needs an encoder that is not installed: pip install imageio-ffmpeg; "
         "png and gif need none"
     )
 

@@ -67,7 +67,7 @@ def test_without_an_encoder_the_extra_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(film.EncoderError, match=r"pip install 'sumo-mcts\[video\]'"):
+    with pytest.raises(film.EncoderError, match=r"pip install imageio-ffmpeg"):
         film.film(crossing_trace(), tmp_path / "f.mp4")
     assert list(tmp_path.iterdir()) == []
 
