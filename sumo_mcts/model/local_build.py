@@ -85,7 +85,7 @@ def build_local(
     ahead = np.full((last - first, last - first), np.inf)
     _fill_ahead(ahead, route.next, route.length, first)
     level, place = _levels(road, route.lane[view], lane, s, 2.0 * forecast.half_length)
-    closed = closed_lines(route, view, scene, forecast, state, rules)
+    closed, yellow = closed_lines(route, view, scene, forecast, state, rules)
     bits = _bits(forecast, node, scene.ego)
     followers = _followers(node[0], s[0], forecast.reacts, bits, ahead, state, first)
     behind = (bits >= 0) & ((followers >> np.maximum(bits, 0)) & 1 > 0)
@@ -105,6 +105,7 @@ def build_local(
         node=route.table,
         row=route.rows,
         closed=closed,
+        yellow=yellow,
         level=level,
         place=place,
         ahead=ahead,
@@ -127,6 +128,7 @@ def build_local(
         open_ahead=_is_open(route, closed, first, state, limit * times * forecast.dt + FREE_BEYOND),
         stop_at=_stop_at(route, state, rules.cleared, here),
         followers=followers,
+        stop_decel=rules.stop_decel,
         aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
         patience=rules.patience,
         asked=rules.asked,

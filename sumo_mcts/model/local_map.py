@@ -27,6 +27,9 @@ class LocalMap(NamedTuple):
     node: Floats  # RouteMap.table, of the whole route
     row: Floats  # RouteMap.rows
     closed: NDArray[np.uint8]  # [W, T] the stop line at the node's end may not be crossed
+    # [W, 2] s from now at which the green light at the node's end turns yellow, and yellow ends;
+    # inf: it does not, as far as known
+    yellow: Floats
     # [W, K] how the ego's lanes meet those that agents drive: bits by INSIDE, ENDS, BEGINS below
     # (see local_build._levels)
     level: Indices
@@ -60,6 +63,7 @@ class LocalMap(NamedTuple):
     # bit mask (trait BIT) of the agents that are behind the ego in its lane and react: their
     # contact is imposed braking
     followers: int
+    stop_decel: float  # m/s2 of braking beyond which a yellow light is passed
     # m to the side that a lane change keeps clear, since it may differ a little from its plan
     aside: float
     # share of its price that comfortable braking of others costs an ego that has waited for a gap

@@ -131,7 +131,7 @@ def _move(
     """Along the lane and into the next ones; a lane change goes on."""
     node, other, s, progress, event = state.node, state.other, state.s + moved, state.progress, FREE
     while s > local.node[node, LENGTH]:
-        if is_closed(local, node, time):
+        if _must_stop(local, p, node, state, local.node[node, LENGTH] - s, time):
             event = RED_LINE
         follow = int(local.node[node, NEXT])
         if follow < 0:
@@ -264,7 +264,7 @@ def _to_line(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
     limit = state.v * state.v / (2.0 * p.approach_decel) + state.v * (1.0 + p.step) + 10.0
     while node >= 0 and distance < limit:
         distance += local.node[node, LENGTH]
-        if is_closed(local, node, time):
+        if _must_stop(local, p, node, state, distance, time):
             return distance
         node = int(local.node[node, NEXT])
     return math.inf
@@ -298,6 +298,28 @@ def is_closed(local: LocalMap, node: int, time: float) -> bool:
     if i < 0 or i >= local.closed.shape[0] or local.node[node, STOP_LINE] == 0.0:
         return False
     return local.closed[i, min(index_at(local, time), local.closed.shape[1] - 1)] != 0
+
+
+@kernel
+def _must_stop(
+    local: LocalMap, p: EgoParams, node: int, state: State, distance: float, time: float
+) -> bool:
+    """Whether the stop line at the node's end, `distance` m ahead, is to be kept at `time`.
+
+    A yellow light is passed by an ego that it caught too near to stop. How it drove then is
+    reckoned from now, with a deceleration of approach_decel at most: it may slow down for a turn,
+    and one that brakes for the line is not let go.
+    """
+    if not is_closed(local, node, time):
+        return False
+    came, ends = local.yellow[node - local.first, 0], local.yellow[node - local.first, 1]
+    if not came - local.dt < time < ends:
+        return True
+    if time < came:  # closed by rounding to the forecast's times
+        return False
+    since, slowed = time - came, min(max(-state.a, 0.0), p.approach_decel)
+    v = state.v + slowed * since
+    return v * v <= 2.0 * local.stop_decel * (distance + 0.5 * (state.v + v) * since)
 
 
 @kernel

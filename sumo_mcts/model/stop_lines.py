@@ -1,5 +1,6 @@
 """When the stop lines ahead may not be crossed: red and yellow lights, and stop signs."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.numerics.signals import signal_states
-from sumo_mcts.scene import GREEN, YELLOW, Forecast, Scene
+from sumo_mcts.scene import GREEN, YELLOW, Floats, Forecast, Ints, Scene
 
 # m/s2 of braking beyond which the ego does not stop for red: yellow was short, or it departs right
 # before a red light
@@ -28,11 +29,13 @@ class Rules(NamedTuple):
 
 def closed_lines(
     route: RouteMap, view: slice, scene: Scene, forecast: Forecast, state: State, rules: Rules
-) -> NDArray[np.uint8]:
-    """[W, T] red and yellow lights, and stop signs at which the ego has not stood yet."""
+) -> tuple[NDArray[np.uint8], Floats]:
+    """LocalMap.closed [W, T] and LocalMap.yellow [W, 2]: red and yellow lights, and stop signs at
+    which the ego has not stood yet."""
     first, here = view.start, route.station[state.node] + state.s
     times = forecast.pose.shape[1]
     closed = np.zeros((view.stop - first, times), np.uint8)
+    yellow = np.full((view.stop - first, 2), np.inf)
     lines = first + np.flatnonzero(route.stop[view])
     for n in lines[route.signal[lines] < 0]:
         closed[n - first] = int(n) not in rules.cleared
@@ -40,12 +43,39 @@ def closed_lines(
     grid = np.arange(times, dtype=np.float64) * forecast.dt
     states = signal_states(scene.signals, route.signal[lights], route.link[lights], grid)
     for n, shows in zip(lights, states, strict=True):
+        until = scene.signals.until[route.signal[n]]
+        phases = scene.signals.state[scene.signals.offset[route.signal[n]] + route.link[n]]
+        yellow[n - first] = _next_yellow(phases, until)
         closed[n - first] = shows != GREEN
-        distance = route.station[n] + route.length[n] - here
-        # An ego that the change to yellow (or an unannounced switch) catches too close to stop goes
-        # on: until the next green or the stop line.
-        decel = rules.stop_decel if shows[0] == YELLOW else max(rules.stop_decel, RED_DECEL)
-        if shows[0] != GREEN and state.v > 0.5 and 0.0 < distance < state.v**2 / (2.0 * decel):
+        distance = float(route.station[n] + route.length[n] - here)
+        if shows[0] != GREEN and _goes_on(state.v, distance, phases, until, rules.stop_decel):
             reopened = np.flatnonzero(shows == GREEN)
             closed[n - first, : reopened[0] if len(reopened) else times] = 0
-    return closed
+    return closed, yellow
+
+
+def _goes_on(v: float, distance: float, phases: Ints, until: Floats, stop_decel: float) -> bool:
+    """Whether the change to yellow (or an unannounced switch) caught the ego too near to stop:
+    it goes on until the next green or the stop line.
+
+    `phases` and `until` [K]: what the light shows, and s from now at which that ends.
+    """
+    in_time = phases[0] == YELLOW and distance < v * _lasts(phases, until, 0)
+    decel = stop_decel if in_time else max(stop_decel, RED_DECEL)
+    return v > 0.5 and 0.0 < distance < v * v / (2.0 * decel)
+
+
+def _next_yellow(phases: Ints, until: Floats) -> tuple[float, float]:
+    """When a green light turns yellow for the first time, and when that ends, s from now; inf:
+    never, as far as known."""
+    for k in range(1, len(phases)):
+        if phases[k] == YELLOW and phases[k - 1] == GREEN:
+            return float(until[k - 1]), _lasts(phases, until, k)
+    return math.inf, math.inf
+
+
+def _lasts(phases: Ints, until: Floats, k: int) -> float:
+    """Until when the light shows what it shows in phase k, s from now."""
+    while k + 1 < len(phases) and phases[k + 1] == phases[k]:
+        k += 1
+    return float(until[k])

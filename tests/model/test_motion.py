@@ -17,7 +17,7 @@ from helpers_model import (
     scene_of,
     task_of,
 )
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from sumo_mcts.driver.params import Physics
@@ -37,7 +37,7 @@ from sumo_mcts.model.motion import (
 )
 from sumo_mcts.model.route import LENGTH, STATION
 from sumo_mcts.planners.base import Task
-from sumo_mcts.scene import GREEN, RED, RoadMap, Signals
+from sumo_mcts.scene import GREEN, RED, YELLOW, RoadMap, Signals
 
 PHYSICS_OF = {
     "euler": PHYSICS,
@@ -257,6 +257,75 @@ def test_an_open_line_is_crossed_and_a_closed_one_is_told() -> None:
     assert all(event == FREE for _, event in drive(local, task.ego, state, [0.0] * 5))
     line = int(np.flatnonzero(task.route.stop)[0]) - local.first
     local.closed[line, 5:] = 1  # too late: 1 s from now, 8 m before the line
+    assert drive(local, task.ego, state, [0.0] * 5)[-1][1] == RED_LINE
+
+
+def yellow_in(seconds: float, lasts: float = 3.0) -> Signals:
+    return Signals(
+        np.array([0, 1], np.int32),
+        np.array([[GREEN, YELLOW, RED]], np.int32),
+        np.array([[seconds, seconds + lasts, math.inf]]),
+    )
+
+
+@pytest.mark.parametrize("moves", PHYSICS_OF.values(), ids=PHYSICS_OF)
+@pytest.mark.parametrize("before", [0.0, 0.5, 1.0, 2.0, 4.0])
+@given(st.floats(4.0, 14.5), st.floats(1.0, 7.0))
+def test_yellow_is_passed_where_three_metres_per_second_squared_would_not_have_stopped(
+    moves: Physics, before: float, v: float, needed: float
+) -> None:
+    """`needed`: the deceleration that would stop the ego when yellow comes."""
+    away = v * v / (2.0 * needed)
+    assume(abs(needed - 3.0) > 0.05 and away / v + moves.step < 2.9)
+    before = round(before / moves.step) * moves.step
+    task, local, state = on_road(
+        road_with_light(),
+        "a_0",
+        200.0 - away - before * v,
+        v,
+        moves,
+        route=("a", "b"),
+        signals=yellow_in(before),
+    )
+    states = drive(local, task.ego, state, [0.0] * 8)
+    crossed = next((k for k, (after, _) in enumerate(states) if after.node > 0), None)
+    if needed > 3.0:
+        assert crossed is not None and all(event == FREE for _, event in states)
+        assert before <= (crossed + 1) * moves.step < before + 3.0 + moves.step
+    else:
+        assert crossed is None
+
+
+@pytest.mark.parametrize("moves", PHYSICS_OF.values(), ids=PHYSICS_OF)
+@given(st.floats(4.0, 14.5), st.floats(0.5, 2.8), accelerations)
+def test_an_ego_that_yellow_found_far_enough_away_is_never_let_go(
+    moves: Physics, v: float, needed: float, asked: list[float]
+) -> None:
+    """However hard or late it brakes."""
+    task, local, state = on_road(
+        road_with_light(), "a_0", 10.0, v, moves, route=("a", "b"), signals=yellow_in(0.0, 8.0)
+    )
+    local.yellow[int(np.flatnonzero(task.route.stop)[0]) - local.first] = 0.0, 8.0
+    states = drive(local, task.ego, state._replace(s=200.0 - v * v / (2.0 * needed)), asked)
+    assert all(after.node == 0 for after, _ in states)
+
+
+def test_an_ego_that_slows_down_for_its_turn_passes_yellow() -> None:
+    """It needed 4 m/s2 to stop when yellow came, and crosses at less than half of its speed."""
+    task, local, state = on_road(
+        road_with_light(after=6.0), "a_0", 10.0, 12.0, route=("a", "b"), signals=yellow_in(0.0)
+    )
+    local.yellow[int(np.flatnonzero(task.route.stop)[0]) - local.first] = 0.0, 3.0
+    states = drive(local, task.ego, state._replace(s=182.0, a=-2.0), [-2.0, -2.0])
+    assert any(after.node > 0 for after, _ in states)
+    assert all(event == FREE for _, event in states)
+
+
+def test_red_is_never_passed() -> None:
+    """Nor by an ego that yellow caught too near, where yellow is too short for it."""
+    task, local, state = on_road(
+        road_with_light(), "a_0", 172.0, 14.5, route=("a", "b"), signals=yellow_in(0.1, 1.0)
+    )
     assert drive(local, task.ego, state, [0.0] * 5)[-1][1] == RED_LINE
 
 

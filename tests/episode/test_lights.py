@@ -1,4 +1,4 @@
-"""Standing at a light in SUMO: a planner that stands at green, and SUMO's driver, who does not."""
+"""At a light in SUMO: a planner that stands at green, and yellow that comes at any moment."""
 
 from pathlib import Path
 from typing import Any
@@ -111,3 +111,17 @@ def test_a_light_that_goes_out_is_not_green(tmp_path: Path) -> None:
     assert row["outcome"] == "arrived"
     assert row["longest_stop_s"] > STANDS_S - RED_S
     assert row["stopped_at_green_s"] == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("yellow_s", [13.0, 14.0, 14.5, 15.0, 15.5, 16.0])
+def test_yellow_is_passed_as_by_sumo_s_driver(yellow_s: float, tmp_path: Path) -> None:
+    """An ego that knows when yellow comes does not brake for it before, where it may be passed."""
+    phases = (
+        f'<phase duration="{yellow_s}" state="GG"/><phase duration="3" state="yy"/>'
+        '<phase duration="60" state="rr"/><phase duration="200" state="GG"/>'
+    )
+    (ego,) = driven(tmp_path, "mcts", phases, "one")
+    (twin,) = driven(tmp_path, "sumo", phases, "one")
+    assert (ego["red_lights_run"], ego["yellow_run"]) == (0, 0)
+    assert ego["travel_time_s"] < twin["travel_time_s"] + 1.0
