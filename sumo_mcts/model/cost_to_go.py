@@ -17,12 +17,14 @@ from sumo_mcts.model.local_map import (
     FREE_S,
     GAP_S,
     GATE,
+    LINE,
     NEXT_FREE_S,
     NEXT_GATE,
     OPENINGS,
     OPENS,
     OWN_NODE,
     QUEUE,
+    SPREAD,
     STREAM_S,
     STRETCH_END,
     LocalMap,
@@ -48,7 +50,8 @@ MOST_GAP_S = 20.0  # s expected at most until a stream has a gap: it may end bef
 def gates(
     road: RoadMap, route: RouteMap, first: int, last: int, signals: Signals, gap_s: Floats
 ) -> tuple[Floats, Floats]:
-    """LocalMap.gate [G, .] and LocalMap.to_gate [W, 4] of the nodes [first, last).
+    """LocalMap.gate [G, .] and LocalMap.to_gate [W, 7] of the nodes [first, last), but for what
+    least_cost.py fills in.
 
     `gap_s` [W]: seconds expected until the streams that a node yields to have a gap.
     """
@@ -61,7 +64,7 @@ def gates(
     gate = np.full((len(those), CLOSES + 2 * OPENINGS), np.inf)
     for row, i in zip(gate, those.tolist(), strict=True):
         n = first + i
-        row[GAP_S], row[STREAM_S] = gap[i], 0.0
+        row[LINE], row[GAP_S], row[STREAM_S] = i, gap[i], 0.0
         if gap[i] > 0.0:
             row[STREAM_S] = _stream_ends(road, int(route.lane[route.next[n]]), signals)
         openings = (
@@ -70,7 +73,7 @@ def gates(
             else [(0.0, math.inf)]
         )
         row[OPENS : OPENS + 2 * len(openings)] = np.ravel(openings)
-    to_gate = np.full((last - first, QUEUE + 1), np.inf)
+    to_gate = np.full((last - first, SPREAD + 1), np.inf)
     at = np.full(last - first, -1)
     at[those] = np.arange(len(those))
     _fill_to_gate(to_gate, gate, at, route.table, route.changes, first)
@@ -189,7 +192,7 @@ def waiting_s(local: LocalMap, state: State, time: float, lost: float) -> float:
     closed = local.gate[gate, OPENS] > time or local.gate[gate, CLOSES] <= arrives
     queue, waits = DISCHARGE_S * _queued(local, state, time) if closed else 0.0, 0.0
     while gate >= 0:
-        passes = _passes(local, gate, arrives, time, queue)
+        passes = passes_at(local, gate, arrives, time, queue)
         waits += passes - arrives
         arrives = passes + local.gate[gate, NEXT_FREE_S]
         gate, queue = int(local.gate[gate, NEXT_GATE]), 0.0
@@ -197,7 +200,7 @@ def waiting_s(local: LocalMap, state: State, time: float, lost: float) -> float:
 
 
 @kernel
-def _passes(local: LocalMap, gate: int, arrives: float, time: float, queue: float) -> float:
+def passes_at(local: LocalMap, gate: int, arrives: float, time: float, queue: float) -> float:
     """When the ego passes a gate that it reaches at `arrives`, in the mean, s from now.
 
     `queue`: s that those need who stand before it.
@@ -235,8 +238,9 @@ def _queued(local: LocalMap, state: State, time: float) -> int:
     now = min(now, local.agent.shape[0] - 1)
     for j in range(local.agent.shape[1]):
         node = node_of(local, now, j)
-        if node < 0 or follows(local, local.followers, j):
+        if node < 0:
             continue
-        if 0.0 < chain_gap(local, lane, state.s, node, local.agent[now, j, S]) < away:
+        gap = chain_gap(local, lane, state.s, node, local.agent[now, j, S])
+        if 0.0 < gap < away and not follows(local, local.followers, j):
             count += 1
     return count

@@ -46,6 +46,7 @@ from sumo_mcts.scene import Floats
 # m beyond which agents are ignored, but for those ahead in the ego's lane: a leader that came into
 # sight only there would cost the ego so much at once that it would rather wait out of sight.
 SIGHT = 80.0
+LOOKS_FURTHER = 40.0  # m to the leader in sight: with less none out of sight is nearer
 # Cost of standing on the path of a person on foot, as a share of that of an occupied place. In full
 # it would exceed that of a contact.
 ROUND_SHARE = 0.1
@@ -88,13 +89,12 @@ def meet(  # noqa: PLR0915
     rate, once, gap, leader_v = 0.0, 0.0, math.inf, 0.0
     own = wide.half_length + wide.half_width + 0.5 * state.v * local.dt + 0.01
     for i in range(local.agent.shape[1]):
+        if _is_distant(local, x, y, t, i):
+            continue
         node, moved = node_of(local, t, i), local.trait[i, SLOT] >= 0.0
         if node == GONE:
             continue
-        far = abs(local.agent[t, i, X] - x) > SIGHT or abs(local.agent[t, i, Y] - y) > SIGHT
-        if far and node < 0:
-            continue
-        near = not far and (moved or may_be_near(local, x, y, own, t, i))
+        near = moved or may_be_near(local, x, y, own, t, i)
         comes_to = upstream_of(local, t, i) if changing else -1
         if node < 0 and comes_to < 0 and not near:
             continue
@@ -119,8 +119,6 @@ def meet(  # noqa: PLR0915
             )
             if to_rear < gap:
                 gap, leader_v = to_rear, v
-            if far:
-                continue
             if changing and is_beside_in_lane(local, p, state, node, s, length):
                 return Meeting(True, rate, once, Neighbours(gap, leader_v, followers))
             left = lane_left(local, i, t) if changing else -1
@@ -150,10 +148,45 @@ def meet(  # noqa: PLR0915
         if math.isinf(nearness):
             return Meeting(True, rate, once, Neighbours(gap, leader_v, followers))
         rate += nearness
+    if gap > LOOKS_FURTHER:
+        gap, leader_v = _distant_leader(local, state, x, y, others, followers, t, gap, leader_v)
     if local.node[state.node, INTERNAL] > 0.0:
         rate += yielding_cost(local, p, c, state, t)
     rate += _headway(c, gap, state.v)
     return Meeting(False, rate, once, Neighbours(gap, leader_v, followers))
+
+
+@inlined
+def _is_distant(local: LocalMap, x: float, y: float, t: int, i: int) -> bool:
+    """Whether agent i is out of sight from (x, y) at forecast time `t`."""
+    return abs(local.agent[t, i, X] - x) > SIGHT or abs(local.agent[t, i, Y] - y) > SIGHT
+
+
+@kernel
+def _distant_leader(
+    local: LocalMap, state: State, x: float, y: float, others: Floats, followers: int, t: int,
+    gap: float, leader_v: float,
+) -> tuple[float, float]:  # fmt: skip
+    """The gap (m) and speed (m/s) of the leader, which may be out of sight from (x, y); the nearest
+    one in sight is at `gap` and drives at leader_v."""
+    for i in range(local.agent.shape[1]):
+        node = node_of(local, t, i)
+        if node < 0 or not _is_distant(local, x, y, t, i):
+            continue
+        v, s, moved = local.agent[t, i, V], local.agent[t, i, S], local.trait[i, SLOT] >= 0.0
+        if moved:
+            _, _, _, _, v, s, at = seen(local, others, i, t)
+            node = node_of(local, at, i)
+            if node < 0:
+                continue
+        to_agent = gap_ahead(local, state, node, s)
+        to_rear = min(
+            to_agent - 2.0 * local.trait[i, HALF_LENGTH] if to_agent >= 0.0 else math.inf,
+            gap_to_leaving(local, state, i, s, t),
+        )
+        if to_rear < gap and (moved or not follows(local, followers, i)):
+            gap, leader_v = to_rear, v
+    return gap, leader_v
 
 
 @inlined

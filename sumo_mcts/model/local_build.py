@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.model.cost_to_go import gap_times, gates
+from sumo_mcts.model.least_cost import fill_sure
 from sumo_mcts.model.local_map import (
     ELSEWHERE,
     GONE,
@@ -99,6 +100,7 @@ def build_local(
     owed = obligations(road, route, first, last, here, coming)
     gap_s = gap_times(owed, route.leg, first, last, (times - 1) * forecast.dt, scene.ego.length)
     gate, to_gate = gates(road, route, first, last, scene.signals, gap_s)
+    fill_sure(gate, to_gate, closed, route, first, scene.step)
     return LocalMap(
         gate=gate,
         to_gate=to_gate,

@@ -49,7 +49,7 @@ class LocalMap(NamedTuple):
     obligation: Floats
     # [G, .] NEXT_GATE .. CLOSES below: places ahead where the ego may have to wait
     gate: Floats
-    to_gate: Floats  # [W, 4] GATE .. QUEUE below
+    to_gate: Floats  # [W, 7] GATE .. SPREAD below
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
     # mean speed of the others near the ego in the lanes in which the route goes on, m/s; without
@@ -99,13 +99,19 @@ HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, GOES_ROUND = 
 OWN_NODE, STRETCH_END, AGENT, ENTERS, MERGES = range(5)
 
 # Columns of LocalMap.gate (model/cost_to_go.py): the gate after it, -1: none; s of free driving
-# there; s until the streams that it yields to have a gap; s until they end; then OPENINGS pairs of
-# times (s from now) at which it opens and closes, inf: none.
-NEXT_GATE, NEXT_FREE_S, GAP_S, STREAM_S, OPENS, CLOSES = range(6)
+# there; its node, counted from `first`; the sure gate after it, likewise SURE .. SPREAD below; s
+# until the streams that it yields to have a gap; s until they end; then OPENINGS pairs of times (s
+# from now) at which it opens and closes, inf: none.
+(
+    NEXT_GATE, NEXT_FREE_S, LINE, SURE_NEXT, SURE_LATEST, SURE_SPREAD, GAP_S, STREAM_S, OPENS,
+    CLOSES,
+) = range(10)  # fmt: skip
 OPENINGS = 4
 # Columns of LocalMap.to_gate: the next gate, -1: none; s of free driving and m to it from the
-# start of the node; the node whose lane the ego needs there.
-GATE, FREE_S, AWAY, QUEUE = range(4)
+# start of the node; the node whose lane the ego needs there. The next gate on whatever lanes the
+# ego drives there (model/least_cost.py), -1: none; s of free driving to it at most; by how much
+# less it may be.
+GATE, FREE_S, AWAY, QUEUE, SURE, LATEST, SPREAD = range(7)
 
 # Columns of LocalMap.bounds, m.
 WEST, EAST, SOUTH, NORTH = range(4)

@@ -136,7 +136,8 @@ def _move(
         follow = int(local.node[node, NEXT])
         if follow < 0:
             if math.isinf(local.node[node, REACH]):
-                return State(node, local.node[node, LENGTH], speed, a, 0.0, -1, 0.0), GOAL
+                event = GOAL if event == FREE else event
+                return State(node, local.node[node, LENGTH], speed, a, 0.0, -1, 0.0), event
             event = OFF_END if speed > HELD else event
             # SUMO holds a vehicle at the end of a lane that leads nowhere
             moved, s, speed, a = 0.0, local.node[node, LENGTH], 0.0, 0.0

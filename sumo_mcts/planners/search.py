@@ -10,6 +10,7 @@ from numpy.random import Generator
 from sumo_mcts.model.cost import LEAST_LOSS, terminal
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.interaction import meet
+from sumo_mcts.model.least_cost import least_cost
 from sumo_mcts.model.local_map import LocalMap, State, kept_state
 from sumo_mcts.model.motion import EgoParams, begin_change
 from sumo_mcts.numerics.kernel import entry, inlined, kernel
@@ -137,7 +138,7 @@ def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
                 return node
             if i < 0 or tree.closed[i]:
                 continue
-            if _is_pruned(tree, c, q, i, spent(tree, i), beat):
+            if _is_pruned(tree, c, q, i, spent(tree, i) + tree.least[i], beat):
                 tree.closed[i] = True
                 continue
             value = -min((tree.best[i] - low) / (high - low), 1.0)
@@ -156,8 +157,8 @@ def _select(tree: Tree, c: CostParams, q: SearchParams, beat: float) -> int:
 def _is_pruned(
     tree: Tree, c: CostParams, q: SearchParams, node: int, cost: float, beat: float
 ) -> bool:
-    """Whether a sequence through a node below the root that has cost this much already cannot
-    become the best: costs only add up. Where even the best may be lost nothing is pruned."""
+    """Whether a sequence through a node below the root that costs at least this much cannot become
+    the best. Where even the best may be lost nothing is pruned."""
     while q.each and tree.level[node] > 1:
         node = tree.parent[node]
     known = tree.best[node] if q.each else min(tree.best[0], beat)
@@ -194,9 +195,11 @@ def _expand(
         changed = c.lane_change
     copy_pairs(tree.others[node], tree.moving)
     ply = simulate(local, p, c, q, state, tree.moving, near_of(tree, node), action, at)
-    if level > 0 and ply.end == ALIVE:
+    least = 0.0
+    if q.adaptive and ply.end == ALIVE:
+        least = least_cost(local, p, c, ply.state, (at + q.ply) * p.step, q.horizon)
         cost = spent(tree, node) + ply.safety + ply.comfort + ply.passability + ply.other + changed
-        if _is_pruned(tree, c, q, node, cost, beat):
+        if level > 0 and _is_pruned(tree, c, q, node, cost + least, beat):
             return IMPOSSIBLE
     if action.side == 0 and is_known(tree, node, k, ply.state):
         return IMPOSSIBLE
@@ -209,7 +212,7 @@ def _expand(
     tree.cost[i, COMFORT] = tree.cost[node, COMFORT] + ply.comfort
     tree.cost[i, PASSABILITY] = tree.cost[node, PASSABILITY] + ply.passability
     tree.cost[i, OTHER] = tree.cost[node, OTHER] + changed + ply.other
-    tree.end[i] = ply.end
+    tree.end[i], tree.least[i] = ply.end, least
     if ply.end != ALIVE:
         tree.best[i] = spent(tree, i) + ply.loss
     return i

@@ -44,6 +44,7 @@ class Tree(NamedTuple):
     leader: Floats  # [M, 2] GAP (m) and LEADER_V (m/s)
     others: Floats  # [M, R, 2] the agents that the search moves (see model/reactions.py)
     cost: Floats  # [M, 4] SAFETY .. OTHER from the root
+    least: Floats  # [M] J from there on is no lower (model/least_cost.py), where the search prunes
     # of the tree, not of a node:
     moving: Floats  # [R, 2] scratch for the agents that the search moves
     plan: Floats  # [A, levels, 3] for each root action the best sequence (see actions.py)
@@ -73,6 +74,7 @@ def new_tree(size: int, actions: int, plies: int, others: Floats) -> Tree:
         leader=np.zeros((size, 2)),
         others=moved,
         cost=np.zeros((size, 4)),
+        least=np.zeros(size),
         moving=others.copy(),
         plan=no_actions(actions, plies),
         line=no_actions(plies),

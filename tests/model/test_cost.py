@@ -22,10 +22,13 @@ from sumo_mcts.model.local_build import _fill_upstream, _levels
 from sumo_mcts.model.local_map import (
     AGENT,
     ENTERS,
+    HALF_LENGTH,
     NODE,
     UPSTREAM,
     LocalMap,
+    S,
     State,
+    V,
     chain_gap,
     follows,
     on_other_level,
@@ -470,6 +473,44 @@ def test_only_the_stop_sign_that_comes_next_and_only_until_the_ego_has_stood_the
 
 
 # --- a leader far ahead ---
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.integers(0, 2),
+    st.lists(
+        st.tuples(st.integers(0, 2), st.floats(0.0, 590.0), st.floats(4.0, 18.0), st.booleans()),
+        max_size=8,
+    ),
+    st.floats(0.0, 0.6),
+)
+def test_the_leader_is_the_nearest_ahead_in_the_lanes_of_the_ego(
+    lane: int, cars: list[tuple[int, float, float, bool]], progress: float
+) -> None:
+    """Whether it is in sight or not: looked for in every agent, one after the other."""
+    road = lanes_east(3)
+    ego = ego_at(road, f"a_{lane}", 200.0, 12.0)
+    agents = [
+        Agent(f"c{k}", f"a_{n}", s, 5.0 + k, length=length)
+        for k, (n, s, length, _) in enumerate(cars)
+        if s - length > 205.0 or s < 190.0
+    ]
+    task = task_of(road, ego)
+    local, state = local_of(task, scene_of(ego, road, *agents))
+    if progress > 0.1:
+        state = state._replace(progress=progress, other=(lane + 1) % 2)
+    behind = sum(
+        1 << k for k, car in enumerate(cars) if car[3] and k < len(local.trait)
+    )  # some of them follow the ego
+    lanes = {state.node, state.other}
+    gaps = [
+        (float(row[S]) - state.s - 2.0 * float(trait[HALF_LENGTH]), float(row[V]))
+        for k, (row, trait) in enumerate(zip(local.agent[0], local.trait, strict=True))
+        if int(row[NODE]) in lanes and row[S] >= state.s and not follows(local, behind, k)
+    ]
+    met = meet(local, task.ego, task.cost, state, NO_OTHERS, behind, 0)
+    if not met.contact:
+        assert (met.near.gap, met.near.leader_v) == pytest.approx(min(gaps, default=(math.inf, 0)))
 
 
 @pytest.mark.parametrize("ahead", [60.0, 79.0, 85.0, 200.0])

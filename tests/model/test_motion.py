@@ -443,3 +443,19 @@ def test_car_following_is_the_intelligent_driver_model(
     assert follow_accel(p, v, limit, gap, leader_v) == pytest.approx(
         naive.follow(p, v, limit, gap, leader_v), rel=1e-9, abs=1e-9
     )
+
+
+def test_a_closed_line_crossed_in_the_step_that_ends_the_route_is_crossed() -> None:
+    road = build(
+        [
+            Lane("a", 0, ((0.0, 0.0), (100.0, 0.0)), (":m_0",)),
+            Lane(":m", 0, ((100.0, 0.0), (100.2, 0.0)), ("b_0",), junction="m", signal="t", link=0),
+            Lane("b", 0, ((100.2, 0.0), (100.5, 0.0))),
+        ]
+    )
+    ego = ego_at(road, "a_0", 99.9, 10.0, route=edges(road, "a", "b"))
+    task = task_of(road, ego)
+    local, state = local_of(task, scene_of(ego, road, signals=lights(GREEN)))
+    assert advance(local, task.ego, state, 0.0, 0.0)[1] == GOAL
+    local.closed[:] = 1
+    assert advance(local, task.ego, state, 0.0, 0.0)[1] == RED_LINE

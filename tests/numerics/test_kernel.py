@@ -461,12 +461,13 @@ NEEDED = {
     """,
     "gaps": "gap_ahead gap_behind gap_to_leaving lane_left",
     "geometry": "boxes_touch chord point_at point_on swung",
-    "interaction": "_headway _nearness _swept _touch meet",
+    "interaction": "_distant_leader _headway _is_distant _nearness _swept _touch meet",
     "krauss": "safe_speed",
+    "least_cost": "_fill_sure _merged least_cost",
     "local_build": "_fill_ahead _fill_upstream _followers",
     "local_map": "chain_gap follows index_at keep_state kept_state node_of on_other_level",
     "motion": """
-        _cap _move _moved _next_speed _to_line _towards_line _turned advance follow_accel
+        _cap _move _moved _must_stop _next_speed _to_line _towards_line _turned advance follow_accel
         is_closed pose_of within_step
     """,
     "behaviour": "_driving_accel _step_all",

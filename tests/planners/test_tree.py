@@ -71,13 +71,14 @@ def check(grown: Grown) -> None:
         assert np.all(tree.cost[node] >= 0.0) and (
             node == 0 or np.all(tree.cost[node] >= tree.cost[tree.parent[node]])
         )
-        assert tree.best[node] >= tree.cost[node].sum() - 1e-9
+        least = tree.cost[node].sum() + tree.least[node]
+        assert tree.best[node] >= least - 1e-9
         known = (
             tree.best[0]
             if grown.q.adaptive and tree.best[0] < 0.5 * grown.task.cost.contact
             else math.inf
         )
-        hopeless = tree.cost[node].sum() >= known
+        hopeless = least >= known
         spent = (
             grown.q.adaptive
             and tree.level[node] == grown.q.look_ahead
