@@ -421,6 +421,7 @@ def test_options(words: tuple[str, ...], said: str, command: Command, tmp_path: 
 
 BESIDE = {
     "run": ("good.yaml",), "forecast": ("good.yaml",), "regret": ("good.yaml",),
+    "value": ("good.yaml",),
     "batch": ("quick", "--out", "/nowhere"),
 }  # fmt: skip
 

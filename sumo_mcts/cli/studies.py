@@ -1,4 +1,4 @@
-"""The commands forecast, regret and bench: what is measured apart from experiments."""
+"""The commands forecast, regret, value and bench: what is measured apart from experiments."""
 
 from pathlib import Path
 from typing import Annotated, Optional
@@ -53,6 +53,14 @@ Every = Annotated[
 Converged = Annotated[
     bool,
     typer.Option("--converged", help="Measure the reference itself, against 100 times its budget."),
+]
+DenseOrScenarios = Annotated[
+    Optional[list[str]],
+    typer.Argument(help="As for `run`; default: the built-in kinds of dense situations."),
+]
+ValueFolder = Annotated[
+    Optional[Path],
+    typer.Option(help="Folder for states.csv, trips.csv, stands.csv and value.json."),
 ]
 RegretFolder = Annotated[
     Optional[Path],
@@ -119,6 +127,36 @@ def regret(
     plan = command.RegretPlan(asked, seeds, every, states, jobs)
     with progress("starting SUMO", quiet=quiet or as_json) as note:
         result = command.regret(
+            scenarios or (), ego or (), ego_until, tuple(assign or ()), plan, out, note,
+            allow_plugins=allow_plugins,
+        )  # fmt: skip
+    print_json(result) if as_json else typer.echo(command.table(result))
+    fail_with(result["problems"])
+
+
+@command()
+def value(
+    scenarios: DenseOrScenarios = None,
+    ego: EgoEach = None,
+    ego_until: Until = None,
+    seeds: Seeds = None,
+    every: Every = 2,
+    jobs: Jobs = None,
+    assign: Assignments = None,
+    out: ValueFolder = None,
+    allow_plugins: AllowPlugins = False,
+    as_json: AsJson = False,
+    quiet: NoProgress = False,
+) -> None:
+    """Measure how true the cost-to-go is, along trips that SUMO's driver drives."""
+    from sumo_mcts.commands import folders
+    from sumo_mcts.commands import value as command
+
+    if out is not None:
+        folders.check_folder(out)
+    plan = command.ValuePlan(seeds, every, jobs)
+    with progress("starting SUMO", quiet=quiet or as_json) as note:
+        result = command.value(
             scenarios or (), ego or (), ego_until, tuple(assign or ()), plan, out, note,
             allow_plugins=allow_plugins,
         )  # fmt: skip

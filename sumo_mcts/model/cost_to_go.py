@@ -188,15 +188,19 @@ def waiting_s(local: LocalMap, state: State, time: float, lost: float) -> float:
     arrives = (
         time + lost + max(local.to_gate[i, FREE_S] - state.s / local.node[state.node, LIMIT], 0.0)
     )
-    # a queue takes its time where the gate opens later
-    closed = local.gate[gate, OPENS] > time or local.gate[gate, CLOSES] <= arrives
-    queue, waits = DISCHARGE_S * _queued(local, state, time) if closed else 0.0, 0.0
+    queue, waits = DISCHARGE_S * _queued(local, state, time), 0.0
     while gate >= 0:
         passes = passes_at(local, gate, arrives, time, queue)
         waits += passes - arrives
         arrives = passes + local.gate[gate, NEXT_FREE_S]
         gate, queue = int(local.gate[gate, NEXT_GATE]), 0.0
     return waits
+
+
+@entry
+def expected_wait(local: LocalMap, state: State, time: float, lost: float) -> float:
+    """The same for Python."""
+    return waiting_s(local, state, time, lost)
 
 
 @kernel
@@ -213,7 +217,8 @@ def passes_at(local: LocalMap, gate: int, arrives: float, time: float, queue: fl
             break
         if closes <= now:
             continue
-        start = max(now, opens + queue) if opens > time else now
+        opens = max(opens, time)
+        start = max(now, opens + queue)
         if start >= closes:
             queue = max(queue - (closes - opens), 0.0)
             continue

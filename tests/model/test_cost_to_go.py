@@ -9,6 +9,7 @@ from helpers_model import compiled, local_of, road_with_light, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sumo_mcts.model.cost import terminal
 from sumo_mcts.model.cost_to_go import (
     DISCHARGE_S,
     MOST_GAP_S,
@@ -22,6 +23,8 @@ from sumo_mcts.model.local_map import (
     CLOSES,
     GAP_S,
     MERGES,
+    NEXT_FREE_S,
+    NEXT_GATE,
     OPENINGS,
     OPENS,
     OWN_NODE,
@@ -34,7 +37,7 @@ from sumo_mcts.model.occupancy import yielding_cost
 from sumo_mcts.planners.base import Task
 from sumo_mcts.scene import GREEN, RED, YELLOW, RoadMap, Signals
 
-waiting_s, yielding_cost = map(compiled, (waiting_s, yielding_cost))
+terminal, waiting_s, yielding_cost = map(compiled, (terminal, waiting_s, yielding_cost))
 
 Shown = tuple[int, float]  # what a light shows, and until when (s)
 
@@ -106,6 +109,77 @@ def test_coming_later_never_means_to_be_through_earlier(
     assert then >= now - 1e-6
 
 
+@settings(deadline=None, max_examples=60)
+@given(
+    st.floats(0.0, 60.0),
+    st.floats(0.0, 10.0),
+    st.floats(0.0, 190.0),
+    st.lists(st.tuples(st.floats(0.0, 30.0), st.floats(0.0, 80.0)), min_size=2, max_size=2),
+    st.lists(
+        st.lists(st.floats(1.0, 30.0), min_size=2, max_size=2 * OPENINGS), min_size=2, max_size=2
+    ),
+)
+def test_standing_still_never_brings_the_end_of_two_gates_nearer(
+    time: float,
+    later: float,
+    s: float,
+    waits: list[tuple[float, float]],
+    phases: list[list[float]],
+) -> None:
+    """Nor does being further back."""
+    _, local, state = before_a_light(s, 0.0, RED_FOR_20)
+    gate = np.repeat(local.gate, 2, axis=0)
+    gate[0, NEXT_GATE], gate[0, NEXT_FREE_S], gate[1, NEXT_GATE] = 1, 8.0, -1
+    for row, (gap, stream), each in zip(gate, waits, phases, strict=True):
+        row[GAP_S], row[STREAM_S] = gap, stream
+        row[OPENS:] = np.inf
+        ends = np.cumsum(each)[: len(each) // 2 * 2]
+        row[OPENS : OPENS + len(ends)] = ends
+    local = local._replace(gate=gate)
+    now, then = (t + waiting_s(local, state, t, 0.0) for t in (time, time + later))
+    assert then >= now - 1e-6
+    behind = state._replace(s=max(s - 10.0, 0.0))
+    away, further = ((200.0 - each.s) / 15.0 for each in (state, behind))
+    at_once, back = (
+        time + free + waiting_s(local, each, time, 0.0)
+        for free, each in ((away, state), (further, behind))
+    )
+    assert back >= at_once - 1e-6
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.lists(st.floats(181.0, 199.0), max_size=6),
+    st.floats(0.0, 8.0),
+    st.floats(0.0, 8.0),
+    st.floats(0.0, 8.0),
+)
+def test_standing_in_a_queue_never_brings_the_end_of_it_nearer(
+    cars: list[float], opens: float, time: float, later: float
+) -> None:
+    """Also where its light opens in between; the queue stands."""
+    signals = light((RED, opens + 0.01), (GREEN, 30.0), (RED, 60.0), (GREEN, 90.0))
+    queue = [Agent(f"{k}", "a_0", s, 0.0) for k, s in enumerate(cars)]
+    _, local, state = before_a_light(180.0, 0.0, signals, *queue)
+    local = local._replace(agent=np.repeat(local.agent[:1], len(local.agent), axis=0))
+    now, then = (t + waiting_s(local, state, t, 0.0) for t in (time, time + later))
+    assert then >= now - 1e-6
+
+
+def test_a_queue_takes_its_time_where_the_light_is_open_too() -> None:
+    cars = [Agent(f"{k}", "a_0", 198.0 - 8.0 * k, 0.0) for k in range(5)]
+    for signals in (light((GREEN, math.inf)), light((GREEN, 9.0), (RED, 40.0), (GREEN, 90.0))):
+        _, local, state = before_a_light(150.0, 0.0, signals, *cars)
+        local = local._replace(agent=np.repeat(local.agent[:1], len(local.agent), axis=0))
+        # it would be there after 50 / 15 s
+        alone = waiting_s(local, state._replace(s=199.0), 0.0, 0.0)
+        waits = waiting_s(local, state, 0.0, 0.0) + 50.0 / 15.0
+        assert alone == 0.0
+        assert waits == pytest.approx(
+            5 * DISCHARGE_S if signals.until[0, 0] > 10.0 else 40.0 + 5 * DISCHARGE_S - 9.0
+        )
+
+
 def test_each_vehicle_of_the_queue_before_the_light_takes_its_time_to_start() -> None:
     waits = [
         waiting_s(local, state, 8.0, 0.0)
@@ -145,6 +219,63 @@ def test_leaving_the_queue_for_a_lane_that_leads_elsewhere_saves_nothing() -> No
         local, state = local_of(task, scene_of(ego, road, *queue, signals=RED_FOR_20))
         found.append(waiting_s(local, state, 8.0, 0.0))
     assert found[0] == found[1] > 4 * DISCHARGE_S
+
+
+def turn_off(side: int) -> RoadMap:
+    """Three lanes a to a light; only the outermost on `side` leads through it to b, which gives way
+    to a stream d that comes across."""
+    outer, y = 1 + side, 3.2 * side
+    return build(
+        [
+            *(
+                Lane(
+                    "a", k, ((0.0, 3.2 * (k - 1)), (200.0, 3.2 * (k - 1))), (":m_0",) * (k == outer)
+                )
+                for k in range(3)
+            ),
+            Lane(":m", 0, ((200.0, y), (220.0, y)), ("b_0",), junction="m", signal="t", link=0),
+            Lane("b", 0, ((220.0, y), (520.0, y))),
+            Lane("d", 0, ((210.0, -90.0 * side), (210.0, -10.0 * side)), (":n_0",)),
+            Lane(":n", 0, ((210.0, -10.0 * side), (210.0, 10.0 * side)), ("e_0",), junction="m"),
+            Lane("e", 0, ((210.0, 10.0 * side), (210.0, 90.0 * side))),
+        ],
+        [Conflict(":m_0", 7.0, 13.0, ":n_0", 10.0 + 3.2 - 3.0, 10.0 + 3.2 + 3.0, yields=":m_0")],
+    )
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    st.integers(0, 2),
+    st.floats(20.0, 150.0),
+    st.floats(0.0, 15.0),
+    st.lists(st.tuples(st.integers(0, 2), st.floats(5.0, 195.0), st.floats(0.0, 15.0)), max_size=4),
+    st.lists(st.tuples(st.floats(5.0, 75.0), st.floats(5.0, 15.0)), max_size=3),
+    st.sampled_from([0.0, 8.0]),
+)
+def test_a_mirrored_scene_is_worth_the_same(
+    lane: int,
+    s: float,
+    v: float,
+    beside: list[tuple[int, float, float]],
+    across: list[tuple[float, float]],
+    time: float,
+) -> None:
+    found = []
+    for side in (1, -1):
+        road = turn_off(side)
+        ego = ego_at(road, f"a_{1 + side * (lane - 1)}", s, v, route=edges(road, "a", "b"))
+        task = task_of(road, ego)
+        cars = [
+            *(
+                Agent(f"a{k}", f"a_{1 + side * (n - 1)}", at, u)
+                for k, (n, at, u) in enumerate(beside)
+            ),
+            *(Agent(f"d{k}", "d_0", at, u) for k, (at, u) in enumerate(across)),
+        ]
+        local, state = local_of(task, scene_of(ego, road, *cars, signals=RED_FOR_20))
+        waits = waiting_s(local, state, time, 0.0)
+        found.append((len(local.gate), waits, terminal(local, task.cost, state, 50.0, 9.0, time)))
+    assert found[0] == pytest.approx(found[1])
 
 
 def owed(*agents: int, end: float = 12.0) -> np.ndarray:  # type: ignore[type-arg]

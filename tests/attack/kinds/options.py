@@ -55,6 +55,7 @@ BESIDE: dict[str, tuple[str, ...]] = {
     "run": ("run", "good.yaml", "--quiet"),
     "forecast": ("forecast", "nowhere.yaml", "--quiet"),
     "regret": ("regret", "nowhere.yaml", "--quiet"),
+    "value": ("value", "nowhere.yaml", "--quiet"),
     "batch": ("batch", "exp1.yaml", "--jobs", "1", "--out", "out", "--quiet"),
     "report": ("report", "nowhere"),
     "render": ("render", "nowhere"),
@@ -345,7 +346,7 @@ def _counts(name: str, beside: tuple[str, ...]) -> Iterator[Case]:
             {"exp1.yaml": EXPERIMENT},
             allowed=NOT_DRIVEN,
         )
-        if name != "regret":  # takes the built-in scenes then
+        if name not in ("regret", "value"):  # take the built-in scenes then
             yield Case("option", f"{name} without a word", (name,), allowed=NOT_DRIVEN)
         for word in (
             "",
