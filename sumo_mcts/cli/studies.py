@@ -50,6 +50,10 @@ Every = Annotated[
     int,
     typer.Option(min=1, max=MOST, metavar="N", help="Decision periods from one state to the next."),
 ]
+Reference = Annotated[
+    str,
+    typer.Option(metavar="NAME", help="The version of the reference problem: 1, 2 or 2-forecast."),
+]
 Converged = Annotated[
     bool,
     typer.Option("--converged", help="Measure the reference itself, against 100 times its budget."),
@@ -107,6 +111,7 @@ def regret(
     states: States = 300,
     seeds: SeedsEach = 10,
     every: Every = 5,
+    reference: Reference = "2",
     converged: Converged = False,
     jobs: Jobs = None,
     assign: Assignments = None,
@@ -123,7 +128,7 @@ def regret(
 
     if out is not None:
         folders.check_folder(out)
-    asked = Asked(tuple(planners.split(",")), command.counts(iterations), converged)
+    asked = Asked(tuple(planners.split(",")), command.counts(iterations), converged, reference)
     plan = command.RegretPlan(asked, seeds, every, states, jobs)
     with progress("starting SUMO", quiet=quiet or as_json) as note:
         result = command.regret(

@@ -97,7 +97,8 @@ def regret(
                 keep(row)
     result = {
         "schema_version": records.SCHEMA_VERSION,
-        "reference_digest": digest(),
+        "reference": plan.asked.reference,
+        "reference_digest": digest(plan.asked.reference),
         "scenarios": list(dict.fromkeys(source.config.name for source in sources)),
         "states": states,
         "outcomes": dict(outcomes),
@@ -227,7 +228,7 @@ def table(document: dict[str, Any]) -> str:
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in document["outcomes"].items())
     head = (
         f"{', '.join(document['scenarios'])}, driven by mcts: {outcomes}, {document['states']} "
-        f"states; reference {document['reference_digest'][:16]}"
+        f"states; reference {document['reference']} ({document['reference_digest'][:16]})"
     )
     if "convergence" in document:
         return f"{head}\n\n{_convergence_text(document['convergence'])}"

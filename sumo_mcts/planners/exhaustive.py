@@ -25,8 +25,8 @@ def make(_: Mapping[str, Any], scenario: ScenarioConfig) -> "ExhaustivePlanner":
 
 
 class ExhaustivePlanner:
-    """Takes the beginning that the reference's solution prefers; its costs, actions and horizon are
-    the reference's, whatever is configured."""
+    """Takes the beginning that the solution of the newest reference problem prefers; costs, actions
+    and horizon are that problem's, whatever is configured."""
 
     needs_forecast = True
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.model.cost import terminal
+from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.cost_to_go import PICK_UP
 from sumo_mcts.model.interaction import Neighbours, meet
 from sumo_mcts.model.local_map import (
@@ -43,7 +44,7 @@ from sumo_mcts.planners.ply import (
     may_change,
     simulate,
 )
-from sumo_mcts.planners.reference import CELL, COST, KIND, LABELS, Problem
+from sumo_mcts.planners.reference import CELL, KIND, LABELS, Problem
 from sumo_mcts.planners.reference_labels import Labels, copy_label, merge, rank, write_label
 from sumo_mcts.planners.tree import GAP, LEADER_V
 from sumo_mcts.scene import Bools, Floats, Indices
@@ -72,6 +73,7 @@ def solve(
     work = Work(
         local=problem.local,
         ego=problem.task.ego,
+        cost=problem.task.cost,
         q=problem.q,
         ends=problem.ends,
         actions=problem.actions,
@@ -111,6 +113,7 @@ class Work(NamedTuple):
 
     local: LocalMap
     ego: EgoParams
+    cost: CostParams
     q: SearchParams
     ends: Indices
     actions: Floats
@@ -204,14 +207,14 @@ def _solve(
 @kernel
 def _begin(work: Work, root: State, at_root: Floats, line: Floats, labels: Labels, k: int) -> int:
     """Drive the first ply, written step by step in `line` [K, 3], into label k: how it ends."""
-    local, p = work.local, work.ego
+    local, p, c = work.local, work.ego, work.cost
     state = root
-    near = meet(local, p, COST, root, at_root, local.followers, 0).near
+    near = meet(local, p, c, root, at_root, local.followers, 0).near
     copy_pairs(at_root, work.moving)
     cost, end, side = 0.0, ALIVE, action_at(line, 0).side
     if side != 0 and can_change(local, p, state, side):
         state = begin_change(local, p, state, side)
-        cost += COST.lane_change
+        cost += c.lane_change
     for at in range(len(line)):
         ply = _simulate(work, state, near, action_at(line, at), at, at + 1)
         cost += ply.safety + ply.comfort + ply.passability + ply.loss
@@ -248,7 +251,13 @@ def _spread(
     What goes on is left in `then`: returns how many labels. What is over, or comes to the horizon,
     goes into `least` [2] (FREE, LOSING) and `best` [P, 3].
     """
-    local, p, at, end = work.local, work.ego, int(work.ends[ply - 1]), int(work.ends[ply])
+    local, p, c, at, end = (
+        work.local,
+        work.ego,
+        work.cost,
+        int(work.ends[ply - 1]),
+        int(work.ends[ply]),
+    )
     work.table[:] = 0
     found, left = 0, int(work.ends[-1]) - end
     for k in range(used):
@@ -259,11 +268,11 @@ def _spread(
             action = Action(work.actions[n, ACCEL], int(work.actions[n, SIDE]), NO_SPEED)
             if action.side != 0:
                 if not may_change(
-                    local, p, COST, state, work.none, action.side, action.accel, at * p.step
+                    local, p, c, state, work.none, action.side, action.accel, at * p.step
                 ):
                     continue
                 state = begin_change(local, p, state, action.side)
-                cost += COST.lane_change
+                cost += c.lane_change
             copy_pairs(now.others[k], work.moving)
             copy_line(now.line[k], then.line[found])
             put_action(then.line[found], ply, action.accel, action.side)
@@ -271,14 +280,16 @@ def _spread(
             step = _simulate(work, state, near, action, at, end)
             cost += step.safety + step.comfort + step.passability + step.loss
             if step.end == ALIVE and left > 0:
-                then.bound[found] = cost + _at_least(local, work.rest, step.state.v, left, p.step)
+                then.bound[found] = cost + _at_least(
+                    local, c, work.rest, step.state.v, left, p.step
+                )
                 if then.bound[found] < least[FREE]:
                     write_label(then, found, step.state, step.near, work.moving, cost)
                     found = merge(work.table, work.cell, then, found)
             else:
                 if step.end == ALIVE:
                     cost += terminal(
-                        local, COST, step.state, step.near.gap, step.near.leader_v, work.q.horizon
+                        local, c, step.state, step.near.gap, step.near.leader_v, work.q.horizon
                     )
                 _note(least, best, step.end, cost, then.line[found])
     return found
@@ -293,7 +304,7 @@ def _drive_on(
     The actions are those of `tail` [P, 3], and car following where a row is nan. The cost of this
     sequence is a bound for all others.
     """
-    local, p = work.local, work.ego
+    local, p, c = work.local, work.ego, work.cost
     state, cost = kept_state(labels.where, labels.motion, i), labels.cost[i]
     near = Neighbours(labels.leader[i, GAP], labels.leader[i, LEADER_V], labels.followers[i])
     copy_pairs(labels.others[i], work.moving)
@@ -302,11 +313,9 @@ def _drive_on(
         at = int(work.ends[k - 1])
         action = Action(FOLLOW, 0, NO_SPEED) if np.isnan(tail[k, ACCEL]) else action_at(tail, k)
         side = action.side
-        if side != 0 and may_change(
-            local, p, COST, state, work.none, side, action.accel, at * p.step
-        ):
+        if side != 0 and may_change(local, p, c, state, work.none, side, action.accel, at * p.step):
             state = begin_change(local, p, state, side)
-            cost += COST.lane_change
+            cost += c.lane_change
         else:
             side = 0
         put_action(line, k, action.accel, side)
@@ -316,7 +325,7 @@ def _drive_on(
         if end != ALIVE:
             break
     if end == ALIVE:
-        cost += terminal(local, COST, state, near.gap, near.leader_v, work.q.horizon)
+        cost += terminal(local, c, state, near.gap, near.leader_v, work.q.horizon)
     _note(least, best, end, cost, line)
     line[ply + 1 :] = np.nan
 
@@ -328,7 +337,7 @@ def _simulate(
     """One action from step `begin` to step `end`."""
     work.driven[0] += 1
     q = for_steps(work.q, end - begin)
-    return simulate(work.local, work.ego, COST, q, state, work.moving, near, action, begin)
+    return simulate(work.local, work.ego, work.cost, q, state, work.moving, near, action, begin)
 
 
 @kernel
@@ -343,7 +352,9 @@ def _note(least: Floats, best: Floats, end: int, cost: float, line: Floats) -> N
 
 
 @kernel
-def _at_least(local: LocalMap, rest: Rest, v: float, steps: int, step: float) -> float:
+def _at_least(
+    local: LocalMap, c: CostParams, rest: Rest, v: float, steps: int, step: float
+) -> float:
     """A lower bound of the cost of `steps` steps (of `step` s) and of the end, from speed v on: the
     progress lost although the ego accelerates as hard as it can."""
     if rest.limit == math.inf:
@@ -353,4 +364,4 @@ def _at_least(local: LocalMap, rest: Rest, v: float, steps: int, step: float) ->
     n = min(float(steps), max(0.0, math.floor((rest.limit - v) / gain)))
     lost = step * (n * (1.0 - v / rest.limit) - gain * n * (n + 1.0) / (2.0 * rest.limit))
     missing = max(0.0, local.limit - v - gain * steps) if local.open_ahead else 0.0
-    return COST.progress * (lost + missing * missing / (2.0 * PICK_UP * local.limit))
+    return c.progress * (lost + missing * missing / (2.0 * PICK_UP * local.limit))

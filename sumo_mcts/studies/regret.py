@@ -4,6 +4,7 @@ that are taken from episodes."""
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +20,8 @@ from sumo_mcts.planners.reference import (
     CELL,
     ENDS_S,
     LABELS,
+    NEWEST,
+    VERSIONS,
     problem_of,
     profile_line,
     root_lines,
@@ -63,6 +66,7 @@ class Asked(NamedTuple):
     planners: tuple[str, ...]
     iterations: tuple[int, ...]  # each of them, where a planner searches
     converged: bool = False  # ask no planner, but whether the reference has converged
+    reference: str = NEWEST  # which of reference.VERSIONS
 
 
 # --- states of an episode ---
@@ -83,12 +87,18 @@ def harvest(
 
     `first` moves these cycles. Raises ConfigError.
     """
-    ask = both_budgets if asked.converged else Panel(config, asked.planners, asked.iterations).ask
+    panel = None if asked.converged else Panel(config, asked)
+    ask = partial(both_budgets, asked.reference) if panel is None else panel.ask
     gathering = _Gathering(ask, every, first, most)
     rows = run_episode(
         config, seed, sumo_options=without_outputs(config.sumo), watch=gathering.watch
     ).rows
-    where = {"scenario": config.name, "prediction": config.prediction.name, "seed": seed}
+    where = {
+        "reference": asked.reference,
+        "scenario": config.name,
+        "prediction": config.prediction.name,
+        "seed": seed,
+    }
     states = tuple([{**where, **row} for row in state] for state in gathering.states)
     problems = tuple(
         f"{row['scenario']}: ego {row['ego']}: {row['error']}"
@@ -134,8 +144,13 @@ def check(config: ScenarioConfig, asked: Asked) -> None:
             f"of {(p.look_ahead_steps + p.rollout_steps) * p.step_s:g} s; "
             f"the reference problem needs {ENDS_S[-1]:g} s or more"
         )
+    if asked.reference not in VERSIONS:
+        raise ConfigError(
+            f"--reference: {asked.reference}: no version of the reference problem; "
+            f"allowed: {', '.join(VERSIONS)}"
+        )
     if not asked.converged:
-        Panel(config, asked.planners, asked.iterations)
+        Panel(config, asked)
 
 
 # --- planners ---
@@ -145,15 +160,15 @@ class Panel:
     """The planners that are asked: each in every state again, as if it had just taken over the
     ego."""
 
-    def __init__(
-        self, config: ScenarioConfig, planners: Sequence[str], iterations: Sequence[int]
-    ) -> None:
-        """Planners that search are asked with each number of `iterations`.
+    def __init__(self, config: ScenarioConfig, asked: Asked) -> None:
+        """Planners that search are asked with each number of iterations.
 
         Raises ConfigError for a planner that cannot be asked.
         """
         unknown = [
-            name for name in planners if name not in ASKED and not is_plugin(name, PLANNER_GROUP)
+            name
+            for name in asked.planners
+            if name not in ASKED and not is_plugin(name, PLANNER_GROUP)
         ]
         if unknown:
             raise ConfigError(
@@ -162,16 +177,19 @@ class Panel:
             )
         self._asked = list(
             dict.fromkeys(
-                (name, n) for name in planners for n in (iterations if searches(name) else (None,))
+                (name, n)
+                for name in asked.planners
+                for n in (asked.iterations if searches(name) else (None,))
             )
         )
+        self._reference = asked.reference
         self._planners = [make_planner(_with_planner(config, name, n)) for name, n in self._asked]
 
     def ask(self, task: Task, situation: Situation, seed: int) -> list[Row]:
         """A row for each planner and number of iterations, in the likeliest hypothesis alone: the
         reference problem has one."""
         situation = situation._replace(forecast=likeliest(situation.forecast), until=math.inf)
-        problem = problem_of(task, situation)
+        problem = problem_of(task, situation, self._reference)
         roots = root_lines(problem)
         lines = []
         for planner in self._planners:
@@ -180,7 +198,7 @@ class Panel:
             assert isinstance(command, Follow), "a planner that is asked drives"
             lines.append(profile_line(problem, command))
         solution = solve(problem, np.concatenate([roots, lines]))
-        here = yardstick(solution, len(roots), scale(problem.task.ego))
+        here = yardstick(solution, len(roots), scale(problem.task))
         answers = zip(self._asked, range(len(roots), len(roots) + len(lines)), strict=True)
         return [
             {"planner": name, "iterations": n, **judged(here, solution, i)}
@@ -264,17 +282,17 @@ def _statistics(rows: Sequence[Row]) -> Row:
 # --- whether the reference has converged ---
 
 
-def both_budgets(task: Task, situation: Situation, _: int) -> list[Row]:
+def both_budgets(reference: str, task: Task, situation: Situation, _: int) -> list[Row]:
     """A row for each action that can begin here. It holds the cost with the usual budget of labels,
     and the lower cost of two far larger budgets (FACTOR; FINER)."""
-    problem = problem_of(task, situation)
+    problem = problem_of(task, situation, reference)
     lines = root_lines(problem)
     usual, finer = (
         solve(problem, lines),
         solve(problem, lines, FINER * LABELS, tuple(0.5 * width for width in CELL)),
     )
     more = cheaper(solve(problem, lines, FACTOR * LABELS), finer)
-    unit, best, chosen = scale(problem.task.ego), best_root(more), best_root(usual)
+    unit, best, chosen = scale(problem.task), best_root(more), best_root(usual)
     return [
         {
             "value": float(usual.value[i]) / unit,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import Agent, edges, ego_at
+from helpers import Agent, crossing, edges, ego_at
 from helpers_model import lanes_east, road_with_light, scenario, scene_of, situation_of, task_of
 from helpers_tree import TOYS, Toy, before_a_light, decide, on_three_lanes
 from hypothesis import given, settings
@@ -19,14 +19,19 @@ from hypothesis import strategies as st
 
 from sumo_mcts import config
 from sumo_mcts.config import builtin
+from sumo_mcts.config.sections.cost import CostWeights
 from sumo_mcts.episode.run import default_variant, run_episode
+from sumo_mcts.model.local_map import SLOT
 from sumo_mcts.planners import reference, reference_solver
 from sumo_mcts.planners.actions import ACCEL, FOLLOW, NO_SPEED, SIDE, lasting
 from sumo_mcts.planners.candidates import follow_line
 from sumo_mcts.planners.ply import ALIVE, IMPOSSIBLE, LOST
 from sumo_mcts.planners.reference import (
-    COST,
+    NEWEST,
+    VERSIONS,
     Problem,
+    cost_of,
+    digest,
     problem_of,
     profile_line,
     root_lines,
@@ -34,16 +39,16 @@ from sumo_mcts.planners.reference import (
     steps_of,
 )
 from sumo_mcts.planners.reference_solver import Rest, Solution, best_root, solve
-from sumo_mcts.scene import GREEN, RED, Floats, Follow, Plan
+from sumo_mcts.scene import GREEN, RED, Floats, Follow, Plan, Signals
 
 NONE_YET = (np.nan,) * 3  # in place of the first ply, which is the beginning
 FINE = (1e-9,) * 6  # cells that nobody shares
 FEW = np.array([[FOLLOW, 0.0], [-3.0, 0.0], [0.0, 0.0], [2.6, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
-def problem_in(toy: Toy, *sets: str) -> Problem:
+def problem_in(toy: Toy, *sets: str, version: str = NEWEST) -> Problem:
     task = task_of(toy.road, toy.scene.ego, scenario(*sets))
-    return problem_of(task, situation_of(task, toy.scene))
+    return problem_of(task, situation_of(task, toy.scene), version)
 
 
 def small(problem: Problem, plies: int = 3, actions: Floats = FEW) -> Problem:
@@ -90,6 +95,14 @@ def solved(name: str) -> tuple[Problem, Solution]:
     return problem, solve(problem, root_lines(problem))
 
 
+def yields() -> Toy:
+    """The ego comes to a road that has priority, and cars on it."""
+    road = crossing(bridge=False)
+    ego = ego_at(road, "si_0", 60.0, 8.0, route=edges(road, "si", "no"))
+    cars = [Agent(f"{k}", "wi_0", 85.0 - 25.0 * k, 10.0) for k in range(3)]
+    return Toy(road, scene_of(ego, road, *cars))
+
+
 SCENES = {
     **TOYS,
     "gap": on_three_lanes(
@@ -97,6 +110,25 @@ SCENES = {
     ),
     "touching": on_three_lanes(None, *(Agent(f"w{k}", f"a_{k}", 109.0, 0.0) for k in range(3))),
     "green": before_a_light(GREEN, 15.0),
+    **{
+        # which of them are passed before they close depends on what is done in the first 1.5 s
+        f"until {until:g} s": Toy(
+            road_with_light(),
+            scene_of(
+                ego_at(
+                    road_with_light(), "a_0", 150.0, 12.0, route=edges(road_with_light(), "a", "b")
+                ),
+                road_with_light(),
+                signals=Signals(
+                    np.array([0, 1], np.int32),
+                    np.array([[GREEN, RED, GREEN]], np.int32),
+                    np.array([[until, until + 20.0, np.inf]]),
+                ),
+            ),
+        )
+        for until in (3.5, 4.0)
+    },
+    "yields": yields(),
     "goal": Toy(
         road_with_light(after=10.0),
         scene_of(
@@ -107,16 +139,17 @@ SCENES = {
 }
 
 
+@pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("toy", SCENES.values(), ids=SCENES)
-def test_it_finds_what_trying_out_everything_finds(toy: Toy) -> None:
-    problem = small(problem_in(toy))
+def test_it_finds_what_trying_out_everything_finds(toy: Toy, version: str) -> None:
+    problem = small(problem_in(toy, version=version))
     lines = root_lines(problem)
     found, rough = solve(problem, lines, 400, FINE), solve(problem, lines)
     for i, line in enumerate(lines):
         cost, lost = by_hand(problem, line)
         assert (found.value[i], found.collides[i]) == (pytest.approx(cost, abs=1e-9), lost)
         assert rough.collides[i] == lost and cost - 1e-9 <= rough.value[i] <= cost + 0.1 * scale(
-            problem.task.ego
+            problem.task
         )
 
 
@@ -177,7 +210,12 @@ def test_nothing_that_comes_costs_less_than_the_bound(
     )
     assert (
         reference_solver._at_least(
-            problem.local, reference_solver._rest(problem), v, left, problem.task.ego.step
+            problem.local,
+            problem.task.cost,
+            reference_solver._rest(problem),
+            v,
+            left,
+            problem.task.ego.step,
         )
         <= total - before + 1e-9
     )
@@ -189,7 +227,9 @@ def test_the_bound_bounds_something() -> None:
     best = float(solve(problem, root_lines(problem)).value.min())
     assert (
         0.7 * best
-        < reference_solver._at_least(problem.local, reference_solver._rest(problem), 0.0, 80, 0.1)
+        < reference_solver._at_least(
+            problem.local, problem.task.cost, reference_solver._rest(problem), 0.0, 80, 0.1
+        )
         <= best
     )
 
@@ -220,8 +260,34 @@ def test_more_labels_never_find_worse_ways() -> None:
 # --- what is frozen ---
 
 
+DIGESTS = {
+    "1": "03173272cdc3a89bd29d9a4f99d57480ea8aeea08bd56d24365d72223a398ab7",
+    "2": "98b25a2004154287ca6ab4572033d644c08f99168ca807a67368987e17cc7aea",
+    "2-forecast": "b56da5979ccdd6ba4eb7a69fbfe52f2361556a68a8d8b357cc3e5640706b5de8",
+}
+
+
 def test_the_numbers_have_not_moved() -> None:
-    assert reference.digest() == "03173272cdc3a89bd29d9a4f99d57480ea8aeea08bd56d24365d72223a398ab7"
+    assert {version: digest(version) for version in VERSIONS} == DIGESTS
+
+
+@pytest.mark.parametrize("name", ["red", "until 3.5 s", "until 4 s", "yields"])
+def test_waiting_beyond_the_horizon_costs_in_the_second_version_alone(name: str) -> None:
+    """The same sequence costs more there, by the term as planner `mcts` has it."""
+    old, new = (problem_in(SCENES[name], version=version) for version in ("1", "2"))
+    line = np.array([(-3.0, 0.0, NO_SPEED)] * int(old.ends[-1]))
+    (plan, cheaper, end), (_, dearer, _) = driven(old, line), driven(new, line)
+    assert end == ALIVE and len(plan.v) == len(line)
+    weights = {**cost_of("1")._asdict(), "beyond_s": CostWeights().beyond_s}
+    usual = new._replace(task=new.task._replace(cost=type(new.task.cost)(**weights)))
+    assert cheaper < dearer == driven(usual, line)[1]
+
+
+def test_the_agents_of_the_third_version_drive_as_forecast() -> None:
+    second, third = (problem_in(SCENES["reactive"], version=each) for each in ("2", "2-forecast"))
+    assert second.task.cost == third.task.cost
+    assert (second.local.trait[:, SLOT] >= 0.0).any()
+    assert not (third.local.trait[:, SLOT] >= 0.0).any() and len(third.others) == 0
 
 
 def test_no_weight_that_is_configured_moves_a_value() -> None:
@@ -241,9 +307,11 @@ def test_no_weight_that_is_configured_moves_a_value() -> None:
 
 
 def test_the_scale_is_a_second_of_braking() -> None:
-    assert scale(task_of(lanes_east(), ego_at(lanes_east(), "a_1", 10.0)).ego) == pytest.approx(
-        COST.acceleration * 16.0 + COST.braking * 1.0
-    )
+    for version in VERSIONS:
+        cost = cost_of(version)
+        assert scale(problem_in(on_three_lanes(), version=version).task) == pytest.approx(
+            cost.acceleration * 16.0 + cost.braking * 1.0
+        )
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,11 @@ from typer.testing import CliRunner
 
 from sumo_mcts.cli import app
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.planners.reference import digest, problem_of, root_lines
+from sumo_mcts.planners.reference import NEWEST, digest, problem_of, root_lines
 from sumo_mcts.planners.reference_solver import Solution, best_root, solve
 from sumo_mcts.studies import regret
 from sumo_mcts.studies.regret import (
+    Asked,
     Panel,
     Row,
     both_budgets,
@@ -131,6 +132,26 @@ def test_the_table_counts() -> None:
 # --- planners ---
 
 
+def test_a_version_that_is_none_is_a_mistake_in_one_line() -> None:
+    asked = Asked(("mcts",), (10,), reference="0")
+    with pytest.raises(ConfigError, match=r"--reference: 0: .*allowed: 1, 2, 2-forecast"):
+        regret.check(scenario(), asked)
+
+
+def test_each_version_judges_by_its_own_costs() -> None:
+    """Before a light that stays red waiting has a cost in version 2 alone; what is decided is the
+    same."""
+    toy = TOYS["red"]
+    task = task_of(toy.road, toy.scene.ego, scenario())
+    old, new = (
+        Panel(scenario(), Asked(("idm",), (10,), reference=name)).ask(
+            task, situation_of(task, toy.scene), 0
+        )
+        for name in ("1", "2")
+    )
+    assert old[0]["optimum"] < new[0]["optimum"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("toy", TOYS.values(), ids=TOYS)
 def test_the_reference_regrets_nothing_and_no_action_is_better(toy: Toy) -> None:
@@ -139,9 +160,8 @@ def test_the_reference_regrets_nothing_and_no_action_is_better(toy: Toy) -> None
     config = scenario(*toy.sets)
     task = task_of(toy.road, toy.scene.ego, config)
     situation = situation_of(task, toy.scene)
-    rows = Panel(
-        config, ("exhaustive", "random", "mcts", "paper", "idm", "constant"), (30, 300)
-    ).ask(task, situation, 5)
+    asked = Asked(("exhaustive", "random", "mcts", "paper", "idm", "constant"), (30, 300))
+    rows = Panel(config, asked).ask(task, situation, 5)
     assert [(row["planner"], row["iterations"]) for row in rows[:4]] == [
         ("exhaustive", None),
         ("random", None),
@@ -151,16 +171,15 @@ def test_the_reference_regrets_nothing_and_no_action_is_better(toy: Toy) -> None
     assert rows[0]["regret"] == 0.0 and rows[0]["near_optimal"]
     assert rows[1]["regret"] >= 0.0
     assert len({(row["optimum"], row["spread"], row["contested"]) for row in rows}) == 1
-    assert rows == Panel(
-        config, ("exhaustive", "random", "mcts", "paper", "idm", "constant"), (30, 300)
-    ).ask(task, situation, 5)
+    assert rows == Panel(config, asked).ask(task, situation, 5)
 
 
 def test_whoever_drives_into_a_wall_regrets_it() -> None:
     toy = on_three_lanes(None, *(Agent(f"w{k}", f"a_{k}", 113.0, 0.0) for k in range(3)))
     config = scenario()
     task = task_of(toy.road, toy.scene.ego, config)
-    blind = Panel(config, ("constant", "mcts"), (200,)).ask(task, situation_of(task, toy.scene), 0)
+    asked = Asked(("constant", "mcts"), (200,))
+    blind = Panel(config, asked).ask(task, situation_of(task, toy.scene), 0)
     assert blind[0]["collides"] and blind[0]["regret"] > 10.0
     assert not blind[1]["collides"] and blind[1]["regret"] < 5.0
 
@@ -170,7 +189,7 @@ def test_who_decides_nothing_from_one_cycle_is_not_asked(name: str) -> None:
     with pytest.raises(
         ConfigError, match="allowed: mcts, paper, idm, random, exhaustive, constant"
     ):
-        Panel(scenario(), ("mcts", name), (10,))
+        Panel(scenario(), Asked(("mcts", name), (10,)))
 
 
 @pytest.mark.slow
@@ -180,7 +199,7 @@ def test_the_efforts_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     toy = TOYS["traffic"]
     task = task_of(toy.road, toy.scene.ego, scenario())
     situation = situation_of(task, toy.scene)
-    rows = both_budgets(task, situation, 3)
+    rows = both_budgets(NEWEST, task, situation, 3)
     problem = problem_of(task, situation)
     found = solve(problem, root_lines(problem))
     unit = rows[0]["value"] / found.value[0]
@@ -230,7 +249,7 @@ def test_the_command_from_end_to_end(tmp_path: Path) -> None:
     rows = [
         json.loads(line) for line in (tmp_path / "out" / "regret.jsonl").read_text().splitlines()
     ]
-    assert told["reference_digest"] == digest() and told["problems"] == []
+    assert told["reference_digest"] == digest(NEWEST) and told["problems"] == []
     assert (told["states"], len(rows)) == (3, 9)
     assert sum(told["outcomes"].values()) == 2 and told["scenarios"] == [
         "straight-line",
@@ -244,11 +263,14 @@ def test_the_command_from_end_to_end(tmp_path: Path) -> None:
     assert len({(row["scenario"], row["seed"], row["time_s"]) for row in rows}) == 3
     table = (tmp_path / "out" / "regret.csv").read_text().splitlines()
     assert len(table) == 10 and table[0].startswith(
-        "scenario,prediction,seed,ego,time_s,planner,iterations,regret,near_optimal"
+        "reference,scenario,prediction,seed,ego,time_s,planner,iterations,regret,near_optimal"
     )
     assert json.loads((tmp_path / "out" / "regret.json").read_text()) == told
     again = command(*words)
-    assert digest()[:16] in again and "| exhaustive | - | 3 | 3/3 (" in again
+    old = json.loads(command(*words, "--json", "--reference", "1"))
+    assert (old["reference"], old["reference_digest"]) == ("1", digest("1"))
+    assert (told["reference"], old["states"]) == (NEWEST, 3)
+    assert digest(NEWEST)[:16] in again and "| exhaustive | - | 3 | 3/3 (" in again
     assert len({line.count("|") for line in again.splitlines()[2:] if line}) == 1
 
 
