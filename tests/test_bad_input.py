@@ -420,8 +420,8 @@ def test_options(words: tuple[str, ...], said: str, command: Command, tmp_path: 
 
 
 BESIDE = {
-    "run": ("good.yaml",), "forecast": ("good.yaml",), "regret": ("good.yaml",),
-    "value": ("good.yaml",),
+    "run": ("good.yaml",), "forecast": ("good.yaml",), "drivers": ("good.yaml",),
+    "regret": ("good.yaml",), "value": ("good.yaml",),
     "batch": ("quick", "--out", "/nowhere"),
 }  # fmt: skip
 

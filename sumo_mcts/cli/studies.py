@@ -1,4 +1,5 @@
-"""The commands forecast, regret, value and bench: what is measured apart from experiments."""
+"""The commands forecast, drivers, regret, value and bench: what is measured apart from
+experiments."""
 
 from pathlib import Path
 from typing import Annotated, Optional
@@ -71,6 +72,24 @@ RegretFolder = Annotated[
     typer.Option(help="Folder for regret.jsonl and regret.csv, a row for each judgement."),
 ]
 
+Situations = Annotated[
+    list[str],
+    typer.Argument(metavar="SCENARIO...", help="As for `run`."),
+]
+Families = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="NAME,...", help="Families of drivers, one episode each (dense situations)."
+    ),
+]
+FirstSeed = Annotated[int, typer.Option(min=0, max=MOST, metavar="N", help="The first seed.")]
+SeedsOfEach = Annotated[
+    int, typer.Option(min=1, max=MOST, metavar="N", help="Episodes of each, with seeds from there.")
+]
+Fit = Annotated[
+    bool, typer.Option("--fit", help="Fit the model of lane changes, and show its weights.")
+]
+
 
 @command(for_sumo=True)
 def forecast(
@@ -96,6 +115,33 @@ def forecast(
         result = command.forecast(
             scenario, ego or (), ego_until, (*(assign or ()), *named), seeds,
             behind_dashes(context), note, allow_plugins=allow_plugins,
+        )  # fmt: skip
+    print_json(result) if as_json else typer.echo(command.table(result))
+    fail_with(result["problems"])
+
+
+@command()
+def drivers(
+    scenarios: Situations,
+    ego: EgoEach = None,
+    ego_until: Until = None,
+    families: Families = None,
+    first: FirstSeed = 0,
+    seeds: SeedsOfEach = 1,
+    fit: Fit = False,
+    assign: Assignments = None,
+    allow_plugins: AllowPlugins = False,
+    as_json: AsJson = False,
+    quiet: NoProgress = False,
+) -> None:
+    """Measure how good the probabilities are that forecasts give to what drivers do next."""
+    from sumo_mcts.commands import drivers as command
+
+    plan = command.DriversPlan(command.families(families), first, seeds, fit)
+    with progress("starting SUMO", quiet=quiet or as_json) as note:
+        result = command.drivers(
+            scenarios, ego or (), ego_until, tuple(assign or ()), plan, note,
+            allow_plugins=allow_plugins,
         )  # fmt: skip
     print_json(result) if as_json else typer.echo(command.table(result))
     fail_with(result["problems"])

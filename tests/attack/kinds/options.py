@@ -54,6 +54,7 @@ PATHS = (
 BESIDE: dict[str, tuple[str, ...]] = {
     "run": ("run", "good.yaml", "--quiet"),
     "forecast": ("forecast", "nowhere.yaml", "--quiet"),
+    "drivers": ("drivers", "nowhere.yaml", "--quiet"),
     "regret": ("regret", "nowhere.yaml", "--quiet"),
     "value": ("value", "nowhere.yaml", "--quiet"),
     "batch": ("batch", "exp1.yaml", "--jobs", "1", "--out", "out", "--quiet"),
