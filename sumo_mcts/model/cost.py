@@ -10,7 +10,8 @@ import math
 
 from sumo_mcts.model.cost_params import CostParams, Term
 from sumo_mcts.model.cost_to_go import PICK_UP, waiting_s
-from sumo_mcts.model.local_map import LocalMap, State
+from sumo_mcts.model.leaving import MAKES_ROOM
+from sumo_mcts.model.local_map import DENSITY, STREAM, LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import INTERNAL, LIMIT, NEXT, REACH, RIGHT_NODE, STATION
 from sumo_mcts.numerics.kernel import kernel
@@ -56,7 +57,9 @@ def step_passability(local: LocalMap, p: EgoParams, c: CostParams, after: State)
     """
     limit = local.node[after.node, LIMIT]
     rate = c.progress * (1.0 - min(after.v, limit) / limit + _before_sign(local, after))
-    rate += c.route * _urgent(local, after.node)
+    urgent = _urgent(local, after.node)
+    if urgent > 0.0:  # elsewhere the stream beside is not known
+        rate += c.route * urgent * (1.0 + c.mismatch * _mismatch(local, after))
     if after.v < SLOW:
         if local.node[after.node, INTERNAL] > 0.0:
             rate += c.blocking
@@ -71,6 +74,15 @@ def _urgent(local: LocalMap, node: int) -> float:
     """How many lane changes are urgent there; 0 beyond the lanes that this cycle looks at."""
     i = node - local.first
     return abs(local.urgency[i]) if 0 <= i < local.urgency.shape[0] else 0.0
+
+
+@kernel
+def _mismatch(local: LocalMap, state: State) -> float:
+    """How much rarer a driver of the next lane can make room for the ego than for one that is as
+    fast as that lane, 0..1."""
+    i = state.node - local.first
+    slower = max(local.to_leave[i, STREAM] - state.v, 0.0)
+    return 1.0 - math.exp(-local.to_leave[i, DENSITY] * slower * slower / (2.0 * MAKES_ROOM))
 
 
 @kernel

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from sumo_mcts.model.cost_to_go import gap_times, gates
 from sumo_mcts.model.least_cost import fill_sure
+from sumo_mcts.model.leaving import leaving
 from sumo_mcts.model.local_map import (
     ELSEWHERE,
     GONE,
@@ -101,6 +102,8 @@ def build_local(
     gap_s = gap_times(owed, route.leg, first, last, (times - 1) * forecast.dt, scene.ego.length)
     gate, to_gate = gates(road, route, first, last, scene.signals, gap_s)
     fill_sure(gate, to_gate, closed, route, first, scene.step)
+    urgency = _urgency(route, view, here)
+    comes_to = np.where(node[0] <= UPSTREAM, UPSTREAM - node[0], node[0])
     return LocalMap(
         gate=gate,
         to_gate=to_gate,
@@ -111,7 +114,8 @@ def build_local(
         level=level,
         place=place,
         ahead=ahead,
-        urgency=_urgency(route, view, here),
+        urgency=urgency,
+        to_leave=leaving(route, view, here, urgency, (comes_to, position[0], v[0])),
         agent=np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
         trait=np.column_stack([
             forecast.half_length, forecast.half_width, forecast.reacts,

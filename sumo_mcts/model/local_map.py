@@ -50,6 +50,7 @@ class LocalMap(NamedTuple):
     # [G, .] NEXT_GATE .. CLOSES below: places ahead where the ego may have to wait
     gate: Floats
     to_gate: Floats  # [W, 7] GATE .. SPREAD below
+    to_leave: Floats  # [W, 2] STREAM and DENSITY below
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
     # mean speed of the others near the ego in the lanes in which the route goes on, m/s; without
@@ -112,6 +113,10 @@ OPENINGS = 4
 # ego drives there (model/least_cost.py), -1: none; s of free driving to it at most; by how much
 # less it may be.
 GATE, FREE_S, AWAY, QUEUE, SURE, LATEST, SPREAD = range(7)
+
+# Columns of LocalMap.to_leave (model/leaving.py), of a lane that the route leaves: m/s of the
+# stream in the next lane, and vehicles a metre there. 0 of other lanes.
+STREAM, DENSITY = range(2)
 
 # Columns of LocalMap.bounds, m.
 WEST, EAST, SOUTH, NORTH = range(4)

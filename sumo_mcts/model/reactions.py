@@ -57,7 +57,7 @@ def react(
 ) -> float:
     """Move every reacting agent on by `seconds`, up to forecast time `t`, with the ego where
     `state` says. Returns the braking beyond IMPOSED that the ego causes, summed up over agents, in
-    m/s2."""
+    m/s2; what an agent brakes to make room is no part of it, since it was asked already."""
     imposed = 0.0
     t = min(t, local.agent.shape[0] - 1)
     for i in range(local.agent.shape[1]):
@@ -79,7 +79,6 @@ def react(
         if asked < math.inf:
             careful = safe_speed(asked - STANDSTILL, state.v, USUAL_S)
             speed = min(speed, max(careful, v - HELPS * seconds))
-            imposed += max(0.0, min((v - careful) / seconds, HELPS) - IMPOSED)
         if gap < math.inf:
             careful = safe_speed(gap - STANDSTILL, state.v, USUAL_S)
             if careful < v:

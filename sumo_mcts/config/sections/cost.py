@@ -67,6 +67,11 @@ class CostWeights(Section):
         description="per second on a lane that the route leaves, at full urgency, and for "
         "each change needed, at most 3",
     )
+    mismatch: NonNegative = Field(
+        1.0,
+        description="times `route`, where the ego is so much slower than the vehicles of the next "
+        "lane that none of them can make room for it in comfort",
+    )
     lane_change: NonNegative = Field(0.6, description="C_o,lc per change begun")
     red: Positive = Field(100.0, description="entering on red")
 
