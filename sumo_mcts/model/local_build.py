@@ -1,9 +1,6 @@
 """Builds the local map of one cycle from the route, the signals and the forecast."""
 
-import math
-
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_mcts.model.cost_to_go import gap_times, gates
 from sumo_mcts.model.least_cost import fill_sure
@@ -20,12 +17,13 @@ from sumo_mcts.model.local_map import (
     State,
 )
 from sumo_mcts.model.obligations import Coming, obligations
-from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap, Upstream, stop_ahead
-from sumo_mcts.model.stop_lines import Rules, closed_lines
+from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap, Upstream
+from sumo_mcts.model.stop_lines import Rules, closed_lines, is_open, stop_at
 from sumo_mcts.numerics.geometry import Y
 from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.prediction.poses import SIDEWAYS
 from sumo_mcts.scene import (
+    STARTS,
     Agents,
     Bools,
     EgoState,
@@ -92,7 +90,8 @@ def build_local(
     followers = _followers(node[0], s[0], forecast.reacts, bits, ahead, state, first)
     behind = (bits >= 0) & ((followers >> np.maximum(bits, 0)) & 1 > 0)
     # an agent that follows the ego cannot come before the ego has gone on
-    lets_pass = forecast.yields[hypothesis] | behind
+    starts = _starts(forecast, hypothesis)
+    lets_pass = forecast.yields[hypothesis] | behind | (np.arange(len(behind)) == starts)
     coming = Coming(lane, s, driven, forecast.valid[hypothesis], lets_pass)
     limit, times = float(route.limit[state.node]), forecast.pose.shape[1]
     beside, until = _reaching_in(
@@ -120,7 +119,7 @@ def build_local(
         trait=np.column_stack([
             forecast.half_length, forecast.half_width, forecast.reacts,
             forecast.yields[hypothesis],
-            _slots(route, state, forecast, node, position, scene, rules),
+            _slots(route, state, forecast, node, position, scene, rules, starts),
             beside, until, bits, _goes_round(scene.agents, len(bits), state),
         ]),
         bounds=_bounds(
@@ -131,13 +130,14 @@ def build_local(
         first=first,
         limit=limit,
         target_lane_speed=_target_lane_speed(route, view, here, node[0], position[0], v[0]),
-        open_ahead=_is_open(route, closed, first, state, limit * times * forecast.dt + FREE_BEYOND),
-        stop_at=_stop_at(route, state, rules.cleared, here),
+        open_ahead=is_open(route, closed, first, state, limit * times * forecast.dt + FREE_BEYOND),
+        stop_at=stop_at(route, state, rules.cleared, here),
         followers=followers,
         stop_decel=rules.stop_decel,
         aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
         patience=rules.patience,
         asked=rules.asked,
+        starts=starts,
         dt=forecast.dt,
     )  # fmt: skip
 
@@ -225,17 +225,27 @@ def _slots(
     s: Floats,
     scene: Scene,
     rules: Rules,
+    starts: int,
 ) -> Indices:
-    """[N] 0, 1, ... for those that the search moves, -1 for the others: the nearest that react and
-    come to a lane of the ego's route; where it asks for room, those behind it in the lane asked."""
+    """[N] 0, 1, ... for those that the search moves, -1 for the others: agent `starts` (-1: none),
+    then the nearest that react and come to a lane of the ego's route; where it asks for room, those
+    behind it in the lane asked."""
     if rules.asked == 0:
-        those = np.flatnonzero(forecast.reacts & (node >= 0).any(axis=0))
-        return _nearest(forecast, those, scene.ego, rules.reactive)
-    beside = (route.left if rules.asked > 0 else route.right)[state.node]
-    comes_to = np.where(node[0] <= UPSTREAM, UPSTREAM - node[0], node[0])
-    behind = (comes_to == beside) & (s[0] < state.s)
-    those = np.flatnonzero(forecast.reacts & behind & (beside >= 0))
-    return _nearest(forecast, those, scene.ego, MOST_ASKED)
+        those, most = forecast.reacts & (node >= 0).any(axis=0), rules.reactive
+    else:
+        beside = (route.left if rules.asked > 0 else route.right)[state.node]
+        comes_to = np.where(node[0] <= UPSTREAM, UPSTREAM - node[0], node[0])
+        behind = (comes_to == beside) & (s[0] < state.s)
+        those, most = forecast.reacts & behind & (beside >= 0), MOST_ASKED
+    first = np.arange(len(those)) == starts
+    numbers = _nearest(forecast, np.flatnonzero(those & ~first), scene.ego, most)
+    return np.where(first, 0, np.where(numbers >= 0, numbers + first.any(), -1))
+
+
+def _starts(forecast: Forecast, hypothesis: int) -> int:
+    """LocalMap.starts."""
+    intents = forecast.intents[hypothesis : hypothesis + 1]
+    return next((intent.agent for intent in intents if intent.does == STARTS), -1)
 
 
 def _bits(forecast: Forecast, node: Indices, ego: EgoState) -> Indices:
@@ -305,28 +315,6 @@ def _bounds(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) -
         np.fmin(low, then - half[:, None], out=low)
         np.fmax(high, then + half[:, None], out=high)
     return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=2)
-
-
-def _is_open(
-    route: RouteMap, closed: NDArray[np.uint8], first: int, state: State, distance: float
-) -> bool:
-    """Whether the ego's lane goes on for so many metres, past lights that are open when the
-    forecast ends."""
-    node, left = state.node, distance + state.s
-    while left > 0.0:
-        left -= route.length[node]
-        if left > 0.0 and node - first < len(closed) and closed[node - first, -1]:
-            return False
-        if route.next[node] < 0:
-            return left <= 0.0 or bool(np.isinf(route.reach[node]))
-        node = int(route.next[node])
-    return True
-
-
-def _stop_at(route: RouteMap, state: State, cleared: frozenset[int], here: float) -> float:
-    """LocalMap.stop_at."""
-    node, distance = stop_ahead(route, state.node, state.s)
-    return here + distance if node >= 0 and route.sign[node] and node not in cleared else math.inf
 
 
 @entry

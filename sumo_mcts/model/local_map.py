@@ -70,6 +70,10 @@ class LocalMap(NamedTuple):
     # share of its price that comfortable braking of others costs an ego that has waited for a gap
     patience: float
     asked: int  # the side on which the ego asks for room: 1 left, -1 right, 0 neither
+    # The agent that starts in this hypothesis though it has stood for a while; -1: none. It looks
+    # first: the search moves it, and it waits for an ego that is in its way before it is there,
+    # whoever has the right of way.
+    starts: int
     dt: float  # s between forecast times
 
 

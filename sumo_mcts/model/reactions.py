@@ -3,7 +3,7 @@ much as the ego holds it up.
 
 An agent that is held up only falls behind its forecast: it stays clear of the vehicles that the
 forecast has it follow. It brakes as SUMO's drivers do (Krauss 1998, with a reaction time of a
-second and 4.5 m/s2): late and hard.
+second and 4.5 m/s2): late and hard. One that has stood brakes for an ego across its path, too.
 """
 
 import math
@@ -12,6 +12,8 @@ import numpy as np
 
 from sumo_mcts.model.local_map import (
     DRIVEN,
+    HALF_LENGTH,
+    HALF_WIDTH,
     SLOT,
     LocalMap,
     S,
@@ -22,9 +24,9 @@ from sumo_mcts.model.local_map import (
     node_of,
     upstream_of,
 )
-from sumo_mcts.model.motion import EgoParams
+from sumo_mcts.model.motion import EgoParams, pose_of
 from sumo_mcts.model.route import LEFT_NODE, RIGHT_NODE
-from sumo_mcts.numerics.geometry import COS, SIN, X, Y
+from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_speed
 from sumo_mcts.scene import Floats
@@ -74,13 +76,16 @@ def react(
             max(node_of(local, k, i), upstream_of(local, k, i) if local.asked != 0 else -1),
             _position(local, i, clock),
         )
+        leads_with = state.v
+        if i == local.starts and gap == math.inf:
+            gap, leads_with = _gap_across(local, p, state, others, i), 0.0
         speed = v + CATCHES_UP * seconds
         asked = _gap_when_asked(local, p, state, others, i, t)
         if asked < math.inf:
             careful = safe_speed(asked - STANDSTILL, state.v, USUAL_S)
             speed = min(speed, max(careful, v - HELPS * seconds))
         if gap < math.inf:
-            careful = safe_speed(gap - STANDSTILL, state.v, USUAL_S)
+            careful = safe_speed(gap - STANDSTILL, leads_with, USUAL_S)
             if careful < v:
                 imposed += max(0.0, min((v - careful) / seconds, DECEL) - IMPOSED)
             speed = min(speed, max(careful, v - (DECEL if gap > NEAR else PANIC) * seconds))
@@ -138,6 +143,26 @@ def _gap_to_ego(local: LocalMap, p: EgoParams, state: State, node: int, s: float
     if state.other >= 0:
         gap = min(gap, chain_gap(local, node, s, state.other, state.s))
     return gap - 2.0 * p.half_length if gap > 0.0 else math.inf
+
+
+@kernel
+def _gap_across(local: LocalMap, p: EgoParams, state: State, others: Floats, i: int) -> float:
+    """m that agent i still drives until its box meets the ego's, where that is now; inf: it does
+    not, or not before the agent could stop twice."""
+    length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
+    r = int(local.trait[i, SLOT])
+    x, y, cs, sn = pose_of(local, p, state)
+    box, near = Box(x, y, cs, sn, p.half_length, p.half_width), p.half_length + p.half_width
+    v, driven = others[r, SPEED], _at(local, i, others[r, CLOCK], DRIVEN)
+    view = 2.0 * (STANDSTILL + v * USUAL_S + v * v / (2.0 * DECEL))
+    for k in range(int(others[r, CLOCK]) + 1, local.agent.shape[0]):
+        row = local.agent[k, i]
+        if is_gone(local, k, i) or row[DRIVEN] - driven > view:
+            break
+        if max(abs(row[X] - x), abs(row[Y] - y)) < near + length + width:
+            if boxes_touch(box, Box(row[X], row[Y], row[COS], row[SIN], length, width)):
+                return float(max(row[DRIVEN] - driven, 0.0))
+    return math.inf
 
 
 @kernel

@@ -1,4 +1,5 @@
-"""When the stop lines ahead may not be crossed: red and yellow lights, and stop signs."""
+"""The stop lines ahead: when they may not be crossed, at red and yellow lights and stop signs, and
+what the local map keeps of them."""
 
 import math
 from typing import NamedTuple
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.model.local_map import State
-from sumo_mcts.model.route import RouteMap
+from sumo_mcts.model.route import RouteMap, stop_ahead
 from sumo_mcts.numerics.signals import signal_states
 from sumo_mcts.scene import GREEN, YELLOW, Floats, Forecast, Ints, Scene
 
@@ -79,3 +80,25 @@ def _lasts(phases: Ints, until: Floats, k: int) -> float:
     while k + 1 < len(phases) and phases[k + 1] == phases[k]:
         k += 1
     return float(until[k])
+
+
+def is_open(
+    route: RouteMap, closed: NDArray[np.uint8], first: int, state: State, distance: float
+) -> bool:
+    """LocalMap.open_ahead: whether the ego's lane goes on for `distance` m, past lights that are
+    open when the forecast ends."""
+    node, left = state.node, distance + state.s
+    while left > 0.0:
+        left -= route.length[node]
+        if left > 0.0 and node - first < len(closed) and closed[node - first, -1]:
+            return False
+        if route.next[node] < 0:
+            return left <= 0.0 or bool(np.isinf(route.reach[node]))
+        node = int(route.next[node])
+    return True
+
+
+def stop_at(route: RouteMap, state: State, cleared: frozenset[int], here: float) -> float:
+    """LocalMap.stop_at."""
+    node, distance = stop_ahead(route, state.node, state.s)
+    return here + distance if node >= 0 and route.sign[node] and node not in cleared else math.inf

@@ -50,7 +50,8 @@ def in_junction() -> Toy:
 
 
 def on_ending_lane(v: float) -> Toy:
-    """Two lanes of edge a, of which the left one leads on; the ego is on the other one."""
+    """Two lanes of edge a, of which the left one leads on; the ego is on the other one, and a
+    faster vehicle far ahead in the left one."""
     road = build(
         [
             Lane("a", 0, ((0.0, -1.6), (300.0, -1.6))),
@@ -59,7 +60,7 @@ def on_ending_lane(v: float) -> Toy:
         ]
     )
     ego = ego_at(road, "a_0", 200.0, v, route=edges(road, "a", "b"))
-    return Toy(road, scene_of(ego, road))
+    return Toy(road, scene_of(ego, road, Agent("fast", "a_1", 280.0, 15.0)))
 
 
 @cache

@@ -5,8 +5,17 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from helpers import Agent, ego_at
-from helpers_model import compiled, lanes_east, local_of, scene_of, task_of
+from helpers import Agent, crossing, edges, ego_at
+from helpers_model import (
+    compiled,
+    ego_lanes,
+    lanes_east,
+    local_of,
+    scene_of,
+    situation_of,
+    task_of,
+    traffic_params,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -16,7 +25,10 @@ from sumo_mcts.model.motion import begin_change
 from sumo_mcts.model.reactions import CLOCK, HELPS, IMPOSED, SPEED, react, seen, undisturbed
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_gap, safe_speed
+from sumo_mcts.planners import base
 from sumo_mcts.planners.base import Task
+from sumo_mcts.prediction.forecast import Question, predict
+from sumo_mcts.scene import STARTS, Intent
 
 DT = 0.2  # s between looks, and between forecast times
 LENGTH = 5.0  # m, of everybody
@@ -221,3 +233,57 @@ def test_a_place_is_free_where_room_was_made() -> None:
             ]
         )
     assert [any(column) for column in zip(*found, strict=True)] == [True, False]
+
+
+# --- who starts after it has stood ---
+
+
+def starting(s: float, ego_s: float) -> tuple[Task, LocalMap, State]:
+    """A car that has stood `s` m along the main road from the west, and starts; the ego stands on
+    its way to the north, `ego_s` m along the lane that crosses the main road."""
+    road = crossing(bridge=False)
+    ego = ego_at(road, ":sn_0", ego_s, 0.0, route=edges(road, "si", "no"))
+    task = task_of(road, ego)
+    scene = scene_of(ego, road, Agent("starts", "wi_0", s, 0.0))
+    scene = scene._replace(agents=scene.agents._replace(standing_s=np.full(1, 10.0)))
+    situation = situation_of(task, scene)
+    question = Question(
+        scene, np.array(ego_lanes(task.route, situation.state), np.int32), np.zeros(0),
+        traffic_params(), 10.0,
+    )  # fmt: skip
+    forecast = predict(road, question, intent=Intent(0, STARTS))
+    return task, base.local_of(task, situation._replace(forecast=forecast)), situation.state
+
+
+def eastmost(task: Task, local: LocalMap, state: State, accel: float, steps: int) -> list[float]:
+    """Where the front of the car that starts is, m east, step by step, beside an ego that stands
+    until step 25 and then accelerates."""
+    others, fronts = undisturbed(local), []
+    for k in range(steps):
+        v = state.v + (accel * DT if k > 25 else 0.0)
+        state = state._replace(s=state.s + v * DT, v=v)
+        react(local, task.ego, state, others, k + 1, DT)
+        fronts.append(seen(local, others, 0, k + 1)[0] + LENGTH / 2)
+    return fronts
+
+
+@pytest.mark.parametrize("s", [70.0, 80.0, 88.0])
+def test_who_starts_waits_for_an_ego_that_is_in_its_way(s: float) -> None:
+    """The ego's right side is at x = 0.7; the car's front comes near to it, not there."""
+    task, local, state = starting(s, 10.0)
+    assert local.starts == 0 and len(local.obligation) == 0
+    fronts = eastmost(task, local, state, 0.0, 48)
+    assert -4.0 < fronts[-1] < -0.5 and max(fronts) == fronts[-1]
+    assert eastmost(task, local._replace(starts=-1), state, 0.0, 48)[-1] > 5.0
+
+
+def test_who_waited_goes_on_when_the_ego_has_gone() -> None:
+    task, local, state = starting(88.0, 10.0)
+    assert eastmost(task, local, state, 3.0, 48)[-1] > 5.0
+
+
+def test_who_starts_does_as_forecast_where_no_ego_is_in_its_way() -> None:
+    task, local, state = starting(88.0, 1.0)
+    assert eastmost(task, local, state, 0.0, 48) == pytest.approx(
+        [float(x) + LENGTH / 2 for x in local.agent[1:49, 0, X]]
+    )
