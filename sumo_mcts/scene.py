@@ -70,6 +70,12 @@ class RoadMap(NamedTuple):
     width: Floats  # [L] m
     speed: Floats  # [L] limit, m/s
     classes: NDArray[np.uint64]  # [L] bit i set: vehicle class i (VEHICLE_CLASSES) may drive here
+    # [L] likewise, which classes may change from here to the left, and to the right
+    change_left: NDArray[np.uint64]
+    change_right: NDArray[np.uint64]
+    # Limits that single vehicle classes have instead of `speed`: the row of each class, -1 none
+    class_row: Ints  # [classes]
+    class_speed: Floats  # [R, L] m/s
     left: Ints  # [L] neighbour on the same edge, -1 none
     right: Ints  # [L] the same to the right
 

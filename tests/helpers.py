@@ -11,6 +11,7 @@ from sumo_mcts.scene import (
     GREEN,
     PRIORITY,
     STRAIGHT,
+    VEHICLE_CLASSES,
     Agents,
     EgoState,
     Frame,
@@ -38,6 +39,8 @@ class Lane(NamedTuple):
     rule: int = PRIORITY
     direction: int = STRAIGHT
     classes: int = ALL_CLASSES
+    change_left: int = ALL_CLASSES
+    change_right: int = ALL_CLASSES
 
 
 class Conflict(NamedTuple):
@@ -98,6 +101,10 @@ def build(lanes: Sequence[Lane], conflicts: Sequence[Conflict] = ()) -> RoadMap:
         width=np.array([lane.width for lane in lanes]),
         speed=np.array([lane.speed for lane in lanes]),
         classes=np.array([lane.classes for lane in lanes], dtype=np.uint64),
+        change_left=np.array([lane.change_left for lane in lanes], dtype=np.uint64),
+        change_right=np.array([lane.change_right for lane in lanes], dtype=np.uint64),
+        class_row=np.full(len(VEHICLE_CLASSES), -1, dtype=np.int32),
+        class_speed=np.zeros((0, len(lanes))),
         left=_ints(number.get(f"{lane.edge}_{lane.number + 1}", -1) for lane in lanes),
         right=_ints(number.get(f"{lane.edge}_{lane.number - 1}", -1) for lane in lanes),
         point_offset=_offsets(len(shape) for shape in shapes),

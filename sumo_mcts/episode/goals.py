@@ -36,7 +36,7 @@ def goal_of(config: ScenarioConfig, road: RoadMap, ego: EgoState, until: str | N
     if success is not None:  # the success point may lie beyond the goal
         end = max(end, _place(road, ego, success, "episode.success_edge"))
     edges = ego.route[: end + 1]
-    free = free_flow_time(road, edges, ego.s, ego.speed_factor, ego.max_speed)
+    free = free_flow_time(road, edges, ego.s, ego)
     if not math.isfinite(free):
         raise ConfigError(
             f"egos: {ego.id}: its route does not connect: "

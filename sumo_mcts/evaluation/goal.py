@@ -53,13 +53,11 @@ class RouteProgress:
         road, ahead = self._road, self._goal.edges[self._at :]
         if ego.lane < 0:
             return None
-        crossing, lane = crossing_time(road, ego.lane, ego.s, ego.speed_factor, ego.max_speed)
+        crossing, lane = crossing_time(road, ego.lane, ego.s, ego)
         inside = lane != ego.lane
         if int(road.edge[lane]) not in ahead[inside : inside + 1]:
             return None
-        return crossing + free_flow_time(
-            road, ahead[inside:], 0.0 if inside else ego.s, ego.speed_factor, ego.max_speed
-        )
+        return crossing + free_flow_time(road, ahead[inside:], 0.0 if inside else ego.s, ego)
 
     def ends_at_goal(self, last: EgoState | None, step: float) -> bool:
         """Whether an ego that SUMO has removed had reached the edge of the goal, or reached it

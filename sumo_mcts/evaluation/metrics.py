@@ -6,8 +6,8 @@ from math import inf
 
 import numpy as np
 
-from sumo_mcts.numerics.lanes import connection
-from sumo_mcts.scene import Floats, RoadMap
+from sumo_mcts.numerics.lanes import connection, limits
+from sumo_mcts.scene import EgoState, Floats, Indices, RoadMap
 
 ACCEL_RANGE = (-4.05, 2.40)  # m/s2, longitudinal
 LATERAL_MAX = 4.89  # m/s2
@@ -99,11 +99,9 @@ def events(
     return found
 
 
-def free_flow_time(
-    road: RoadMap, edges: Sequence[int], start_s: float, speed_factor: float, max_speed: float
-) -> float:
-    """Seconds from lane position start_s, m, on the first of `edges` to the end of the last, at
-    the limits times speed_factor and below max_speed, m/s.
+def free_flow_time(road: RoadMap, edges: Sequence[int], start_s: float, ego: EgoState) -> float:
+    """Seconds from lane position start_s, m, on the first of `edges` to the end of the last, as
+    fast as the ego may and can drive.
 
     Each edge counts with its fastest lane, each junction with the quickest of the connections that
     lead on.
@@ -111,43 +109,39 @@ def free_flow_time(
     total = 0.0
     for k, edge in enumerate(edges):
         lanes = np.flatnonzero(road.edge == edge)
-        times = road.length[lanes] / np.minimum(road.speed[lanes] * speed_factor, max_speed)
+        times = road.length[lanes] / _free_speed(road, lanes, ego)
         best = int(np.argmin(times))
         share = 1.0 if k else max(0.0, 1.0 - start_s / float(road.length[lanes[best]]))
         total += share * float(times[best])
         if k + 1 < len(edges):
             total += min(
-                (
-                    _connection_time(road, int(lane), edges[k + 1], speed_factor, max_speed)
-                    for lane in lanes
-                ),
+                (_connection_time(road, int(lane), edges[k + 1], ego) for lane in lanes),
                 default=0.0,
             )
     return total
 
 
-def _connection_time(
-    road: RoadMap, lane: int, onto: int, speed_factor: float, max_speed: float
-) -> float:
+def _connection_time(road: RoadMap, lane: int, onto: int, ego: EgoState) -> float:
     """Seconds on the internal lanes between `lane` and the edge `onto`; inf where they are not
     connected."""
     quickest = inf
     for first in road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]:
-        time, exit_lane = crossing_time(road, int(first), 0.0, speed_factor, max_speed)
+        time, exit_lane = crossing_time(road, int(first), 0.0, ego)
         if road.edge[exit_lane] == onto:
             quickest = min(quickest, time)
     return quickest
 
 
-def crossing_time(
-    road: RoadMap, lane: int, s: float, speed_factor: float, max_speed: float
-) -> tuple[float, int]:
+def crossing_time(road: RoadMap, lane: int, s: float, ego: EgoState) -> tuple[float, int]:
     """Free-flow seconds from lane position s, m, on an internal lane to the end of its connection,
     and the ordinary lane there; 0 and the lane itself where it is ordinary."""
     *inside, ends = connection(road, lane)
-    driven, time = s, 0.0
-    for here in inside:
-        free = min(float(road.speed[here]) * speed_factor, max_speed)
-        time += max(0.0, float(road.length[here]) - driven) / free
-        driven = 0.0
-    return time, ends
+    lanes = np.array(inside, dtype=np.int64)
+    left = road.length[lanes]
+    left[:1] = np.maximum(left[:1] - s, 0.0)
+    return float((left / _free_speed(road, lanes, ego)).sum()), ends
+
+
+def _free_speed(road: RoadMap, lanes: Indices, ego: EgoState) -> Floats:
+    """How fast the ego may and can drive on these lanes, m/s."""
+    return np.minimum(limits(road, lanes, ego.vclass) * ego.speed_factor, ego.max_speed)

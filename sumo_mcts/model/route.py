@@ -3,6 +3,7 @@ speed limits."""
 
 import heapq
 import math
+from collections.abc import Collection
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.numerics.lanes import connection, usable
+from sumo_mcts.numerics.lanes import connection, limits, of_class, usable
 from sumo_mcts.scene import ALLWAY, STOP, Bools, Floats, Indices, RoadMap
 
 SPACING = 1.0  # m between the rows of the pose and speed tables
@@ -122,14 +123,18 @@ def route_map(
     lane, leg = np.array(lanes, np.int64), np.array(legs, np.int64)
     position = {(int(leg[i]), int(lane[i])): i for i in range(w)}
     node_length = road.length[lane]
-    nxt, changes, reach = _continuations(road, lane, leg, following, node_length, len(edges))
     left, right = (
         np.array([position.get((int(leg[i]), int(side[lane[i]])), -1) for i in range(w)], np.int64)
         for side in (road.left, road.right)
     )
-    left[road.internal[lane]] = -1  # SUMO does not change lanes inside a junction
-    right[road.internal[lane]] = -1
-    limit = np.minimum(road.speed[lane] * speed_factor, max_speed)
+    own = of_class(np.array([vclass]))
+    # SUMO does not change lanes inside a junction
+    left[road.internal[lane] | (road.change_left[lane] & own == 0)] = -1
+    right[road.internal[lane] | (road.change_right[lane] & own == 0)] = -1
+    nxt, changes, reach = _continuations(
+        road, lane, leg, following, node_length, (left, right), len(edges)
+    )
+    limit = np.minimum(limits(road, lane, vclass) * speed_factor, max_speed)
     has = nxt >= 0
     entered = np.where(has, lane[nxt], 0)
     signal = np.where(has, road.signal[entered], -1).astype(np.int64)
@@ -197,37 +202,61 @@ def _continuations(
     leg: Indices,
     following: dict[tuple[int, int], list[list[int]]],
     length: Floats,
+    beside: tuple[Indices, Indices],
     legs: int,
 ) -> tuple[Indices, Indices, Floats]:
     """next, changes and reach of every node, as SUMO continues: the furthest path, then the fewest
-    lane changes, then the rightmost."""
+    lane changes, then the rightmost. `beside`: the nodes to the left and right to which the ego
+    may change."""
     w = len(lane)
     nxt, changes, reach = np.full(w, -1, np.int64), np.zeros(w, np.int64), np.zeros(w)
+    entered = np.zeros(w)  # reach; 0: the ego would be in a lane that it cannot leave in time
     nodes = {(int(leg[i]), int(lane[i])): i for i in range(w)}
     for k in range(legs - 1, -1, -1):
-        here = [i for i in np.flatnonzero(leg == k) if not road.internal[lane[i]]]
+        here = [i for i in np.flatnonzero(leg == k).tolist() if not road.internal[lane[i]]]
         for i in here:
             reach[i] = math.inf if k == legs - 1 else length[i]
             best: tuple[float, int] | None = None
             for path in following.get((k, int(lane[i])), []):
                 inner = [nodes[k, j] for j in path[:-1]]
                 target = nodes[k + 1, path[-1]]
-                beyond = float(sum(length[j] for j in inner)) + reach[target]
+                beyond = float(sum(length[j] for j in inner)) + entered[target]
                 for a, b in pairwise([*inner, target]):
                     nxt[a] = b
                 for n, j in enumerate(inner):
-                    reach[j] = float(sum(length[m] for m in inner[n:])) + reach[target]
+                    reach[j] = float(sum(length[m] for m in inner[n:])) + entered[target]
                     changes[j] = changes[target]
                 rank = (beyond, -abs(int(changes[target])))
                 if best is None or rank > best:
                     best, nxt[i] = rank, inner[0] if inner else target
                     reach[i] = length[i] + beyond
-        if here:
-            furthest = max(reach[i] for i in here)
-            good = [int(road.index[lane[i]]) for i in here if reach[i] >= furthest - 1e-6]
-            for i in here:
-                changes[i] = min((g - int(road.index[lane[i]]) for g in good), key=abs)
+        furthest = max((reach[i] for i in here), default=0.0)
+        good = {i for i in here if reach[i] >= furthest - 1e-6}
+        for i in here:
+            changes[i], entered[i] = changes[nxt[i]] if nxt[i] >= 0 else 0, reach[i]
+            found = _changes_to(good, i, beside)
+            if found is not None:
+                changes[i] = found
+            elif nxt[i] < 0 or reach[i] <= length[i]:
+                entered[i] = 0.0
     return nxt, changes, reach
+
+
+def _changes_to(good: Collection[int], node: int, beside: tuple[Indices, Indices]) -> int | None:
+    """Lane changes, one by one, to the nearest of the `good` nodes, positive to the left; None:
+    there is no way. `beside` as in _continuations."""
+    left = right = node
+    for n in range(len(beside[0])):
+        if right in good:
+            return -n
+        if left in good:
+            return n
+        left, right = (
+            int(side[at]) if at >= 0 else -1 for side, at in zip(beside, (left, right), strict=True)
+        )
+        if left < 0 and right < 0:
+            break
+    return None
 
 
 def _upstream(road: RoadMap, own: Indices) -> Upstream:

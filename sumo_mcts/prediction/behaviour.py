@@ -57,7 +57,7 @@ def drive(
     xs[0], vs[0] = drivers.x, drivers.v
     if params.interacting:
         grid = np.arange(times, dtype=np.float64) * params.step
-        course = course_of(road, signals, paths, grid)
+        course = course_of(road, signals, paths, drivers.vclass, grid)
         progress = Progress(
             at=np.zeros(n, np.int32),
             rank=np.full(n, np.inf),

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.numerics.kernel import kernel
+from sumo_mcts.numerics.lanes import limits
 from sumo_mcts.numerics.signals import signal_states
 from sumo_mcts.prediction.conflicts import conflicts_of
 from sumo_mcts.prediction.paths import NARROWS, Paths
@@ -34,15 +35,15 @@ class Course(NamedTuple):
     place: Floats  # [N, F, 4]
 
 
-def course_of(road: RoadMap, signals: Signals, paths: Paths, times: Floats) -> Course:
-    """What lies on the paths at `times` [T], s from now."""
+def course_of(road: RoadMap, signals: Signals, paths: Paths, vclass: Ints, times: Floats) -> Course:
+    """What lies on the paths of vehicles of these classes [N] at `times` [T], s from now."""
     conflicts = conflicts_of(road, paths)
     last = paths.offset[np.arange(len(paths.count)), paths.count]
     return Course(
         path=paths.lane,
         offset=paths.offset,
         lanes=paths.count,
-        limit=road.speed[paths.lane],
+        limit=limits(road, paths.lane, vclass[:, None]),
         internal=road.internal[paths.lane],
         red=_red_lights(road, signals, paths, times),
         sign=stop_signs(road, paths),

@@ -38,6 +38,7 @@ class Drivers(NamedTuple):
     stood: Floats
     trend: Floats  # [N] m/s2, its smoothed acceleration
     does: Indices  # [N] as in Intent.does
+    vclass: Ints  # [N] as in Agents
 
 
 class Progress(NamedTuple):

@@ -135,6 +135,7 @@ def _drivers(agents: Agents, question: Question, intent: Intent) -> Drivers:
         stood=np.concatenate([[-question.stood_s], stood]),
         trend=np.concatenate([[0.0], agents.trend]),
         does=does,
+        vclass=np.concatenate([[ego.vclass], agents.vclass]).astype(np.int32),
     )
 
 

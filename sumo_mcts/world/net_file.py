@@ -1,7 +1,7 @@
 """Reads a SUMO network file with sumolib, and refuses a file that is none."""
 
 import zlib
-from typing import Any
+from typing import Any, NamedTuple
 from xml.sax import SAXException
 from xml.sax.expatreader import ExpatParser
 
@@ -11,6 +11,7 @@ from sumo_mcts import files
 
 MOST_UNPACKED = 1 << 30  # bytes of a network
 MOST_DURATION = 1e9  # s, of a phase of a signal
+MOST_SPEED = 1000.0  # m/s: beyond it a number is taken for damage
 ON_FOOT = ("walkingarea", "crossing")  # functions of edges that no vehicle drives on
 
 # What sumolib and its parser raise on a file that is not what they expect.
@@ -29,6 +30,7 @@ _PARENTS = {
     "lane": "edge",
     "request": "junction",
     "phase": "tlLogic",
+    "restriction": "type",
     **dict.fromkeys(("edge", "junction", "connection", "tlLogic", "location"), "net"),
 }
 
@@ -37,8 +39,19 @@ class NoInternalLanesError(Exception):
     """There are signals or stop signs, but no lanes inside junctions, which they belong to."""
 
 
-def read_net(net_file: str) -> Any:
-    """The network as sumolib has it. Raises BROKEN, most of it as ValueError with the line."""
+class NetFile(NamedTuple):
+    """What a network file says."""
+
+    net: Any  # as sumolib has it
+    # what sumolib leaves out: vehicle classes that may change from a lane (id) to the left and to
+    # the right, where not all may
+    changes: dict[str, tuple[str, str]]
+    # type of edges -> vehicle class -> its limit there, m/s
+    restrictions: dict[str, dict[str, float]]
+
+
+def read_net(net_file: str) -> NetFile:
+    """Read a network file. Raises BROKEN, most of it as ValueError with the line."""
     root = files.xml_root(net_file)
     if root != "net":
         raise ValueError(f"its root element is {root}, that of a network is net")
@@ -57,7 +70,7 @@ def read_net(net_file: str) -> Any:
         raise ValueError(
             f"line {parser.getLineNumber()}: {missing or type(error).__name__}"
         ) from error
-    return reader.getNet()
+    return NetFile(reader.getNet(), reader.changes, reader.restrictions)
 
 
 class _Reader(sumolib.net.NetReader):  # type: ignore[misc]  # sumolib has no types
@@ -68,6 +81,9 @@ class _Reader(sumolib.net.NetReader):  # type: ignore[misc]  # sumolib has no ty
         super().__init__(**options)
         self._inside: list[str] = []
         self._edge, self._lanes = "", 0
+        self._type = ""
+        self.changes: dict[str, tuple[str, str]] = {}
+        self.restrictions: dict[str, dict[str, float]] = {}
 
     def startElement(self, name: str, attrs: Any) -> None:  # noqa: N802  # the parser's name
         """Called by the parser."""
@@ -83,6 +99,17 @@ class _Reader(sumolib.net.NetReader):  # type: ignore[misc]  # sumolib has no ty
                     f"to be {self._edge}_{self._lanes}"
                 )
             self._lanes += 1
+            if "changeLeft" in attrs or "changeRight" in attrs:
+                self.changes[attrs["id"]] = (
+                    attrs.get("changeLeft", "all"),
+                    attrs.get("changeRight", "all"),
+                )
+        elif name == "type":
+            self._type = attrs["id"]
+        elif name == "restriction":
+            speed = float(attrs["speed"])
+            require_within(f"type {self._type}: restriction: speed", speed, 0.0, MOST_SPEED)
+            self.restrictions.setdefault(self._type, {})[attrs["vClass"]] = speed
         elif name == "phase":
             for key in ("duration", "minDur", "maxDur"):
                 require_within(f"phase: {key}", float(attrs.get(key, 0.0)), 0.0, MOST_DURATION)

@@ -17,6 +17,7 @@ from sumo_mcts.scene import (
     PRIORITY,
     STOP,
     STRAIGHT,
+    VEHICLE_CLASSES,
     Bools,
     Floats,
     Ints,
@@ -32,13 +33,19 @@ from sumo_mcts.world.conflicts import (
     stretched,
 )
 from sumo_mcts.world.links import Link, following_lane, junction_clusters, mask_of, read_links
-from sumo_mcts.world.net_file import BROKEN, NoInternalLanesError, read_net, require_within
+from sumo_mcts.world.net_file import (
+    BROKEN,
+    MOST_SPEED,
+    NetFile,
+    NoInternalLanesError,
+    read_net,
+    require_within,
+)
 
 NAMED = 6  # edges that a message names
 MOST_KEPT = 16  # networks in one process: a batch may make one for each episode
 
 # Beyond these a number is taken for damage.
-MOST_SPEED = 1000.0  # m/s
 MOST_LENGTH = 1e6  # m, of a lane
 MOST_WIDTH = 100.0  # m
 FARTHEST = 1e8  # m, of a coordinate from the origin
@@ -112,8 +119,9 @@ def sumo_lane(road: RoadMap, lane: int) -> int:
 # --- from sumolib's objects to arrays ---
 
 
-def _convert(net: Any) -> RoadMap:
-    """The network of sumolib as arrays. Raises ValueError, KeyError, NoInternalLanesError."""
+def _convert(file: NetFile) -> RoadMap:
+    """A network file as arrays. Raises ValueError, KeyError, NoInternalLanesError."""
+    net = file.net
     edges = list(net.getEdges())
     for edge in edges:
         _require_sound(edge)
@@ -154,6 +162,7 @@ def _convert(net: Any) -> RoadMap:
         ),
         **{
             **fields,
+            **_class_fields(file, edges, ids, fields["speed"]),
             **_link_fields(fields["classes"], links),
             **_conflict_fields(paths, len(lanes)),
         },
@@ -226,6 +235,37 @@ def _lane_fields(
         "right": _neighbours(edge, 1 if lefthand else -1),
         "junction": np.where(internal, begins, -1).astype(np.int32),
         **junction_clusters(internal, length, begins, ends),
+    }
+
+
+def _class_fields(
+    file: NetFile, edges: Sequence[Any], ids: Sequence[str], speed: Floats
+) -> dict[str, Any]:
+    """The fields of a RoadMap that tell what single vehicle classes may do; `ids` and `speed` [L]
+    of the lanes."""
+    changes = [file.changes.get(name, ("all", "all")) for name in ids]
+    left, right = (
+        np.array([mask_of(frozenset(classes.split())) for classes in side], dtype=np.uint64)
+        for side in zip(*changes, strict=True)
+    )
+    own = {edge.getID(): file.restrictions.get(edge.getType(), {}) for edge in edges}
+    named = sorted({name for limits in own.values() for name in limits} & set(VEHICLE_CLASSES))
+    row = np.full(len(VEHICLE_CLASSES), -1, dtype=np.int32)
+    row[[VEHICLE_CLASSES.index(name) for name in named]] = np.arange(len(named))
+    of_lane = [own[name.rpartition("_")[0]] for name in ids]
+    return {
+        "change_left": left,
+        "change_right": right,
+        "class_row": row,
+        "class_speed": np.array(
+            [
+                [
+                    max(limits.get(name, usual), LEAST_SPEED)
+                    for limits, usual in zip(of_lane, speed, strict=True)
+                ]
+                for name in named
+            ]
+        ).reshape(len(named), len(ids)),
     }
 
 

@@ -4,7 +4,7 @@ from math import inf
 
 import numpy as np
 import pytest
-from helpers import Lane, build, crossing, edges, straight_road
+from helpers import Lane, build, crossing, edges, ego_at, straight_road
 
 from sumo_mcts.evaluation.metrics import (
     accelerations,
@@ -16,6 +16,7 @@ from sumo_mcts.evaluation.metrics import (
     rms,
     window,
 )
+from sumo_mcts.scene import EgoState, RoadMap
 
 
 @pytest.mark.parametrize(("step", "steps"), [(0.05, 10), (0.1, 5), (0.3, 2), (0.5, 1), (1.0, 1)])
@@ -76,21 +77,33 @@ def test_events_need_a_second_of_quiet() -> None:
     ]  # the same at long steps
 
 
+def driver(road: RoadMap, speed_factor: float, max_speed: float) -> EgoState:
+    return ego_at(road, road.lane_ids[0], 0.0)._replace(
+        speed_factor=speed_factor, max_speed=max_speed
+    )
+
+
 def test_free_flow_time_over_junctions() -> None:
     road = straight_road(speed=15.0)
     route = edges(road, "a", "b", "c")
-    assert free_flow_time(road, route, 50.0, 1.0, inf) == pytest.approx((620.0 - 50.0) / 15.0)
-    assert free_flow_time(road, route, 50.0, 1.1, inf) == pytest.approx((620.0 - 50.0) / 16.5)
-    assert free_flow_time(road, route, 0.0, 1.0, 10.0) == pytest.approx(62.0)
-    assert free_flow_time(road, edges(road, "b"), 50.0, 1.0, inf) == pytest.approx(10.0)
+    assert free_flow_time(road, route, 50.0, driver(road, 1.0, inf)) == pytest.approx(
+        (620.0 - 50.0) / 15.0
+    )
+    assert free_flow_time(road, route, 50.0, driver(road, 1.1, inf)) == pytest.approx(
+        (620.0 - 50.0) / 16.5
+    )
+    assert free_flow_time(road, route, 0.0, driver(road, 1.0, 10.0)) == pytest.approx(62.0)
+    assert free_flow_time(road, edges(road, "b"), 50.0, driver(road, 1.0, inf)) == pytest.approx(
+        10.0
+    )
 
 
 def test_free_flow_time_takes_the_connection_of_the_route_and_the_fast_lane() -> None:
     road = crossing()
     turn = float(road.length[road.lane_ids.index(":wn_0")])
-    assert free_flow_time(road, edges(road, "wi", "no"), 0.0, 1.0, inf) == pytest.approx(
-        90 / 15 + turn / 8 + 90 / 15
-    )
+    assert free_flow_time(
+        road, edges(road, "wi", "no"), 0.0, driver(road, 1.0, inf)
+    ) == pytest.approx(90 / 15 + turn / 8 + 90 / 15)
     two = build(
         [
             Lane("a", 0, ((0, 0), (100, 0)), ("b_0",), 10.0),
@@ -98,9 +111,11 @@ def test_free_flow_time_takes_the_connection_of_the_route_and_the_fast_lane() ->
             Lane("b", 0, ((100, 0), (200, 0)), (), 10.0),
         ]
     )
-    assert free_flow_time(two, edges(two, "a", "b"), 20.0, 1.0, inf) == pytest.approx(4.0 + 10.0)
+    assert free_flow_time(two, edges(two, "a", "b"), 20.0, driver(two, 1.0, inf)) == pytest.approx(
+        4.0 + 10.0
+    )
 
 
 def test_unconnected_edges_are_never_reached() -> None:
     road = crossing()
-    assert free_flow_time(road, edges(road, "si", "eo"), 0.0, 1.0, inf) == inf
+    assert free_flow_time(road, edges(road, "si", "eo"), 0.0, driver(road, 1.0, inf)) == inf

@@ -18,7 +18,7 @@ from helpers_referee import CROSSING, ROUTE, STEP, STRAIGHT, drive, referee
 
 from sumo_mcts.evaluation.goal import Goal
 from sumo_mcts.evaluation.referee import Referee
-from sumo_mcts.scene import Frame
+from sumo_mcts.scene import VEHICLE_CLASSES, Frame
 
 
 def test_arrives_where_sumo_takes_it_out() -> None:
@@ -242,6 +242,20 @@ def test_motion_in_the_row() -> None:
     assert row["outcome"] is None
     assert row["lane_changes"] == 0
     assert row["min_ttc_s"] is None
+
+
+def test_speeding_is_by_the_limit_of_the_class_of_the_vehicle() -> None:
+    truck = VEHICLE_CLASSES.index("truck")
+    row = np.full(len(VEHICLE_CLASSES), -1, np.int32)
+    row[truck] = 0
+    road = STRAIGHT._replace(class_row=row, class_speed=np.full((1, len(STRAIGHT.speed)), 10.0))
+    shares = []
+    for vclass in (0, truck):
+        ego = ego_at(road, "a_1", 20.0, 14.0)._replace(vclass=vclass)
+        judge = referee(road, frame_of(road, 0.0, ego), *ROUTE)
+        judge.observe(frame_of(road, 0.5, ego))
+        shares.append(judge.row()["speeding_share"])
+    assert shares == [0.0, 1.0]
 
 
 def test_speeding_allows_the_vehicles_own_factor() -> None:

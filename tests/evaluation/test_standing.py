@@ -141,7 +141,7 @@ def judged(
     a second; `gone`: it is taken out at the end of its route."""
     route = edges(road, *ROUTE)
     ways = [ego_at(road, name, s, route=route) for name, s in where]
-    free = free_flow_time(road, route, ways[0].s, 1.0, 50.0)
+    free = free_flow_time(road, route, ways[0].s, ways[0])
     start = frame_of(road, 7.0, ways[0])
     judge = Referee(road, Goal(route, -1, 100.0, free)._replace(**goal), 1.0, start)
     frames = [frame_of(road, 7.0 + k, ego) for k, ego in enumerate(ways)]

@@ -22,14 +22,14 @@ import naive
 import numpy as np
 import pytest
 import sumo
-from helpers import Lane, build, edges
+from helpers import ALL_CLASSES, Lane, build, edges
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_mcts.config import load
 from sumo_mcts.config.builtin import root, scenario_path
 from sumo_mcts.model.route import SPACING, UPSTREAM_VIEW, RouteMap, lane_pose, route_map
-from sumo_mcts.scene import STOP, EgoState, RoadMap
+from sumo_mcts.scene import IGNORING, STOP, VEHICLE_CLASSES, EgoState, RoadMap
 from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import lane_index, read_roadmap
@@ -336,6 +336,73 @@ def test_of_two_ways_that_end_alike_the_one_with_fewer_changes_to_come_is_taken(
     road = build(lanes)
     route = route_map(road, edges(road, "a", "b", "c"), 0, 5.0, 1.0, 50.0, 2.0)
     assert route.next[node_of(road, route, "a_0")] == node_of(road, route, "b_1")
+
+
+def banned(**lanes: str) -> RoadMap:
+    """Edges a, b, c of two lanes; b_1 alone leads on to c_1, and c_1 alone is left at the end.
+
+    `lanes`: name -> side to which cars may not change from it.
+    """
+    ways = {"a_0": ("b_0",), "a_1": ("b_1",), "b_0": (), "b_1": ("c_1",), "c_0": (), "c_1": ()}
+    return build(
+        [
+            Lane(
+                name[0],
+                int(name[2]),
+                ((x, 3.0 * int(name[2])), (x + 100.0, 3.0 * int(name[2]))),
+                ways[name],
+                change_left=0 if lanes.get(name) == "left" else ALL_CLASSES,
+                change_right=0 if lanes.get(name) == "right" else ALL_CLASSES,
+            )
+            for name, x in zip(ways, (0.0, 0.0, 100.0, 100.0, 200.0, 200.0), strict=True)
+        ]
+    )
+
+
+def test_the_ego_changes_before_the_lanes_that_may_not_be_left() -> None:
+    free, solid = banned(), banned(b_0="left")
+    routes = [route_map(r, edges(r, "a", "b", "c"), 0, 5.0, 1.0, 50.0, 2.0) for r in (free, solid)]
+    a, b = (node_of(free, routes[0], name) for name in ("a_0", "b_0"))
+    assert [int(route.left[b]) >= 0 for route in routes] == [True, False]
+    assert [float(route.reach[a]) for route in routes] == [200.0, 100.0]
+    assert [int(route.changes[a]) for route in routes] == [1, 1]
+    assert [int(route.changes[b]) for route in routes] == [1, 0]  # none is possible
+    assert int(routes[1].right[node_of(solid, routes[1], "b_1")]) == b  # the other way it may
+
+
+def test_a_lane_between_that_is_closed_to_the_vehicle_is_no_way() -> None:
+    lanes = [
+        Lane(
+            "a", k, ((0.0, 3.0 * k), (100.0, 3.0 * k)), (f"b_{k}",), classes=1 if k != 1 else 1 << 8
+        )
+        for k in range(3)
+    ]
+    lanes += [
+        Lane("b", k, ((100.0, 3.0 * k), (200.0, 3.0 * k)), ("c_0",) if k == 2 else ())
+        for k in range(3)
+    ]
+    road = build([*lanes, Lane("c", 0, ((200.0, 6.0), (300.0, 6.0)))])
+    route = route_map(road, edges(road, "a", "b", "c"), 0, 5.0, 1.0, 50.0, 2.0)
+    right, left = (node_of(road, route, name) for name in ("a_0", "a_2"))
+    assert route.left[right] == -1 and route.changes[right] == 2  # on b it may
+    assert route.changes[left] == 0
+
+
+def test_limits_are_those_of_the_vehicle_s_class() -> None:
+    road = banned()
+    row = np.full(len(VEHICLE_CLASSES), -1, np.int32)
+    row[VEHICLE_CLASSES.index("truck")] = 0
+    road = road._replace(
+        class_row=row, class_speed=np.array([[5.0, 20.0] * 3]), speed=np.full(6, 9.0)
+    )
+    truck, car = (
+        route_map(road, edges(road, "a", "b", "c"), kind, 5.0, 1.1, 50.0, 2.0)
+        for kind in (VEHICLE_CLASSES.index("truck"), 0)
+    )
+    assert truck.limit[:2].tolist() == pytest.approx([5.5, 22.0])
+    assert car.limit[:2].tolist() == pytest.approx([9.9, 9.9])
+    anyone = route_map(road, edges(road, "a", "b", "c"), IGNORING, 5.0, 1.0, 50.0, 2.0)
+    assert (anyone.limit == 9.0).all()
 
 
 # --- speed caps ---

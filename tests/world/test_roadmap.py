@@ -14,8 +14,10 @@ from helpers_networks import netconvert
 from shapely.geometry import LineString, Point
 
 from sumo_mcts.errors import ConfigError
+from sumo_mcts.numerics.lanes import limits
 from sumo_mcts.scene import (
     ALLWAY,
+    IGNORING,
     LEFT,
     PRIORITY,
     RIGHT,
@@ -379,6 +381,31 @@ def test_permissions_of_a_connection_hold_on_its_internal_lanes(tmp_path: Path) 
         VEHICLE_CLASSES
     ) - {"truck", "pedestrian"}
     assert names(chain(road, "AB_0", "BC_0")[0]) == {"bus", "taxi"}
+
+
+def test_what_single_classes_may_do(tmp_path: Path) -> None:
+    """Bans of lane changes as netconvert writes them from OSM, and limits of an edge's type."""
+    (tmp_path / "t.typ.xml").write_text(
+        '<types><type id="road" speed="30"><restriction vClass="truck" speed="17"/>'
+        '<restriction vClass="bus" speed="20"/></type></types>'
+    )
+    edges = (
+        '<edge id="a" from="w" to="m" type="road" numLanes="2">'
+        '<lane index="0" changeLeft="authority bus"/><lane index="1" changeRight="authority"/></edge>'
+        '<edge id="b" from="m" to="e" numLanes="2" speed="25"/>'
+    )
+    nodes = '<node id="w" x="0" y="0"/><node id="m" x="200" y="0"/><node id="e" x="400" y="0"/>'
+    road = read_roadmap(netconvert(tmp_path, nodes, edges, "", "-t", "t.typ.xml"))
+    at = {name: i for i, name in enumerate(road.lane_ids)}
+    kind = {name: np.uint64(1 << VEHICLE_CLASSES.index(name)) for name in VEHICLE_CLASSES}
+    assert road.change_left[at["a_0"]] == kind["authority"] | kind["bus"]
+    assert road.change_right[at["a_1"]] == kind["authority"]
+    assert (road.change_left[[at["a_1"], at["b_0"]]] & kind["passenger"] != 0).all()
+    lanes = np.array([at["a_0"], at["b_0"]])
+    for name, expected in (("truck", [17, 25]), ("bus", [20, 25]), ("passenger", [30, 25])):
+        assert limits(road, lanes, VEHICLE_CLASSES.index(name)).tolist() == expected
+    both = np.array([VEHICLE_CLASSES.index("truck"), IGNORING])
+    assert limits(road, lanes[[0, 0]], both).tolist() == [17, 30]
 
 
 def test_crossings_for_pedestrians_are_lanes_without_successors(tmp_path: Path) -> None:
