@@ -116,8 +116,9 @@ class RoadMap(NamedTuple):
 # --- what a cycle knows ---
 
 
-# What a signal shows to a link (Signals.state).
-GREEN, YELLOW, RED = range(3)
+# What a signal shows to a link (Signals.state). AFTER_STOP: red that a vehicle may pass that has
+# stood before it and lets all others pass, as for turning right on red.
+GREEN, YELLOW, RED, AFTER_STOP = range(4)
 
 
 class Signals(NamedTuple):
@@ -127,7 +128,7 @@ class Signals(NamedTuple):
     """
 
     offset: Ints  # [Q+1] links of signal q: offset[q]:offset[q+1]
-    state: Ints  # [links, K] GREEN, YELLOW or RED during phase k
+    state: Ints  # [links, K] GREEN .. AFTER_STOP during phase k
     until: Floats  # [Q, K] seconds from now at which phase k of signal q ends; inf where unknown
 
 

@@ -22,12 +22,14 @@ from sumo_mcts.errors import in_one_line
 from sumo_mcts.model.local_map import State, ego_state
 from sumo_mcts.model.route import RouteMap, is_rest_of, route_map
 from sumo_mcts.numerics.kernel import Stopwatch
+from sumo_mcts.numerics.signals import shown
 from sumo_mcts.planners.base import Planner, Remembering, Situation, Task
 from sumo_mcts.planners.budget import Timekeeper
 from sumo_mcts.planners.failsafe import FailSafe
 from sumo_mcts.planners.validity import why_invalid
 from sumo_mcts.prediction.interface import OracleRecorder, Oracles
 from sumo_mcts.scene import (
+    AFTER_STOP,
     STANDING,
     Answers,
     Decision,
@@ -88,7 +90,7 @@ class Driver:
         self._failures = 0  # of planner and predictor, in a row
         self._route: RouteMap | None = None
         self._edges: tuple[int, ...] = ()
-        self._stood: dict[int, float] = {}  # node at whose stop sign the ego has stood -> when
+        self._stood: dict[int, float] = {}  # node at whose stop line the ego has stood -> when
         self._last = LastDecision()
         # what the planner was asked last; None where the ego is not on its route
         self.question: tuple[Task, Situation] | None = None
@@ -106,7 +108,7 @@ class Driver:
         if placed is None:
             return self._released(memory, watch)
         task, state = placed
-        self._note_stop(task.route, state, scene.time)
+        self._note_stop(task.route, state, scene)
         forecast, failure = (
             self._foresee(scene, state)
             if self._planner.needs_forecast or self._config.failsafe.on
@@ -279,8 +281,16 @@ class Driver:
                 f"planner {self._config.planner.name} does not start: {in_one_line(error)}"
             ) from error
 
-    def _note_stop(self, route: RouteMap, state: State, now: float) -> None:
-        """Remember when the ego came to a stand at a stop sign."""
-        to_line = route.length[state.node] - state.s
-        if route.sign[state.node] and state.v < STANDING and to_line < NEAR_STOP:
-            self._stood.setdefault(state.node, now)
+    def _note_stop(self, route: RouteMap, state: State, scene: Scene) -> None:
+        """Remember when the ego came to a stand at a stop sign, or a light that is one."""
+        node, to_line = state.node, route.length[state.node] - state.s
+        if (
+            state.v < STANDING
+            and to_line < NEAR_STOP
+            and (
+                route.sign[node]
+                or shown(scene.signals, int(route.signal[node]), int(route.link[node]))
+                == AFTER_STOP
+            )
+        ):
+            self._stood.setdefault(node, scene.time)

@@ -17,7 +17,18 @@ from sumo_mcts.model.route import RouteMap, lane_pose, stop_ahead
 from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.planners.baselines import plan_of
 from sumo_mcts.planners.mcts import actions_of, mcts_params
-from sumo_mcts.scene import GREEN, RED, YELLOW, Agents, Decision, Floats, Follow, Scene, Signals
+from sumo_mcts.scene import (
+    AFTER_STOP,
+    GREEN,
+    RED,
+    YELLOW,
+    Agents,
+    Decision,
+    Floats,
+    Follow,
+    Scene,
+    Signals,
+)
 
 POINT_M = 10.0  # m between the points of the route
 FAR_M = 300.0  # m: larger distances count as this much
@@ -185,8 +196,9 @@ def _stop_line(route: RouteMap, state: State, signals: Signals) -> Floats:
     shows = signals.state[signals.offset[signal] + int(route.link[node])]
     # up to the last phase before the signal shows something else
     until = signals.until[signal][: int(np.argmax(shows != shows[0])) or len(shows)]
-    colours = (shows[0] == GREEN, shows[0] == YELLOW, shows[0] == RED)
-    return np.array([1.0, distance, *colours, 0.0, min(float(until[-1]), LATER_S)])
+    after_stop = shows[0] == AFTER_STOP
+    colours = (shows[0] == GREEN, shows[0] == YELLOW, shows[0] == RED or after_stop)
+    return np.array([1.0, distance, *colours, after_stop, min(float(until[-1]), LATER_S)])
 
 
 def _seen_from(scene: Scene, x: Floats | float, y: Floats | float) -> tuple[Floats, Floats]:

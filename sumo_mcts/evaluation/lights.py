@@ -4,17 +4,18 @@ Definitions: docs/measures.md, `red_lights_run` and `yellow_run`.
 """
 
 from collections.abc import Iterable, Sequence
-from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.evaluation.reachability import spread
 from sumo_mcts.numerics.signals import shows
-from sumo_mcts.scene import GREEN, RED, STANDING, Agents, Frame, Ints, RoadMap, Signals
+from sumo_mcts.scene import AFTER_STOP, GREEN, RED, STANDING, Agents, Frame, Ints, RoadMap, Signals
 
 # m/s2: an ego that needed more to stop could not be asked to
 STOPPABLE_RED, STOPPABLE_YELLOW = 4.5, 3.0
+# m before the line within which a vehicle has to have stood where red may be passed after a stop
+AT_LINE = 10.0
 
 
 class LightRecord:
@@ -65,9 +66,11 @@ class LightRecord:
         then = max(0, int(self._last_green[link]))
         needed = needed_decel(speeds[then], line - odometer[then])
         # an ego that stood in between has shown that stopping was possible
-        if min(speeds[then + 1 :], default=inf) < STANDING:
-            needed = 0.0
-        if earlier == RED and later == RED:
+        stood = [k for k in range(then + 1, len(speeds)) if speeds[k] < STANDING]
+        if stood and AFTER_STOP in (earlier, later) and line - odometer[stood[-1]] < AT_LINE:
+            return
+        needed = 0.0 if stood else needed
+        if earlier >= RED and later >= RED:
             self.red_junction = int(road.junction[lane])
             self.red += needed <= STOPPABLE_RED
         else:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.route import RouteMap, stop_ahead
 from sumo_mcts.numerics.signals import signal_states
-from sumo_mcts.scene import GREEN, YELLOW, Floats, Forecast, Ints, Scene
+from sumo_mcts.scene import AFTER_STOP, GREEN, YELLOW, Floats, Forecast, Ints, Scene
 
 # m/s2 of braking beyond which the ego does not stop for red: yellow was short, or it departs right
 # before a red light
@@ -20,7 +20,7 @@ RED_DECEL = 6.0
 class Rules(NamedTuple):
     """What the local map of a cycle takes for granted."""
 
-    cleared: frozenset[int]  # nodes at whose stop sign the ego has stood
+    cleared: frozenset[int]  # nodes at whose stop line the ego has stood
     stop_decel: float  # m/s2 of braking beyond which a yellow light is passed
     claim_s: float  # s for which the path ahead of an agent counts as occupied by it
     asked: int = 0  # the side on which the ego asks for room: 1 left, -1 right, 0 neither
@@ -47,7 +47,8 @@ def closed_lines(
         until = scene.signals.until[route.signal[n]]
         phases = scene.signals.state[scene.signals.offset[route.signal[n]] + route.link[n]]
         yellow[n - first] = _next_yellow(phases, until)
-        closed[n - first] = shows != GREEN
+        stood = int(n) in rules.cleared
+        closed[n - first] = (shows != GREEN) & ~(stood & (shows == AFTER_STOP))
         distance = float(route.station[n] + route.length[n] - here)
         if shows[0] != GREEN and _goes_on(state.v, distance, phases, until, rules.stop_decel):
             reopened = np.flatnonzero(shows == GREEN)

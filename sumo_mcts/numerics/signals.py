@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sumo_mcts.scene import Floats, Indices, Ints, RoadMap, Signals
+from sumo_mcts.scene import GREEN, Floats, Indices, Ints, RoadMap, Signals
 
 
 def signal_states(
@@ -15,6 +15,11 @@ def signal_states(
     return np.asarray(signals.state[(signals.offset[signal] + link)[:, None], phase])
 
 
+def shown(signals: Signals, signal: int, link: int) -> int:
+    """What a signal (-1: none) shows to a link now; GREEN without a signal."""
+    return int(signals.state[signals.offset[signal] + link, 0]) if signal >= 0 else GREEN
+
+
 def shows(signals: Signals, road: RoadMap, lane: int) -> int:
     """What the signal before an internal lane shows now."""
-    return int(signals.state[signals.offset[road.signal[lane]] + road.link[lane], 0])
+    return shown(signals, int(road.signal[lane]), int(road.link[lane]))

@@ -32,7 +32,7 @@ class Situation(NamedTuple):
     scene: Scene
     state: State
     forecast: Forecast
-    cleared: frozenset[int]  # route nodes at whose stop sign the ego has stood
+    cleared: frozenset[int]  # route nodes at whose stop line the ego has stood
     # time.perf_counter() at which a search has to end; inf: iterations count
     until: float = math.inf
 

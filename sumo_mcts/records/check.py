@@ -132,7 +132,7 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "vclass": _CLASS,
     },
     "Signals": {
-        "state": Rule(("links", "K"), 0, 2), "offset": _offsets("links", "Q+1"),
+        "state": Rule(("links", "K"), 0, 3), "offset": _offsets("links", "Q+1"),
         "until": Rule(("Q", "K"), endless=True),
     },
     "Forecast": {

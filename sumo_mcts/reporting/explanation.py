@@ -14,6 +14,7 @@ from sumo_mcts.driver.replan import recorded_config, replan
 from sumo_mcts.model.local_map import ego_state
 from sumo_mcts.model.route import is_rest_of, route_map, stop_ahead
 from sumo_mcts.numerics.geometry import Box, box_distance
+from sumo_mcts.numerics.signals import shown
 from sumo_mcts.planners.failsafe import coming
 from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Row, Setting, Trace, same, scenario_of
 from sumo_mcts.records.measures import BY_KEY
@@ -34,7 +35,7 @@ from sumo_mcts.scene import (
 )
 
 STOOD = ("stopped_s", "longest_stop_s", "stopped_at_green_s")  # keys of the row
-COLOURS = ("green", "yellow", "red")  # as scene.py numbers them
+COLOURS = ("green", "yellow", "red", "red, may be passed after a stop")  # as scene.py numbers them
 
 
 def explain(
@@ -172,7 +173,7 @@ def _stop_line(cycle: CycleRecord, road: RoadMap) -> dict[str, Any] | None:
             "shows": "stood there" if kept and node in cycle.memory.stood else "to stop",
             "for_s": None,
         }
-    shows = COLOURS[int(now.state[now.offset[signal] + int(route.link[node]), 0])]
+    shows = COLOURS[shown(now, signal, int(route.link[node]))]
     return {
         "kind": "light",
         "distance_m": distance,

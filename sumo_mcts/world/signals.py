@@ -6,16 +6,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import GREEN, RED, YELLOW, Bools, Floats, Ints, RoadMap, Signals
+from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, Bools, Floats, Ints, RoadMap, Signals
 
 PHASES = 8  # coming phases that are broadcast
 STATIC = 0  # SUMO's type of signals whose phases last as long as their program says
 SIGNAL_RANGE = 500.0  # m within which signals are read
 # SUMO's letters; any other one counts as green.
 _SHOWS = {
-    **dict.fromkeys("GgoOs", GREEN),
+    **dict.fromkeys("GgoO", GREEN),
     **dict.fromkeys("yY", YELLOW),
     **dict.fromkeys("ru", RED),
+    "s": AFTER_STOP,
 }
 _LIT_GREEN = "Gg"
 

@@ -8,7 +8,7 @@ from helpers import (
 )
 from helpers_referee import SIGNALLED, STEP, referee
 
-from sumo_mcts.scene import GREEN, RED, YELLOW
+from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW
 
 
 def lit(
@@ -40,6 +40,17 @@ def test_red_light_run() -> None:
     assert lit(slow, [RED] * 7 + [GREEN]) == (0, 0)
     assert lit(slow, [GREEN] * 7 + [RED]) == (0, 0)
     assert lit(slow[:7], [RED] * 7) == (0, 0)
+
+
+def test_red_that_may_be_passed_after_a_stop() -> None:
+    fast = [("wi_0", 55.5 + 5 * k, 10.0) for k in range(7)] + [(":we_0", 0.5, 10.0)]
+    assert lit(fast, [AFTER_STOP] * 8) == (1, 0)
+    onto = [("wi_0", 80.5, 10.0), ("wi_0", 85.5, 10.0), (":we_0", 0.5, 10.0)]
+    far = [("wi_0", 75.5, v) for v in (5.0, 0.0, 0.0)] + onto
+    near = [*far[:3], ("wi_0", 80.5, 10.0), ("wi_0", 85.5, 0.0), onto[2]]
+    assert lit(near, [AFTER_STOP] * 6) == (0, 0)
+    assert lit(near, [RED] * 6) == (1, 0)
+    assert lit(far, [AFTER_STOP] * 6) == (1, 0)  # 15 m before the line
 
 
 def test_red_light_run_over_a_lane_skipped_within_a_step() -> None:

@@ -8,16 +8,19 @@ from helpers import edges, ego_at
 from helpers_model import local_of, road_with_light, scene_of, task_of
 
 from sumo_mcts.model.local_map import LocalMap
-from sumo_mcts.scene import GREEN, RED, YELLOW, Signals
+from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, Signals
 
 
-def before_light(v: float, distance: float, *phases: tuple[int, float]) -> LocalMap:
+def before_light(
+    v: float, distance: float, *phases: tuple[int, float], stood: bool = False
+) -> LocalMap:
     """An ego before a light with these phases (state, end in s from now)."""
     road = road_with_light()
     ego = ego_at(road, "a_0", 200.0 - distance, v, route=edges(road, "a", "b"))
     states, until = zip(*phases, strict=True)
     signals = Signals(np.array([0, 1], np.int32), np.array([states], np.int32), np.array([until]))
-    return local_of(task_of(road, ego), scene_of(ego, road, signals=signals))[0]
+    cleared = frozenset([0] if stood else [])
+    return local_of(task_of(road, ego), scene_of(ego, road, signals=signals), cleared)[0]
 
 
 @pytest.mark.parametrize(
@@ -35,6 +38,14 @@ def test_an_ego_passes_yellow_where_it_cannot_stop_and_reaches_the_line_in_time(
     local = before_light(12.5, distance, (YELLOW, left), (RED, 60.0), (GREEN, math.inf))
     assert (local.closed[0] == 0).all() == opened
     assert np.isinf(local.yellow).all()  # yellow is there already
+
+
+@pytest.mark.parametrize("stood", [False, True])
+def test_red_that_may_be_passed_after_a_stop_is_closed_until_then(stood: bool) -> None:
+    local = before_light(0.0, 2.0, (AFTER_STOP, 5.0), (RED, math.inf), stood=stood)
+    early = int(4.9 / local.dt)
+    assert (local.closed[0, :early] == (not stood)).all()
+    assert local.closed[0, early + 1 :].all()
 
 
 def test_the_next_yellow_is_known() -> None:
