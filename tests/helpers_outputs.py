@@ -56,6 +56,8 @@ EXCERPTS = {
     "table": Excerpt(f"{REPORT}.md", slice(8, 24)),
     "table-csv": Excerpt("out/budgets/tables/outcomes.csv", slice(5)),
     "forecast": Excerpt("forecast highway-exit --seeds 5"),
+    "drivers": Excerpt("drivers highway-exit --seeds 2", slice(14)),
+    "value": Excerpt("value dense-permissive-left --seeds 2"),
     "regret": Excerpt("regret highway-exit --planners mcts,paper,idm --iterations 100,1000 --states 40"),
     "bench": Excerpt("bench --quick"),
     "scenarios": Excerpt("scenarios", slice(4)),

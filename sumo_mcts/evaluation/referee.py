@@ -17,7 +17,7 @@ from sumo_mcts.evaluation.lights import LightRecord
 from sumo_mcts.evaluation.metrics import comfortable_share, events, jerks, rms
 from sumo_mcts.evaluation.reachability import REACH, Drive, driven, goal_reaching_edges
 from sumo_mcts.evaluation.standing import GreenRecord, longest_run
-from sumo_mcts.numerics.lanes import limits
+from sumo_mcts.numerics.lanes import limit
 from sumo_mcts.scene import STANDING, Bools, EgoState, Frame, Ints, RoadMap
 
 ARRIVED, COLLISION, TELEPORTED, OFF_ROUTE, TIMEOUT, ERROR = (
@@ -211,8 +211,8 @@ class Referee:
         if ego.lane >= 0:
             self._trim_trail(ego)
             self._progress.advance((*drive.lanes, ego.lane))
-            limit = float(limits(road, np.array([ego.lane]), ego.vclass)[0]) * ego.speed_factor
-            self._speeding += ego.v > limit + SPEEDING + _EPS
+            allowed = limit(road, ego.lane, ego.vclass) * ego.speed_factor
+            self._speeding += ego.v > allowed + SPEEDING + _EPS
         began = ego.changing > 0 and (was.changing <= 0 or ego.changing < was.changing - _EPS)
         at_once = drive.changes > 0 and ego.changing <= 0 and was.changing <= 0
         if began or at_once:

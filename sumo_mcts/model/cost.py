@@ -13,7 +13,7 @@ from sumo_mcts.model.cost_to_go import PICK_UP, waiting_s
 from sumo_mcts.model.leaving import MAKES_ROOM
 from sumo_mcts.model.local_map import DENSITY, STREAM, LocalMap, State
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.model.route import INTERNAL, LIMIT, NEXT, REACH, RIGHT_NODE, STATION
+from sumo_mcts.model.route import INTERNAL, LIMIT, NEXT, NUMBER, REACH, STATION
 from sumo_mcts.numerics.kernel import kernel
 
 # m/s2: by so much / limit for each metre of gap the ego's useful speed is above its leader's. Up to
@@ -111,9 +111,7 @@ def step_own(
     """
     if term is None:  # numba leaves out the rest where there is none
         return 0.0
-    lane, beside = 0, int(local.node[after.node, RIGHT_NODE])
-    while beside >= 0:
-        lane, beside = lane + 1, int(local.node[beside, RIGHT_NODE])
+    lane = int(local.node[after.node, NUMBER])
     rate = term.rate(
         time, lane, after.s, after.v, after.a, (after.a - before.a) / p.step, gap, term.weight
     )

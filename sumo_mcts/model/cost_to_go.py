@@ -7,6 +7,7 @@ for each of its last states how long the ego would wait at all of them, one afte
 """
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
@@ -37,7 +38,7 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.model.route import LEFT_NODE, LENGTH, LIMIT, NEXT, RIGHT_NODE, RouteMap
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.scene import GREEN, Floats, Indices, RoadMap, Signals
+from sumo_mcts.scene import AFTER_STOP, GREEN, Floats, Indices, RoadMap, Signals
 
 DISCHARGE_S = 2.0  # s between two vehicles of a queue that starts
 UNKNOWN_S = 20.0  # s expected at a light of which no coming green is known
@@ -68,7 +69,9 @@ def gates(
         if gap[i] > 0.0:
             row[STREAM_S] = _stream_ends(road, int(route.lane[route.next[n]]), signals)
         openings = (
-            green_times(signals, int(route.signal[n]), int(route.link[n]))[:OPENINGS]
+            open_times(signals, int(route.signal[n]), int(route.link[n]), (GREEN, AFTER_STOP))[
+                :OPENINGS
+            ]
             if signalled[i]
             else [(0.0, math.inf)]
         )
@@ -116,14 +119,17 @@ def _fill_to_gate(
             to_gate[i, k] = to_gate[lane - first, k]
 
 
-def green_times(signals: Signals, signal: int, link: int) -> list[tuple[float, float]]:
-    """The times from now (s) at which a link turns green and stops being it, as far as known."""
+def open_times(
+    signals: Signals, signal: int, link: int, may_go: Collection[int] = (GREEN,)
+) -> list[tuple[float, float]]:
+    """The times from now (s) at which a link begins and ends to show one of the states `may_go`, as
+    far as known."""
     shows = signals.state[signals.offset[signal] + link]
     until = signals.until[signal]
     found: list[tuple[float, float]] = []
     begin = 0.0
     for state, end in zip(shows.tolist(), until.tolist(), strict=True):
-        if state == GREEN:
+        if state in may_go:
             if found and found[-1][1] == begin:
                 found[-1] = (found[-1][0], end)
             else:
@@ -144,7 +150,7 @@ def _stream_ends(road: RoadMap, lane: int, signals: Signals) -> float:
             continue
         if road.signal[other] < 0:
             return math.inf
-        times = green_times(signals, int(road.signal[other]), int(road.link[other]))
+        times = open_times(signals, int(road.signal[other]), int(road.link[other]))
         if times and times[0][0] == 0.0:
             ends = max(ends, times[0][1])
     return ends

@@ -367,14 +367,10 @@ def _target_lane_speed(
     route: RouteMap, view: slice, here: float, node: Indices, s: Floats, v: Floats
 ) -> float:
     """LocalMap.target_lane_speed from agents [N], also those on lanes that lead into the route."""
+    good = (route.changes == 0) & ~route.lost
     to = np.where(node <= UPSTREAM, UPSTREAM - node, node)
     at = np.maximum(to, 0)  # -1 and GONE are no nodes
-    beside = (
-        (to >= 0)
-        & (route.changes[at] == 0)
-        & (np.abs(route.station[at] + s - here) < TARGET_LANE_VIEW)
-    )
+    beside = (to >= 0) & good[at] & (np.abs(route.station[at] + s - here) < TARGET_LANE_VIEW)
     if beside.any():
         return float(v[beside].mean())
-    good = route.changes[view] == 0
-    return float(route.limit[view][good].max(initial=0.0))
+    return float(route.limit[view][good[view]].max(initial=0.0))

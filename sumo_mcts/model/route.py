@@ -3,15 +3,14 @@ speed limits."""
 
 import heapq
 import math
-from collections.abc import Collection
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.model.continuation import Nodes, changes_ahead, collect, continuation, lanes_beside
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.numerics.lanes import connection, limits, of_class, usable
+from sumo_mcts.numerics.lanes import limits
 from sumo_mcts.scene import ALLWAY, STOP, Bools, Floats, Indices, RoadMap
 
 SPACING = 1.0  # m between the rows of the pose and speed tables
@@ -31,7 +30,8 @@ SPACING = 1.0  # m between the rows of the pose and speed tables
     FIRST_ROW,
     LAST_ROW,
     JUNCTION,
-) = range(12)
+    NUMBER,
+) = range(13)
 CAP = 4  # column of RouteMap.rows after those of the pose
 END_GAP = 1.5  # m kept to the end of a lane that leads nowhere
 UPSTREAM_VIEW = 200.0  # m before the route over which the lanes that lead into it are followed
@@ -67,6 +67,7 @@ class RouteMap(NamedTuple):
     needed: Indices
     # [W] m from the node's start to where the route is lost without a lane change; inf: never
     reach: Floats
+    lost: Bools  # [W] from there no lane changes that the ego may do keep it on the route
     stop: Bools  # [W] a stop line at its end: signal, stop sign
     signal: Indices  # [W] signal of that stop line, -1 none
     link: Indices  # [W]
@@ -78,8 +79,9 @@ class RouteMap(NamedTuple):
     pose: Floats  # [R, 4] centre x, y, cos, sin of the ego's box with its front there
     # [R] highest speed from which approach_decel is enough for all lower limits and lane ends ahead
     cap: Floats
-    # [W, 12] next .. station, reach, stop, internal, first and last row, and junction, once more,
-    # for compiled code
+    # [W, 13] next .. station, reach, stop, internal, first and last row, and junction, once more,
+    # for compiled code; and which lane it is, counted from the right among those that the ego may
+    # use, inside junctions 0
     table: Floats
     rows: Floats  # [R, 5] X .. SIN of the pose and CAP, likewise
     upstream: Upstream
@@ -118,22 +120,11 @@ def route_map(
 
     `decel` (m/s2) shapes `cap`.
     """
-    lanes, legs, following = _collect(road, edges, vclass)
-    w = len(lanes)
-    lane, leg = np.array(lanes, np.int64), np.array(legs, np.int64)
-    position = {(int(leg[i]), int(lane[i])): i for i in range(w)}
+    nodes = collect(road, edges, vclass)
+    lane, leg, w = nodes.lane, nodes.leg, len(nodes.lane)
     node_length = road.length[lane]
-    left, right = (
-        np.array([position.get((int(leg[i]), int(side[lane[i]])), -1) for i in range(w)], np.int64)
-        for side in (road.left, road.right)
-    )
-    own = of_class(np.array([vclass]))
-    # SUMO does not change lanes inside a junction
-    left[road.internal[lane] | (road.change_left[lane] & own == 0)] = -1
-    right[road.internal[lane] | (road.change_right[lane] & own == 0)] = -1
-    nxt, changes, reach = _continuations(
-        road, lane, leg, following, node_length, (left, right), len(edges)
-    )
+    left, right = lanes_beside(road, nodes, vclass)
+    nxt, changes, reach, lost = continuation(road, nodes, (left, right), len(edges))
     limit = np.minimum(limits(road, lane, vclass) * speed_factor, max_speed)
     has = nxt >= 0
     entered = np.where(has, lane[nxt], 0)
@@ -153,110 +144,22 @@ def route_map(
     cap = np.zeros(row[-1])
     _fill_caps(cap, nxt, row, node_length, limit, last & ~internal, decel)
     return RouteMap(
-        lane, leg, nxt, left, right, node_length, limit, station, changes, _needed(nxt, changes),
-        reach, stop, signal,
+        lane, leg, nxt, left, right, node_length, limit, station, changes,
+        changes_ahead(nxt, changes), reach, lost, stop, signal,
         np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
         np.column_stack([nxt, left, right, node_length, limit, station, reach, stop, internal,
-        row[:-1], row[1:] - 1, road.junction[lane]]).astype(np.float64),
+        row[:-1], row[1:] - 1, road.junction[lane], _numbers(road, nodes)]).astype(np.float64),
         np.column_stack([pose, cap]), _upstream(road, lane),
     )  # fmt: skip
 
 
-def _edge_lanes(road: RoadMap, edge: int, vclass: int) -> list[int]:
-    lanes = np.flatnonzero(road.edge == edge)
-    return [int(i) for i in lanes[usable(road, lanes, vclass)]]
-
-
-def _collect(
-    road: RoadMap, edges: tuple[int, ...], vclass: int
-) -> tuple[list[int], list[int], dict[tuple[int, int], list[list[int]]]]:
-    """All lanes of the route in driving order, their legs, and for each (leg, lane) its paths on.
-
-    A path is [internal lanes..., exit lane].
-    """
-    lanes: list[int] = []
-    legs: list[int] = []
-    following: dict[tuple[int, int], list[list[int]]] = {}
-    for leg, edge in enumerate(edges):
-        here = _edge_lanes(road, edge, vclass)
-        lanes += here
-        legs += [leg] * len(here)
-        if leg + 1 == len(edges):
-            break
-        target = set(_edge_lanes(road, edges[leg + 1], vclass))
-        for lane in here:
-            paths = []
-            for k in range(road.successor_offset[lane], road.successor_offset[lane + 1]):
-                path = connection(road, int(road.successor[k]))
-                if path[-1] in target and usable(road, np.array(path), vclass).all():
-                    paths.append(path)
-                    lanes += path[:-1]
-                    legs += [leg] * (len(path) - 1)
-            following[leg, lane] = paths
-    return lanes, legs, following
-
-
-def _continuations(
-    road: RoadMap,
-    lane: Indices,
-    leg: Indices,
-    following: dict[tuple[int, int], list[list[int]]],
-    length: Floats,
-    beside: tuple[Indices, Indices],
-    legs: int,
-) -> tuple[Indices, Indices, Floats]:
-    """next, changes and reach of every node, as SUMO continues: the furthest path, then the fewest
-    lane changes, then the rightmost. `beside`: the nodes to the left and right to which the ego
-    may change."""
-    w = len(lane)
-    nxt, changes, reach = np.full(w, -1, np.int64), np.zeros(w, np.int64), np.zeros(w)
-    entered = np.zeros(w)  # reach; 0: the ego would be in a lane that it cannot leave in time
-    nodes = {(int(leg[i]), int(lane[i])): i for i in range(w)}
-    for k in range(legs - 1, -1, -1):
-        here = [i for i in np.flatnonzero(leg == k).tolist() if not road.internal[lane[i]]]
-        for i in here:
-            reach[i] = math.inf if k == legs - 1 else length[i]
-            best: tuple[float, int] | None = None
-            for path in following.get((k, int(lane[i])), []):
-                inner = [nodes[k, j] for j in path[:-1]]
-                target = nodes[k + 1, path[-1]]
-                beyond = float(sum(length[j] for j in inner)) + entered[target]
-                for a, b in pairwise([*inner, target]):
-                    nxt[a] = b
-                for n, j in enumerate(inner):
-                    reach[j] = float(sum(length[m] for m in inner[n:])) + entered[target]
-                    changes[j] = changes[target]
-                rank = (beyond, -abs(int(changes[target])))
-                if best is None or rank > best:
-                    best, nxt[i] = rank, inner[0] if inner else target
-                    reach[i] = length[i] + beyond
-        furthest = max((reach[i] for i in here), default=0.0)
-        good = {i for i in here if reach[i] >= furthest - 1e-6}
-        for i in here:
-            changes[i], entered[i] = changes[nxt[i]] if nxt[i] >= 0 else 0, reach[i]
-            found = _changes_to(good, i, beside)
-            if found is not None:
-                changes[i] = found
-            elif nxt[i] < 0 or reach[i] <= length[i]:
-                entered[i] = 0.0
-    return nxt, changes, reach
-
-
-def _changes_to(good: Collection[int], node: int, beside: tuple[Indices, Indices]) -> int | None:
-    """Lane changes, one by one, to the nearest of the `good` nodes, positive to the left; None:
-    there is no way. `beside` as in _continuations."""
-    left = right = node
-    for n in range(len(beside[0])):
-        if right in good:
-            return -n
-        if left in good:
-            return n
-        left, right = (
-            int(side[at]) if at >= 0 else -1 for side, at in zip(beside, (left, right), strict=True)
-        )
-        if left < 0 and right < 0:
-            break
-    return None
+def _numbers(road: RoadMap, nodes: Nodes) -> Indices:
+    """[W] which lane of its edge each node is, from the right; 0 inside junctions."""
+    found = np.zeros(len(nodes.lane), np.int64)
+    for leg in np.unique(nodes.leg):
+        here = np.flatnonzero((nodes.leg == leg) & ~road.internal[nodes.lane])
+        found[here[np.argsort(road.index[nodes.lane[here]])]] = np.arange(len(here))
+    return found
 
 
 def _upstream(road: RoadMap, own: Indices) -> Upstream:
@@ -280,19 +183,6 @@ def _upstream(road: RoadMap, own: Indices) -> Upstream:
                 heapq.heappush(todo, (begin, lane, onto))
     lanes, onto_lanes, begins = zip(*found, strict=True) if found else ((), (), ())
     return Upstream(np.array(lanes, np.int64), np.array(onto_lanes, np.int64), np.array(begins))
-
-
-def _needed(nxt: Indices, changes: Indices) -> Indices:
-    """The most changes on each node's path, to the side of the first.
-
-    With `changes` alone, driving on to where the lanes multiply would look like a loss.
-    """
-    side, most = np.sign(changes), np.abs(changes)
-    for i in range(len(nxt) - 1, -1, -1):
-        if nxt[i] >= 0:
-            side[i] = side[i] or side[nxt[i]]
-            most[i] = max(most[i], most[nxt[i]])
-    return side * most
 
 
 def _stations(

@@ -45,12 +45,17 @@ def usable(road: RoadMap, lanes: Ints | NDArray[np.int64] | slice, vclass: int) 
 def limits(
     road: RoadMap, lanes: Ints | NDArray[np.int64], vclass: Ints | NDArray[np.int64] | int
 ) -> Floats:
-    """The limits of lanes for vehicles of a class, m/s; both of one shape, or one class for all."""
+    """The limits of lanes for vehicles of a class, m/s; the two shapes are broadcast."""
     vclass = np.asarray(vclass)
     row = np.where(vclass == IGNORING, -1, road.class_row[np.maximum(vclass, 0)])
     if not len(road.class_speed):
         return road.speed[lanes]
     return np.where(row >= 0, road.class_speed[np.maximum(row, 0), lanes], road.speed[lanes])
+
+
+def limit(road: RoadMap, lane: int, vclass: int) -> float:
+    """The limit of a lane for a vehicle of a class, m/s."""
+    return float(limits(road, np.array([lane]), vclass)[0])
 
 
 def of_class(vclass: Ints) -> NDArray[np.uint64]:

@@ -32,6 +32,7 @@ from sumo_mcts.model.motion import (
     follow_accel,
     pose_of,
 )
+from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, lane_pose
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
 from sumo_mcts.numerics.kernel import entry
@@ -193,16 +194,15 @@ class IdmPlanner:
         if side == 0 or not can_change(local, self._task.ego, state, side):
             return 0
         changed = begin_change(local, self._task.ego, state, side)
-        if not place_is_free(local, self._task.ego, self._task.cost, changed, NO_OTHERS, 0):
+        if not place_is_free(
+            local, self._task.ego, self._task.cost, changed, undisturbed(local), 0
+        ):
             return 0
         return (
             side
             if accel_behind(local, self._follower, changed) >= -self._params.cut_in_decel
             else 0
         )
-
-
-NO_OTHERS = np.zeros((0, 2))  # no agents that a search would move
 
 
 class RandomPlanner(SeededPlanner):
@@ -231,7 +231,7 @@ def plan_of(
     change cannot begin."""
     line = lasting(accel, int(side), _two_periods(p.period_s, task))
     q = in_steps(p, task.ego.step, local.dt)
-    return follow_line(local, task, q, state, NO_OTHERS, line)[0]
+    return follow_line(local, task, q, state, undisturbed(local), line)[0]
 
 
 def _two_periods(period_s: float, task: Task) -> int:

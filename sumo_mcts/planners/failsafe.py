@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.model.local_map import LocalMap
+from sumo_mcts.numerics.lanes import limits
 from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.planners.failsafe_reach import (
     ACCELERATE,
@@ -129,8 +130,10 @@ class FailSafe:
         """[N] what each agent may reach, m/s: somewhat more than the limits of its path, at least
         what it drives already."""
         agents, lane = situation.scene.agents, situation.forecast.lane
-        limit = np.where(lane >= 0, self._task.road.speed[lane], 0.0).max(axis=(0, 1), initial=0.0)
-        return np.maximum(self._assumed.over_limit * limit, agents.v)
+        allowed = np.where(lane >= 0, limits(self._task.road, lane, agents.vclass), 0.0)
+        return np.maximum(
+            self._assumed.over_limit * allowed.max(axis=(0, 1), initial=0.0), agents.v
+        )
 
 
 def _rest(manoeuvre: Manoeuvre, now: float) -> Plan:

@@ -104,8 +104,8 @@ def problem_of(task: Task, situation: Situation, version: str = NEWEST) -> Probl
     frozen."""
     cost, reactive, state = cost_of(version), VERSIONS[version].reactive, situation.state
     ego = task.ego._replace(headway=cost.headway_s, gap=cost.headway_gap_m)
-    local = local_of(task, situation, reactive)
     task = task._replace(ego=ego, cost=cost)
+    local = local_of(task, situation, reactive)
     ends = np.unique([max(1, math.floor(end / ego.step + 0.5)) for end in ENDS_S])
     q = search_params(ego.step, local.dt, ENDS_S[0], CHECK_S, len(ends), 0, 0.0, False)._replace(
         horizon=float(ends[-1]) * ego.step

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.numerics.geometry import nearest
-from sumo_mcts.numerics.lanes import of_class, successors
+from sumo_mcts.numerics.lanes import limit, of_class, successors
 from sumo_mcts.prediction.conflicts import FOE_BEGIN, MERGES, OWN_BEGIN, conflicts_of
 from sumo_mcts.prediction.course import stop_signs
 from sumo_mcts.prediction.drivers import TrafficParams
@@ -176,9 +176,10 @@ def turn_likelihood(
     `expected`: its acceleration in the usual forecast, m/s2; `decel`: with which it brakes for a
     turn in comfort, m/s2.
     """
-    turn, v, limit = int(road.direction[lane]), float(agents.v[i]), float(road.speed[lane])
-    too_fast = max(0.0, (v * v - limit * limit) / (2.0 * max(distance, 1.0)) - decel)
-    explained = decel if limit < v - 1.0 else max(0.0, -expected)
+    turn, v = int(road.direction[lane]), float(agents.v[i])
+    allowed = limit(road, lane, int(agents.vclass[i]))
+    too_fast = max(0.0, (v * v - allowed * allowed) / (2.0 * max(distance, 1.0)) - decel)
+    explained = decel if allowed < v - 1.0 else max(0.0, -expected)
     slows = max(0.0, -float(agents.trend[i]) - explained)
     often = 1.0 if turn in (STRAIGHT, LEFT, RIGHT) else TURNS_BACK
     blinker = int(agents.blinker[i])

@@ -10,7 +10,7 @@ from sumo_mcts.numerics.lanes import limits
 from sumo_mcts.numerics.signals import signal_states
 from sumo_mcts.prediction.conflicts import conflicts_of
 from sumo_mcts.prediction.paths import NARROWS, Paths
-from sumo_mcts.scene import ALLWAY, GREEN, STOP, Bools, Floats, Ints, RoadMap, Signals
+from sumo_mcts.scene import AFTER_STOP, ALLWAY, GREEN, STOP, Bools, Floats, Ints, RoadMap, Signals
 
 SIGN_VIEW = 60.0  # m before a stop sign from which on a driver brakes for it
 
@@ -38,6 +38,7 @@ class Course(NamedTuple):
 def course_of(road: RoadMap, signals: Signals, paths: Paths, vclass: Ints, times: Floats) -> Course:
     """What lies on the paths of vehicles of these classes [N] at `times` [T], s from now."""
     conflicts = conflicts_of(road, paths)
+    red, after_stop = _red_lights(road, signals, paths, times)
     last = paths.offset[np.arange(len(paths.count)), paths.count]
     return Course(
         path=paths.lane,
@@ -45,8 +46,8 @@ def course_of(road: RoadMap, signals: Signals, paths: Paths, vclass: Ints, times
         lanes=paths.count,
         limit=limits(road, paths.lane, vclass[:, None]),
         internal=road.internal[paths.lane],
-        red=_red_lights(road, signals, paths, times),
-        sign=stop_signs(road, paths),
+        red=red,
+        sign=stop_signs(road, paths) | after_stop,
         end=np.where(paths.ends == NARROWS, last, np.inf),
         foe=conflicts.foe,
         kind=conflicts.kind,
@@ -54,14 +55,20 @@ def course_of(road: RoadMap, signals: Signals, paths: Paths, vclass: Ints, times
     )
 
 
-def _red_lights(road: RoadMap, signals: Signals, paths: Paths, times: Floats) -> Bools:
-    """[N, L, T] the signal at the entry of this lane of the path shows red or yellow."""
+def _red_lights(
+    road: RoadMap, signals: Signals, paths: Paths, times: Floats
+) -> tuple[Bools, Bools]:
+    """[N, L, T] the signal at the entry of this lane of the path shows red or yellow, and [N, L] it
+    shows now that it may be passed after a stop: as long as it does it is not red."""
     red = np.zeros((*paths.lane.shape, len(times)), np.bool_)
+    after_stop = np.zeros(paths.lane.shape, np.bool_)
     rows, places = np.nonzero((paths.lane[:, 1:] >= 0) & (road.signal[paths.lane[:, 1:]] >= 0))
     lanes, which = np.unique(paths.lane[rows, places + 1], return_inverse=True)
     states = signal_states(signals, road.signal[lanes], road.link[lanes], times)
-    red[rows, places + 1] = (states != GREEN)[which]
-    return red
+    may_go = states[:, :1] == AFTER_STOP
+    red[rows, places + 1] = ((states != GREEN) & ~(may_go & (states == AFTER_STOP)))[which]
+    after_stop[rows, places + 1] = may_go[which, 0]
+    return red, after_stop
 
 
 def stop_signs(road: RoadMap, paths: Paths) -> Bools:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.numerics.kernel import entry, inlined, kernel
-from sumo_mcts.numerics.lanes import Ahead, ahead_of, of_class
+from sumo_mcts.numerics.lanes import Ahead, ahead_of, limits, of_class
 from sumo_mcts.scene import LEFT, RIGHT, STRAIGHT, Agents, EgoState, Floats, Ints, RoadMap
 
 LANES = 20  # lanes of a path at most
@@ -63,7 +63,7 @@ def likely_paths(
     for i, lanes in known.items():
         from_oracle[i + 1, : len(lanes)] = lanes[:LANES]
     paths = Paths(lane=lane, offset=offset, count=count, ends=np.zeros(n, np.int32))
-    fastest = np.maximum(agents.v, road.speed[agents.lane])
+    fastest = np.maximum(agents.v, limits(road, agents.lane, agents.vclass))
     _extend(
         paths,
         from_oracle,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sumo_mcts import files
 
-FORMAT = 5
+FORMAT = 6
 MOST_BYTES = 1 << 30  # of a trace or map, unpacked: five times what an hour in dense traffic takes
 # Large columns that are drawn and not computed with: single precision (0.5 mm at 5 km).
 COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/poses")

@@ -61,7 +61,10 @@ def _way(route: RouteMap, node: int) -> Indices:
     found = []
     while node >= 0:
         for _ in range(abs(int(route.changes[node]))):
-            node = int(route.left[node] if route.changes[node] > 0 else route.right[node])
+            beside = int(route.left[node] if route.changes[node] > 0 else route.right[node])
+            if beside < 0:  # it may change later only
+                break
+            node = beside
         found.append(node)
         node = int(route.next[node])
     return np.array(found)

@@ -15,7 +15,7 @@ from sumo_mcts.model.cost_to_go import (
     MOST_GAP_S,
     UNKNOWN_S,
     gap_times,
-    green_times,
+    open_times,
     waiting_s,
 )
 from sumo_mcts.model.local_map import (
@@ -35,7 +35,7 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.model.occupancy import yielding_cost
 from sumo_mcts.planners.base import Task
-from sumo_mcts.scene import GREEN, RED, YELLOW, RoadMap, Signals
+from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, RoadMap, Signals
 
 terminal, waiting_s, yielding_cost = map(compiled, (terminal, waiting_s, yielding_cost))
 
@@ -65,8 +65,11 @@ def before_a_light(
 
 def test_phases_that_show_green_one_after_the_other_are_one_green() -> None:
     signals = light((GREEN, 5.0), (GREEN, 9.0), (YELLOW, 12.0), (RED, 30.0), (GREEN, math.inf))
-    assert green_times(signals, 0, 0) == [(0.0, 9.0), (30.0, math.inf)]
-    assert green_times(light((RED, math.inf)), 0, 0) == []
+    assert open_times(signals, 0, 0) == [(0.0, 9.0), (30.0, math.inf)]
+    assert open_times(light((RED, math.inf)), 0, 0) == []
+    after_stop = light((AFTER_STOP, 4.0), (GREEN, 9.0), (AFTER_STOP, math.inf))
+    assert open_times(after_stop, 0, 0) == [(4.0, 9.0)]
+    assert open_times(after_stop, 0, 0, (GREEN, AFTER_STOP)) == [(0.0, math.inf)]
 
 
 @pytest.mark.parametrize(("time", "waits"), [(0.0, 20.0), (8.0, 12.0), (20.0, 0.0), (49.0, 0.0)])

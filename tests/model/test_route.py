@@ -28,7 +28,7 @@ from hypothesis import strategies as st
 
 from sumo_mcts.config import load
 from sumo_mcts.config.builtin import root, scenario_path
-from sumo_mcts.model.route import SPACING, UPSTREAM_VIEW, RouteMap, lane_pose, route_map
+from sumo_mcts.model.route import NUMBER, SPACING, UPSTREAM_VIEW, RouteMap, lane_pose, route_map
 from sumo_mcts.scene import IGNORING, STOP, VEHICLE_CLASSES, EgoState, RoadMap
 from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.observe import Change, Observer
@@ -367,7 +367,51 @@ def test_the_ego_changes_before_the_lanes_that_may_not_be_left() -> None:
     assert [float(route.reach[a]) for route in routes] == [200.0, 100.0]
     assert [int(route.changes[a]) for route in routes] == [1, 1]
     assert [int(route.changes[b]) for route in routes] == [1, 0]  # none is possible
+    assert [bool(route.lost[b]) for route in routes] == [False, True]
     assert int(routes[1].right[node_of(solid, routes[1], "b_1")]) == b  # the other way it may
+
+
+def test_a_lane_that_leads_into_one_that_may_not_be_left_is_no_way() -> None:
+    """Over a junction, whose lanes count too."""
+    ways = {
+        "a_0": (":m_0",), "a_1": (":m_1",), ":m_0": ("b_0",), ":m_1": ("b_1",),
+        "b_0": (":n_0",), "b_1": (":n_1",), ":n_0": ("c_0",), ":n_1": ("c_1",),
+        "c_0": (), "c_1": ("d_1",), "d_0": (), "d_1": (),
+    }  # fmt: skip
+    begins = {"a": 0.0, ":m": 100.0, "b": 110.0, ":n": 210.0, "c": 220.0, "d": 320.0}
+    lanes = []
+    for name, after in ways.items():
+        edge, k = name.rsplit("_", 1)
+        x, y = begins[edge], 3.0 * int(k)
+        length, inside = (10.0, edge[1:]) if edge.startswith(":") else (100.0, "")
+        allowed = 0 if name in ("b_0", "c_0") else ALL_CLASSES
+        lanes.append(
+            Lane(edge, int(k), ((x, y), (x + length, y)), after, junction=inside,
+                 change_left=allowed)
+        )  # fmt: skip
+    road = build(lanes)
+    route = route_map(road, edges(road, "a", "b", "c", "d"), 0, 5.0, 1.0, 50.0, 2.0)
+    a, b = (node_of(road, route, name) for name in ("a_0", "b_0"))
+    assert (float(route.reach[a]), int(route.changes[a])) == (110.0, 1)
+    assert int(route.changes[b]) == 0
+
+
+def test_where_the_best_lane_is_out_of_reach_the_next_best_that_goes_on_is_taken() -> None:
+    """From a_0, which leads nowhere, over a_1 and b_0; from a_1 nobody may change to a_2."""
+    lanes = [
+        Lane("a", 0, ((0.0, 0.0), (100.0, 0.0))),
+        Lane("a", 1, ((0.0, 3.0), (100.0, 3.0)), ("b_0",), change_left=0),
+        Lane("a", 2, ((0.0, 6.0), (100.0, 6.0)), ("b_1",)),
+        Lane("b", 0, ((100.0, 3.0), (200.0, 3.0))),
+        Lane("b", 1, ((100.0, 6.0), (200.0, 6.0)), ("c_0",)),
+        Lane("c", 0, ((200.0, 6.0), (300.0, 6.0))),
+    ]
+    road = build(lanes)
+    route = route_map(road, edges(road, "a", "b", "c"), 0, 5.0, 1.0, 50.0, 2.0)
+    at = [node_of(road, route, name) for name in ("a_0", "a_1", "a_2", "b_0")]
+    assert route.changes[at].tolist() == [1, 1, 0, 1]
+    assert not route.lost.any()
+    assert route.table[at, NUMBER].tolist() == [0, 1, 2, 0]
 
 
 def test_a_lane_between_that_is_closed_to_the_vehicle_is_no_way() -> None:

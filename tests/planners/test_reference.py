@@ -293,6 +293,7 @@ def test_the_agents_of_the_third_version_drive_as_forecast() -> None:
 def test_no_weight_that_is_configured_moves_a_value() -> None:
     sets = (
         "cost.claim=1",
+        "cost.claim_s=0",
         "cost.headway_s=3",
         "cost.jerk=1",
         "planner.accelerations_mps2=[0]",
@@ -300,10 +301,11 @@ def test_no_weight_that_is_configured_moves_a_value() -> None:
         "planner.check_s=1",
         "planner.step_s=2",
     )
-    usual, tuned = (problem_in(SCENES["traffic"], *those) for those in ((), sets))
-    assert np.array_equal(
-        solve(usual, root_lines(usual), 20).value, solve(tuned, root_lines(tuned), 20).value
-    )
+    for name in ("traffic", "yields"):
+        usual, tuned = (problem_in(SCENES[name], *those) for those in ((), sets))
+        assert np.array_equal(
+            solve(usual, root_lines(usual), 20).value, solve(tuned, root_lines(tuned), 20).value
+        )
 
 
 def test_the_scale_is_a_second_of_braking() -> None:

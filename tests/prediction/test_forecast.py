@@ -30,6 +30,7 @@ from sumo_mcts.prediction.behaviour import HARD, MOST_HABIT
 from sumo_mcts.prediction.course import Course, waiting_place
 from sumo_mcts.prediction.forecast import CRUISING, OracleData, Question, predict
 from sumo_mcts.scene import (
+    AFTER_STOP,
     ALLWAY,
     BRAKES,
     GREEN,
@@ -752,3 +753,17 @@ def test_who_stands_aslant_is_expected_to_stand_so() -> None:
     assert pose[1:, 0] == pytest.approx(100.0 - 2.5 * math.cos(0.6)) and pose[
         1:, 1
     ] == pytest.approx(-2.5 * math.sin(0.6), abs=0.01)
+
+
+@pytest.mark.parametrize(("shows", "gone"), [(RED, False), (AFTER_STOP, True), (GREEN, True)])
+def test_red_that_may_be_passed_after_a_stop_holds_nobody_for_ever(shows: int, gone: bool) -> None:
+    """A car that stands at the line drives on, one that comes stands there first."""
+    road = road_with_light()
+    _, forecast = predicted(
+        road, Agent("a", "a_0", 198.5, 0.0), signals=lights(shows), seconds=15.0, standing_s=[1.5]
+    )
+    assert (forecast.lane[0, -1, 0] != road.lane_ids.index("a_0")) == gone
+    _, forecast = predicted(
+        road, Agent("a", "a_0", 120.0, 12.0), signals=lights(shows), seconds=15.0
+    )
+    assert (forecast.v[0, :, 0].min() < 1.0) == (shows != GREEN)

@@ -1,0 +1,175 @@
+"""Which lane follows each lane of a route, and which lane changes it takes to stay on the route."""
+
+import math
+from collections.abc import Collection
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_mcts.numerics.lanes import connection, of_class, usable
+from sumo_mcts.scene import Bools, Floats, Indices, RoadMap
+
+AS_FAR = 1e-6  # m within which lanes count as leading equally far
+
+
+class Nodes(NamedTuple):
+    """The W lanes of a route in driving order, before it is known how they go on."""
+
+    lane: Indices  # [W] lane of the RoadMap
+    leg: Indices  # [W] index of the route's edge; internal lanes: of the edge before
+    number: dict[tuple[int, int], int]  # (leg, lane) -> node
+    # (leg, lane) -> its paths to the next edge, each [internal lanes..., exit lane]
+    following: dict[tuple[int, int], list[list[int]]]
+
+
+class Continuation(NamedTuple):
+    """How W nodes go on; fields as in RouteMap."""
+
+    next: Indices
+    changes: Indices
+    reach: Floats
+    lost: Bools
+
+
+def _edge_lanes(road: RoadMap, edge: int, vclass: int) -> list[int]:
+    lanes = np.flatnonzero(road.edge == edge)
+    return [int(i) for i in lanes[usable(road, lanes, vclass)]]
+
+
+def collect(road: RoadMap, edges: tuple[int, ...], vclass: int) -> Nodes:
+    """All lanes of the route on which a vehicle of this class may drive."""
+    lanes: list[int] = []
+    legs: list[int] = []
+    following: dict[tuple[int, int], list[list[int]]] = {}
+    for leg, edge in enumerate(edges):
+        here = _edge_lanes(road, edge, vclass)
+        lanes += here
+        legs += [leg] * len(here)
+        if leg + 1 == len(edges):
+            break
+        target = set(_edge_lanes(road, edges[leg + 1], vclass))
+        for lane in here:
+            paths = []
+            for k in range(road.successor_offset[lane], road.successor_offset[lane + 1]):
+                path = connection(road, int(road.successor[k]))
+                if path[-1] in target and usable(road, np.array(path), vclass).all():
+                    paths.append(path)
+                    lanes += path[:-1]
+                    legs += [leg] * (len(path) - 1)
+            following[leg, lane] = paths
+    number = {key: i for i, key in enumerate(zip(legs, lanes, strict=True))}
+    return Nodes(np.array(lanes, np.int64), np.array(legs, np.int64), number, following)
+
+
+def lanes_beside(road: RoadMap, nodes: Nodes, vclass: int) -> tuple[Indices, Indices]:
+    """[W] the nodes to the left, and to the right, to which a vehicle of this class may change;
+    -1: none."""
+    own = of_class(np.array([vclass]))
+    found = []
+    for side, allowed in ((road.left, road.change_left), (road.right, road.change_right)):
+        to = [
+            nodes.number.get((leg, other), -1)
+            for leg, other in zip(nodes.leg.tolist(), side[nodes.lane].tolist(), strict=True)
+        ]
+        # SUMO does not change lanes inside a junction
+        never = road.internal[nodes.lane] | (allowed[nodes.lane] & own == 0)
+        found.append(np.where(never, -1, np.array(to, np.int64)))
+    return found[0], found[1]
+
+
+def continuation(
+    road: RoadMap, nodes: Nodes, beside: tuple[Indices, Indices], legs: int
+) -> Continuation:
+    """How every node goes on, as SUMO continues: by the furthest path, then the fewest lane
+    changes, then the rightmost. `beside` as of lanes_beside."""
+    w = len(nodes.lane)
+    found = Continuation(
+        np.full(w, -1, np.int64), np.zeros(w, np.int64), np.zeros(w), np.zeros(w, np.bool_)
+    )
+    for k in range(legs - 1, -1, -1):
+        here = np.flatnonzero((nodes.leg == k) & ~road.internal[nodes.lane]).tolist()
+        onto = {i: _go_on(road, nodes, found, i, last=k == legs - 1) for i in here}
+        furthest = max((found.reach[i] for i in here), default=0.0)
+        good = {i for i in here if found.reach[i] >= furthest - AS_FAR}
+        goes_on = {i: found.reach[i] for i in here if onto[i] >= 0 and not found.lost[onto[i]]}
+        for i in here:
+            needed = _nearest(good, i, beside)
+            if needed is None:  # perhaps the ego can change on the next edge
+                needed, found.lost[i] = _onward(goes_on, found.changes, onto, i, beside)
+            found.changes[i] = needed
+    return found
+
+
+def _onward(
+    goes_on: dict[int, float],
+    changes: Indices,
+    onto: dict[int, int],
+    node: int,
+    beside: tuple[Indices, Indices],
+) -> tuple[int, bool]:
+    """The changes from a node from which the ego cannot reach the lanes that lead furthest, and
+    whether the route is lost there.
+
+    They lead to the node that leads furthest of those within reach that go on (`goes_on`: their
+    reach); in that node they are those of the next edge, where it leads (`onto`).
+    """
+    found = {other: _nearest([other], node, beside) for other in goes_on}
+    within = {other: n for other, n in found.items() if n is not None}
+    if not within:
+        return 0, True
+    best = max(within, key=lambda other: (goes_on[other], -abs(within[other])))
+    return within[best] or int(changes[onto[best]]), False
+
+
+def _go_on(road: RoadMap, nodes: Nodes, found: Continuation, i: int, *, last: bool) -> int:
+    """Fill in the path of node i to the next edge, where it ends there (-1: nowhere). A path to a
+    node that is lost ends with it: only before it can the ego still change."""
+    leg, lane, length = int(nodes.leg[i]), int(nodes.lane[i]), road.length[nodes.lane]
+    found.reach[i] = math.inf if last else length[i]
+    best, ends = (-math.inf, 0), -1
+    for path in nodes.following.get((leg, lane), []):
+        inner = [nodes.number[leg, j] for j in path[:-1]]
+        target = nodes.number[leg + 1, path[-1]]
+        beyond = 0.0 if found.lost[target] else float(found.reach[target])
+        for a, b in pairwise([*inner, target]):
+            found.next[a] = b
+        for n, j in enumerate(inner):
+            found.reach[j] = float(length[inner[n:]].sum()) + beyond
+            found.changes[j] = found.changes[target]
+        beyond += float(length[inner].sum())
+        rank = (beyond, -abs(int(found.changes[target])))
+        if rank > best:
+            best, ends = rank, target
+            found.next[i] = inner[0] if inner else target
+            found.reach[i] = length[i] + beyond
+    return ends
+
+
+def _nearest(good: Collection[int], node: int, beside: tuple[Indices, Indices]) -> int | None:
+    """Lane changes, one by one, to the nearest of the `good` nodes, positive to the left; None:
+    there is no way. `beside` as of lanes_beside."""
+    left = right = node
+    for n in range(len(beside[0])):
+        if right in good:
+            return -n
+        if left in good:
+            return n
+        left = int(beside[0][left]) if left >= 0 else -1
+        right = int(beside[1][right]) if right >= 0 else -1
+        if left < 0 and right < 0:
+            break
+    return None
+
+
+def changes_ahead(nxt: Indices, changes: Indices) -> Indices:
+    """The most changes on each node's path, to the side of the first.
+
+    With `changes` alone, driving on to where the lanes multiply would look like a loss.
+    """
+    side, most = np.sign(changes), np.abs(changes)
+    for i in range(len(nxt) - 1, -1, -1):
+        if nxt[i] >= 0:
+            side[i] = side[i] or side[nxt[i]]
+            most[i] = max(most[i], most[nxt[i]])
+    return side * most
