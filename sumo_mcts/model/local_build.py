@@ -16,7 +16,7 @@ from sumo_mcts.model.local_map import (
     LocalMap,
     State,
 )
-from sumo_mcts.model.obligations import Coming, obligations
+from sumo_mcts.model.obligations import Coming, junction_nodes, obligations, to_people
 from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap, Upstream
 from sumo_mcts.model.stop_lines import Rules, closed_lines, is_open, stop_at
 from sumo_mcts.numerics.geometry import Y
@@ -97,7 +97,13 @@ def build_local(
     beside, until = _reaching_in(
         road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt
     )
-    owed = obligations(road, route, first, last, here, coming)
+    inside = route.lane[junction_nodes(route, first, last, here)]
+    people = np.flatnonzero(scene.agents.person) if scene.agents.ids else np.zeros(0, np.int64)
+    owed = np.concatenate([
+        obligations(road, route, first, last, here, coming),
+        to_people(road, inside, lane_node, people, forecast.pose[hypothesis], driven,
+                  forecast.half_length),
+    ])  # fmt: skip
     gap_s = gap_times(owed, route.leg, first, last, (times - 1) * forecast.dt, scene.ego.length)
     gate, to_gate = gates(road, route, first, last, scene.signals, gap_s)
     fill_sure(gate, to_gate, closed, route, first, scene.step)
@@ -145,7 +151,7 @@ def build_local(
 def _driven(lane: Ints, s: Floats, v: Floats, dt: float) -> Floats:
     """Column DRIVEN [T, N] of LocalMap.agent."""
     driven = np.zeros_like(v)
-    same_lane = lane[1:] == lane[:-1]
+    same_lane = (lane[1:] == lane[:-1]) & (lane[1:] >= 0)
     moved = np.where(same_lane, s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * dt)
     driven[1:] = np.cumsum(moved, axis=0)
     return driven

@@ -44,7 +44,7 @@ class LocalMap(NamedTuple):
     # [T, N, 4] WEST .. NORTH: bounds of an agent's box at that time and LATE earlier, and of its
     # predicted occupancy
     bounds: Floats
-    # [K, 5] OWN_NODE .. MERGES below: stretches of a junction that an agent is going to use and
+    # [K, 6] OWN_NODE .. MERGES below: stretches of a junction that an agent is going to use and
     # that the ego has to leave to it
     obligation: Floats
     # [G, .] NEXT_GATE .. CLOSES below: places ahead where the ego may have to wait
@@ -99,9 +99,10 @@ V, NODE, S, DRIVEN = range(4, 8)
 #   GOES_ROUND  1 where it is on foot, and walks round the ego once the ego stands
 HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, GOES_ROUND = range(9)
 
-# Columns of LocalMap.obligation: the ego's node; where the stretch ends on it, m; the agent; m that
-# the agent drives until it enters the stretch; 1 where both lead into the same lane.
-OWN_NODE, STRETCH_END, AGENT, ENTERS, MERGES = range(5)
+# Columns of LocalMap.obligation: the ego's node; from where on it the ego's front is in the way, m;
+# where the stretch ends, m; the agent; m that it drives or walks until it enters the stretch; 1
+# where both lead into the same lane.
+OWN_NODE, OWED_FROM, STRETCH_END, AGENT, ENTERS, MERGES = range(6)
 
 # Columns of LocalMap.gate (model/cost_to_go.py): the gate after it, -1: none; s of free driving
 # there; its node, counted from `first`; the sure gate after it, likewise SURE .. SPREAD below; s

@@ -6,15 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.local_map import AGENT, ENTERS, MERGES, OWN_NODE, STRETCH_END
+from sumo_mcts.model.local_map import AGENT, ENTERS, MERGES, OWED_FROM, OWN_NODE, STRETCH_END
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.lanes import Ahead, Areas, ahead_of, areas_of, leads_to
+from sumo_mcts.prediction.on_foot import crossings_on, entering_m
 from sumo_mcts.scene import Bools, Floats, Indices, Ints, RoadMap
 
 JUNCTION_VIEW = 120.0  # m of the route ahead within which junctions count
 # obligations in one cycle; further ones, those on the junctions furthest ahead, are left out
 MOST = 256
+AWAY = 0.5  # m that the ego stays away from a crossing to which people come
 
 
 class Coming(NamedTuple):
@@ -30,27 +32,52 @@ class Coming(NamedTuple):
 def obligations(
     road: RoadMap, route: RouteMap, first: int, last: int, here: float, coming: Coming
 ) -> Floats:
-    """[K, 5] LocalMap.obligation, on the nodes [first, last) of the route.
+    """[K, 6] LocalMap.obligation, on the nodes [first, last) of the route.
 
     It covers the junctions of the next JUNCTION_VIEW metres from `here`, m from the start of the
     route.
     """
-    nodes = np.arange(first, last)
-    near = (
-        route.internal[nodes]
-        & (route.station[nodes] < here + JUNCTION_VIEW)
-        & (route.station[nodes] > here - JUNCTION_VIEW)
-    )
+    nodes = junction_nodes(route, first, last, here)
     rows = np.zeros((MOST, MERGES + 1))
-    used = _find_obligations(rows, nodes[near], route.lane, areas_of(road), ahead_of(road), coming)
+    used = _find_obligations(rows, nodes, route.lane, areas_of(road), ahead_of(road), coming)
     return rows[:used]
+
+
+def junction_nodes(route: RouteMap, first: int, last: int, here: float) -> Indices:
+    """Those of [first, last) that lie inside a junction within JUNCTION_VIEW metres of `here`."""
+    nodes = np.arange(first, last)
+    away = np.abs(route.station[nodes] - here)
+    return nodes[route.internal[nodes] & (away < JUNCTION_VIEW)]
+
+
+def to_people(
+    road: RoadMap, lanes: Indices, lane_node: Indices, people: Indices, pose: Floats,
+    driven: Floats, half_length: Floats,
+) -> Floats:  # fmt: skip
+    """[K, 6] LocalMap.obligation: what the ego owes to people who are going to walk over crossings
+    of its `lanes`.
+
+    `lane_node` [L] the node of each lane of the road; `people`: which of the N agents are on foot;
+    `pose` [T, N, 4] and `driven` [T, N]: where the agents are, and how far they have come, m.
+    """
+    rows = [np.zeros((0, MERGES + 1))]
+    crossings = crossings_on(road, lanes if len(people) else lanes[:0])
+    for c, lane in enumerate(crossings.lane):
+        enters = entering_m(crossings, c, pose, driven, half_length, people)
+        those = np.flatnonzero(enters < np.inf)
+        row = np.zeros((len(those), MERGES + 1))
+        row[:, OWN_NODE], row[:, STRETCH_END] = lane_node[lane], crossings.last[c]
+        row[:, OWED_FROM] = crossings.first[c] - AWAY
+        row[:, AGENT], row[:, ENTERS] = people[those], enters[those]
+        rows.append(row)
+    return np.concatenate(rows)
 
 
 @entry
 def _find_obligations(
     rows: Floats, nodes: Indices, node_lane: Indices, areas: Areas, ahead: Ahead, coming: Coming
 ) -> int:
-    """Write the obligations on `nodes` into `rows` [., 5]; how many were written."""
+    """Write the obligations on `nodes` into `rows` [., 6]; how many were written."""
     used = 0
     for node in nodes:
         here = node_lane[node]

@@ -13,8 +13,10 @@ from sumo_mcts.model.local_map import (
     MERGES,
     NORTH,
     OCCUPANCY_SAMPLES,
+    OWED_FROM,
     OWN_NODE,
     POLITE,
+    REACTS,
     SOUTH,
     STRETCH_END,
     WEST,
@@ -101,7 +103,7 @@ def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, t:
         node, i = int(local.obligation[k, OWN_NODE]), int(local.obligation[k, AGENT])
         # Where a turn has a place to wait, its path through the junction is two lanes: those that
         # it yields to on the second pass a vehicle that waits on the first.
-        if node != state.node:
+        if node != state.node or state.s < local.obligation[k, OWED_FROM]:
             continue
         if local.obligation[k, STRETCH_END] - state.s + 2.0 * p.half_length < 0.0:
             continue
@@ -115,7 +117,8 @@ def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, t:
             v = local.agent[t, i, V]
             # an agent that can stop in comfort may have to for an ego that has waited long
             copes = v * v < 2.0 * c.cut_in_decel_mps2 * max(distance - STANDSTILL, 0.0)
-            share = local.patience if copes else 1.0
+            reacts = local.trait[i, REACTS] > 0.0  # who is on foot does not wait for it
+            share = local.patience if copes and reacts else 1.0
             price = min(1.0, BRAKES_SHARE + GROWTH * (1.0 - distance / needed))
             rate = max(rate, share * c.claim * price)
     return rate

@@ -14,6 +14,7 @@ import numpy as np
 
 from sumo_mcts.prediction.behaviour import drive
 from sumo_mcts.prediction.drivers import Drivers, TrafficParams
+from sumo_mcts.prediction.on_foot import crossings_on
 from sumo_mcts.prediction.paths import changing, likely_paths
 from sumo_mcts.prediction.poses import poses
 from sumo_mcts.scene import (
@@ -100,7 +101,10 @@ def predict(
         of_ego=params._replace(accel=min(params.accel, scene.ego.max_accel)),
         times=times,
     )
-    found = poses(road, agents, paths, x, params.step)
+    crossings = crossings_on(
+        road, question.ego_lanes if agents.person.any() else question.ego_lanes[:0]
+    )
+    found = poses(road, agents, paths, crossings, x, params.step)
     forecast = Forecast(
         dt=params.step,
         weight=np.ones(1),

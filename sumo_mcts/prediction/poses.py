@@ -7,6 +7,7 @@ import numpy as np
 
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on, swung
 from sumo_mcts.numerics.kernel import entry, kernel
+from sumo_mcts.prediction.on_foot import Crossings, Ways, walked, ways_on_foot
 from sumo_mcts.prediction.paths import OPEN, Paths
 from sumo_mcts.scene import Agents, Bools, Floats, Ints, RoadMap
 
@@ -34,7 +35,9 @@ class _Bodies(NamedTuple):
     aside: Floats  # m off the centre line, left positive
 
 
-def poses(road: RoadMap, agents: Agents, paths: Paths, x: Floats, step: float) -> Poses:
+def poses(
+    road: RoadMap, agents: Agents, paths: Paths, crossings: Crossings, x: Floats, step: float
+) -> Poses:
     """The agents at times `step` s apart, from their positions along the paths, x [T, N+1] m; its
     row 0 is the ego."""
     times, n = len(x), len(agents.ids)
@@ -45,28 +48,27 @@ def poses(road: RoadMap, agents: Agents, paths: Paths, x: Floats, step: float) -
         valid=np.ones((times, n), np.bool_),
     )
     bodies = _Bodies(agents.x, agents.y, agents.heading, agents.length, agents.d)
-    _place(out, paths, bodies, lines_of(road), x, step)
+    _place(out, paths, bodies, ways_on_foot(agents, crossings), lines_of(road), x, step)
     return out
 
 
 @entry
-def _place(out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: Floats, step: float) -> None:
+def _place(
+    out: Poses, paths: Paths, bodies: _Bodies, ways: Ways, lines: Lines, x: Floats, step: float
+) -> None:
     for i in range(x.shape[1] - 1):
         if paths.count[i + 1] == 0:
-            _place_off_road(out.pose, bodies, x, i)
+            _place_off_road(out.pose, ways, x, i)
         else:
             _place_on_path(out, paths, bodies, lines, x, i, step)
 
 
 @kernel
-def _place_off_road(pose: Floats, bodies: _Bodies, x: Floats, i: int) -> None:
-    """Straight on."""
-    cs, sn = math.cos(bodies.heading[i]), math.sin(bodies.heading[i])
+def _place_off_road(pose: Floats, ways: Ways, x: Floats, i: int) -> None:
+    """Straight on, or over a crossing."""
     for t in range(len(x)):
-        moved = x[t, i + 1] - x[0, i + 1]
-        pose[t, i, X] = bodies.x[i] + moved * cs
-        pose[t, i, Y] = bodies.y[i] + moved * sn
-        pose[t, i, COS], pose[t, i, SIN] = cs, sn
+        px, py, pc, ps = walked(ways, i, x[t, i + 1] - x[0, i + 1])
+        pose[t, i, X], pose[t, i, Y], pose[t, i, COS], pose[t, i, SIN] = px, py, pc, ps
 
 
 @kernel

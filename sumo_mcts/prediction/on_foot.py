@@ -1,0 +1,209 @@
+"""Where people walk: over the crossing on the ego's way that they come to, else straight on.
+
+A person at a corner faces the corner until it turns onto the crossing. Straight on it would never
+come before the ego. Which way it takes is not known, so the one that matters is expected.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_mcts.numerics.geometry import COS, SIN, X, Y
+from sumo_mcts.numerics.kernel import entry, kernel
+from sumo_mcts.scene import VEHICLE_CLASSES, Agents, Floats, Indices, Ints, RoadMap
+
+ENTERS_S = 4.0  # within which a person comes to a crossing that it is expected to walk over
+BESIDE = 0.5  # m: so near to its edges one is on it, and between them enters it so far inside
+ALONG = 0.3  # share of its way that leads along the crossing, with less it may go either way
+SAMPLE = 0.25  # m between the points of a lane that are looked at
+MOST_KEPT = 256  # lanes of which the crossings are kept, and with them their road maps
+EGO_HALF = 1.0  # m from the middle of a lane to the side of the ego
+_CROSSING = re.compile(r".*_c\d+")  # how SUMO names the edge of a crossing
+_ON_FOOT = np.uint64(1 << VEHICLE_CLASSES.index("pedestrian"))
+
+
+class Crossings(NamedTuple):
+    """C places where the ego's way meets a crossing for people on foot, without signals."""
+
+    begin: Floats  # [C, 2] the middle of one end, m
+    along: Floats  # [C, 2] unit vector to the other end
+    length: Floats  # [C] m
+    half_width: Floats  # [C] m
+    first: Floats  # [C] from where to where on its lane the ego's front is on the crossing, m
+    last: Floats  # [C] m
+    near: Floats  # [C] the ego's part of the crossing, from where to where along it, m
+    far: Floats  # [C] m
+    lane: Ints  # [C] the ego's lane
+
+
+class Ways(NamedTuple):
+    """Two straight pieces for each of N agents; the second has no end."""
+
+    turn: Floats  # [N] m until the second piece, inf: never
+    pose: Floats  # [N, 4] columns X .. SIN: where and how the first piece begins,
+    then: Floats  # [N, 4] and the second
+    faces: Floats  # [N, 2] cosine and sine of the heading now
+
+
+class _Same:
+    """A road map as a key: it is the same as itself alone."""
+
+    def __init__(self, road: RoadMap) -> None:
+        self.road = road
+
+    def __hash__(self) -> int:
+        return id(self.road.points)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.road.points is other.road.points
+
+
+def crossings_on(road: RoadMap, lanes: Ints | Indices) -> Crossings:
+    """The crossings that the ego meets on `lanes` [K]."""
+    inside = lanes[road.junction[lanes] >= 0].tolist()
+    found = [row for lane in inside for row in _crossings_of(_Same(road), lane)]
+    rows = np.array(found).reshape(-1, 11)
+    length, half, first, last, near, far = rows[:, 4:10].T.copy()
+    begin, along, lane = rows[:, :2].copy(), rows[:, 2:4].copy(), rows[:, 10].astype(np.int32)
+    return Crossings(begin, along, length, half, first, last, near, far, lane)
+
+
+@lru_cache(maxsize=MOST_KEPT)
+def _crossings_of(same: _Same, lane: int) -> tuple[tuple[float, ...], ...]:
+    """The rows of Crossings for one lane inside a junction."""
+    road = same.road
+    here = road.junction == road.junction[lane]
+    if (road.signal[here] >= 0).any():
+        return ()
+    return tuple(
+        row
+        for each in np.flatnonzero(here & (road.classes == _ON_FOOT))
+        if _CROSSING.fullmatch(road.edge_ids[road.edge[each]])
+        for row in _meeting(road, lane, int(each))
+    )
+
+
+def _meeting(road: RoadMap, lane: int, crossing: int) -> Iterator[tuple[float, ...]]:
+    """The row of Crossings for a lane and a crossing, if they meet."""
+    ends = road.points[road.point_offset[crossing : crossing + 2] + np.array([0, -1])]
+    length, half = float(np.linalg.norm(ends[1] - ends[0])), 0.5 * float(road.width[crossing])
+    begin, along = ends[0], (ends[1] - ends[0]) / max(length, 1e-9)
+    pieces = slice(road.point_offset[lane], road.point_offset[lane + 1])
+    points, arc = road.points[pieces], road.point_s[pieces]
+    at = np.linspace(0.0, arc[-1], max(2, int(arc[-1] / SAMPLE) + 1))
+    x, y = np.interp(at, arc, points[:, 0]), np.interp(at, arc, points[:, 1])
+    side = np.column_stack([-np.gradient(y), np.gradient(x)])
+    side *= EGO_HALF / np.maximum(np.linalg.norm(side, axis=1), 1e-9)[:, None]
+    front = np.column_stack([x, y])
+    away = np.stack([front - side, front, front + side]) - begin
+    on, off = away @ along, away @ np.array([-along[1], along[0]])
+    meets = (on >= 0.0) & (on <= length) & (np.abs(off) <= half)
+    if meets.any():
+        covered = at[meets.any(axis=0)] / road.scale[lane]
+        part = covered[0], covered[-1], on[meets].min(), on[meets].max()
+        yield (*begin, *along, length, half, *part, lane)
+
+
+@kernel
+def _place(crossings: Crossings, c: int, x: float, y: float) -> tuple[float, float]:
+    """m along crossing c, and to the left of its middle, of a point."""
+    dx, dy = x - crossings.begin[c, X], y - crossings.begin[c, Y]
+    ax, ay = crossings.along[c, X], crossings.along[c, Y]
+    return dx * ax + dy * ay, dy * ax - dx * ay
+
+
+def entering_m(
+    crossings: Crossings, c: int, pose: Floats, driven: Floats, half: Floats, people: Indices
+) -> Floats:
+    """[P] m that `people` [P] walk until they are on the ego's part of crossing c; inf: never, or
+    they are there already.
+
+    Agents are at `pose` [T, N, 4] after `driven` [T, N] m, `half` [N] m long to either side.
+    """
+    found = np.full(len(people), np.inf)
+    _fill_entering(found, crossings, c, pose, driven, half, people)
+    return found
+
+
+@entry
+def _fill_entering(
+    found: Floats, crossings: Crossings, c: int, pose: Floats, driven: Floats, half: Floats,
+    people: Indices,
+) -> None:  # fmt: skip
+    """Fill `found` [P], which is inf before."""
+    for k in range(len(people)):
+        i = people[k]
+        low, high = crossings.near[c] - half[i], crossings.far[c] + half[i]
+        for t in range(pose.shape[0]):
+            on, off = _place(crossings, c, pose[t, i, X], pose[t, i, Y])
+            if low < on < high and abs(off) < crossings.half_width[c] + BESIDE:
+                found[k] = driven[t, i] if t > 0 else np.inf
+                break
+
+
+def ways_on_foot(agents: Agents, crossings: Crossings) -> Ways:
+    """The ways of agents [N], of which only those of persons mean anything."""
+    pose = np.column_stack([agents.x, agents.y, np.cos(agents.heading), np.sin(agents.heading)])
+    ways = Ways(np.full(len(pose), np.inf), pose, pose.copy(), pose[:, COS:].copy())
+    if len(crossings.length):
+        _lead(ways, crossings, np.flatnonzero(agents.person), agents.v)
+    return ways
+
+
+@entry
+def _lead(ways: Ways, crossings: Crossings, people: Indices, v: Floats) -> None:
+    """Lead people over the crossing that they are on, or come to within ENTERS_S first."""
+    for i in people:
+        nearest = ENTERS_S * v[i]
+        for c in range(len(crossings.length)):
+            nearest = _over(ways, i, crossings, c, nearest)
+
+
+@kernel
+def _over(ways: Ways, i: int, crossings: Crossings, c: int, nearest: float) -> float:
+    """Lead person i over crossing c if it is on it, or comes to it within `nearest` m; how far it
+    is."""
+    x, y = ways.pose[i, X], ways.pose[i, Y]
+    ax, ay = crossings.along[c, X], crossings.along[c, Y]
+    length, half = crossings.length[c], crossings.half_width[c]
+    on, off = _place(crossings, c, x, y)
+    if ways.turn[i] == 0.0:
+        return nearest  # it is on another already
+    if 0.0 <= on <= length and abs(off) <= half + BESIDE:
+        share = ways.faces[i, 0] * ax + ways.faces[i, 1] * ay
+        onward = math.copysign(1.0, share if abs(share) > ALONG else 0.5 * length - on)
+        _then(ways, i, 0.0, x, y, onward * ax, onward * ay)
+        return 0.0
+    room = max(half - BESIDE, 0.0)
+    aside = min(max(off, -room), room)
+    faces_x, faces_y = ways.faces[i, 0], ways.faces[i, 1]
+    for onward in (1.0, -1.0):
+        end = 0.0 if onward > 0.0 else length
+        mx, my = crossings.begin[c, X] + end * ax, crossings.begin[c, Y] + end * ay
+        to_x, to_y = mx - aside * ay, my + aside * ax
+        away = math.hypot(to_x - x, to_y - y)
+        if 0.0 < away < nearest and (mx - x) * faces_x + (my - y) * faces_y > 0.0:
+            ways.pose[i, COS], ways.pose[i, SIN] = (to_x - x) / away, (to_y - y) / away
+            _then(ways, i, away, to_x, to_y, onward * ax, onward * ay)
+            nearest = away
+    return nearest
+
+
+@kernel
+def _then(ways: Ways, i: int, turn: float, x: float, y: float, cs: float, sn: float) -> None:
+    """The second piece of a way."""
+    ways.turn[i] = turn
+    ways.then[i, X], ways.then[i, Y], ways.then[i, COS], ways.then[i, SIN] = x, y, cs, sn
+
+
+@kernel
+def walked(ways: Ways, i: int, moved: float) -> tuple[float, float, float, float]:
+    """Pose of person i after `moved` m: x, y, cosine, sine."""
+    second = moved >= ways.turn[i]
+    row = ways.then[i] if second else ways.pose[i]
+    on = moved - ways.turn[i] if second else moved
+    return row[X] + on * row[COS], row[Y] + on * row[SIN], row[COS], row[SIN]
