@@ -23,10 +23,7 @@ def ramp(values: Values) -> Situation:
     speed, length = values["speed"], values["length"]
     beside = row_per_hour(values["gap"], speed)
     return Situation(
-        nodes=(
-            Node("a", MAIN, 0.0), Node("m", 0.0, 0.0), Node("e", length, 0.0),
-            Node("z", length + 500.0, 0.0), Node("r", -250.0, -70.0),
-        ),
+        nodes=_past_slip_road(length),
         edges=(
             Edge("main", "a", "m", 2, speed, 9), Edge("merge", "m", "e", 3, speed, 9),
             Edge("away", "e", "z", 2, speed, 9), _slip(0.75 * speed),
@@ -48,11 +45,7 @@ def weaving(values: Values) -> Situation:
     speed, length = values["speed"], values["length"]
     beside = row_per_hour(values["gap"], speed)
     return Situation(
-        nodes=(
-            Node("a", MAIN, 0.0), Node("m", 0.0, 0.0), Node("e", length, 0.0),
-            Node("z", length + 500.0, 0.0), Node("r", -250.0, -70.0),
-            Node("x", length + 250.0, -70.0),
-        ),
+        nodes=(*_past_slip_road(length), Node("x", length + 250.0, -70.0)),
         edges=(
             Edge("main", "a", "m", 2, speed, 9), Edge("weave", "m", "e", 3, speed, 9),
             Edge("away", "e", "z", 2, speed, 9), _slip(0.75 * speed),
@@ -106,6 +99,15 @@ def zipper(values: Values) -> Situation:
 def lane_drop(values: Values) -> Situation:
     """The right of three lanes ends; the ego is in it."""
     return _narrowing(values, 3, "priority", (Link("in", "out", 1, 0), Link("in", "out", 2, 1)))
+
+
+def _past_slip_road(length: float) -> tuple[Node, ...]:
+    """A main road from a by m and e to z; between m, where the slip road from r comes in, and e it
+    is `length` m long."""
+    return (
+        Node("a", MAIN, 0.0), Node("m", 0.0, 0.0), Node("e", length, 0.0),
+        Node("z", length + 500.0, 0.0), Node("r", -250.0, -70.0),
+    )  # fmt: skip
 
 
 def _slip(speed: float) -> Edge:

@@ -284,13 +284,8 @@ class Driver:
     def _note_stop(self, route: RouteMap, state: State, scene: Scene) -> None:
         """Remember when the ego came to a stand at a stop sign, or a light that is one."""
         node, to_line = state.node, route.length[state.node] - state.s
-        if (
-            state.v < STANDING
-            and to_line < NEAR_STOP
-            and (
-                route.sign[node]
-                or shown(scene.signals, int(route.signal[node]), int(route.link[node]))
-                == AFTER_STOP
-            )
-        ):
+        if state.v >= STANDING or to_line >= NEAR_STOP:
+            return
+        light = shown(scene.signals, int(route.signal[node]), int(route.link[node]))
+        if route.sign[node] or light == AFTER_STOP:
             self._stood.setdefault(node, scene.time)

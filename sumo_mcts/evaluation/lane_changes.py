@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.numerics.kernel import entry, kernel
+from sumo_mcts.numerics.krauss import USUAL_S, safe_gap
 from sumo_mcts.numerics.lanes import Ahead, ahead_of, of_class
 from sumo_mcts.scene import LEFT, RIGHT, Agents, EgoState, Floats, Ints, RoadMap
 
@@ -74,7 +75,7 @@ WEIGHTS = np.array(
 ).T.copy()
 RELAX = 10.0, 2.0  # m, and s of driving, over which a leader ahead loses importance
 TIGHT = 10.0  # m over which one in the lane beside does
-SAFE = 2.0, 1.0, 4.5  # gap that is safe: m, s of the one behind, and with this braking (m/s2)
+SAFE = 2.0  # m beyond the safe gap of a usual driver
 
 
 class _Seen(NamedTuple):
@@ -181,8 +182,7 @@ def _fill_gaps(x: Floats, ahead: Ahead, seen: _Seen, i: int, beside: int, wish: 
 @kernel
 def _safe(gap: float, v: float, leader_v: float) -> bool:
     """Whether a gap (m) is enough for one at `v` behind one at `leader_v`, m/s."""
-    metres, seconds, decel = SAFE
-    return gap > metres + v * seconds + max(0.0, v * v - leader_v * leader_v) / (2.0 * decel)
+    return gap > SAFE + safe_gap(v, leader_v, USUAL_S)
 
 
 @kernel

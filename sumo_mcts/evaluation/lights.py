@@ -15,7 +15,7 @@ from sumo_mcts.scene import AFTER_STOP, GREEN, RED, STANDING, Agents, Frame, Int
 # m/s2: an ego that needed more to stop could not be asked to
 STOPPABLE_RED, STOPPABLE_YELLOW = 4.5, 3.0
 # m before the line within which a vehicle has to have stood where red may be passed after a stop
-AT_LINE = 10.0
+STOOD_WITHIN = 10.0
 
 
 class LightRecord:
@@ -67,7 +67,7 @@ class LightRecord:
         needed = needed_decel(speeds[then], line - odometer[then])
         # an ego that stood in between has shown that stopping was possible
         stood = [k for k in range(then + 1, len(speeds)) if speeds[k] < STANDING]
-        if stood and AFTER_STOP in (earlier, later) and line - odometer[stood[-1]] < AT_LINE:
+        if stood and AFTER_STOP in (earlier, later) and line - odometer[stood[-1]] < STOOD_WITHIN:
             return
         needed = 0.0 if stood else needed
         if earlier >= RED and later >= RED:

@@ -18,6 +18,7 @@ class Nodes(NamedTuple):
 
     lane: Indices  # [W] lane of the RoadMap
     leg: Indices  # [W] index of the route's edge; internal lanes: of the edge before
+    length: Floats  # [W] m
     number: dict[tuple[int, int], int]  # (leg, lane) -> node
     # (leg, lane) -> its paths to the next edge, each [internal lanes..., exit lane]
     following: dict[tuple[int, int], list[list[int]]]
@@ -59,7 +60,8 @@ def collect(road: RoadMap, edges: tuple[int, ...], vclass: int) -> Nodes:
                     legs += [leg] * (len(path) - 1)
             following[leg, lane] = paths
     number = {key: i for i, key in enumerate(zip(legs, lanes, strict=True))}
-    return Nodes(np.array(lanes, np.int64), np.array(legs, np.int64), number, following)
+    all_lanes = np.array(lanes, np.int64)
+    return Nodes(all_lanes, np.array(legs, np.int64), road.length[all_lanes], number, following)
 
 
 def lanes_beside(road: RoadMap, nodes: Nodes, vclass: int) -> tuple[Indices, Indices]:
@@ -89,7 +91,7 @@ def continuation(
     )
     for k in range(legs - 1, -1, -1):
         here = np.flatnonzero((nodes.leg == k) & ~road.internal[nodes.lane]).tolist()
-        onto = {i: _go_on(road, nodes, found, i, last=k == legs - 1) for i in here}
+        onto = {i: _go_on(nodes, found, i, last=k == legs - 1) for i in here}
         furthest = max((found.reach[i] for i in here), default=0.0)
         good = {i for i in here if found.reach[i] >= furthest - AS_FAR}
         goes_on = {i: found.reach[i] for i in here if onto[i] >= 0 and not found.lost[onto[i]]}
@@ -122,10 +124,10 @@ def _onward(
     return within[best] or int(changes[onto[best]]), False
 
 
-def _go_on(road: RoadMap, nodes: Nodes, found: Continuation, i: int, *, last: bool) -> int:
+def _go_on(nodes: Nodes, found: Continuation, i: int, *, last: bool) -> int:
     """Fill in the path of node i to the next edge, where it ends there (-1: nowhere). A path to a
     node that is lost ends with it: only before it can the ego still change."""
-    leg, lane, length = int(nodes.leg[i]), int(nodes.lane[i]), road.length[nodes.lane]
+    leg, lane, length = int(nodes.leg[i]), int(nodes.lane[i]), nodes.length
     found.reach[i] = math.inf if last else length[i]
     best, ends = (-math.inf, 0), -1
     for path in nodes.following.get((leg, lane), []):

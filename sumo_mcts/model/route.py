@@ -121,8 +121,7 @@ def route_map(
     `decel` (m/s2) shapes `cap`.
     """
     nodes = collect(road, edges, vclass)
-    lane, leg, w = nodes.lane, nodes.leg, len(nodes.lane)
-    node_length = road.length[lane]
+    lane, leg, node_length, w = nodes.lane, nodes.leg, nodes.length, len(nodes.lane)
     left, right = lanes_beside(road, nodes, vclass)
     nxt, changes, reach, lost = continuation(road, nodes, (left, right), len(edges))
     limit = np.minimum(limits(road, lane, vclass) * speed_factor, max_speed)

@@ -46,10 +46,10 @@ def limits(
     road: RoadMap, lanes: Ints | NDArray[np.int64], vclass: Ints | NDArray[np.int64] | int
 ) -> Floats:
     """The limits of lanes for vehicles of a class, m/s; the two shapes are broadcast."""
-    vclass = np.asarray(vclass)
-    row = np.where(vclass == IGNORING, -1, road.class_row[np.maximum(vclass, 0)])
     if not len(road.class_speed):
         return road.speed[lanes]
+    vclass = np.asarray(vclass)
+    row = np.where(vclass == IGNORING, -1, road.class_row[np.maximum(vclass, 0)])
     return np.where(row >= 0, road.class_speed[np.maximum(row, 0), lanes], road.speed[lanes])
 
 

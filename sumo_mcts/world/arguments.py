@@ -1,6 +1,7 @@
 """SUMO's command line for a scenario: the scenario's files and options, the user's further options,
 and what the referee needs."""
 
+import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -228,6 +229,14 @@ def sumo_home() -> str:
     import sumo  # type: ignore[import-untyped]
 
     return str(Path(sumo.__file__).parent)
+
+
+def sumo_program(name: str) -> str:
+    """The path of a program of that SUMO. Raises ConfigError where it is not there."""
+    found = shutil.which(name, path=str(Path(sumo_home()) / "bin"))
+    if found is None:
+        raise ConfigError(f"{name} is not installed; it is part of: pip install eclipse-sumo")
+    return found
 
 
 # --- what is refused ---

@@ -8,7 +8,7 @@ from sumo_mcts import dense
 from sumo_mcts.config import DenseConfig, SumoConfig
 from sumo_mcts.dense.kind import source
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.world.arguments import sumo_home
+from sumo_mcts.world.arguments import sumo_program
 
 PATIENCE_S = 60.0  # for netconvert, which takes a tenth of a second
 LATERAL_M = 0.8  # lateral resolution, where the family of drivers needs one
@@ -54,8 +54,8 @@ def _written(config: DenseConfig, seed: int, folder: Path) -> tuple[Path, Path]:
 
 def _netconvert(name: str, options: Sequence[str]) -> None:
     """Build a network. Raises ConfigError."""
-    program = Path(sumo_home()) / "bin" / "netconvert"
-    command = [str(program), "--no-turnarounds=true", "--junctions.corner-detail=5", *options]
+    program = sumo_program("netconvert")
+    command = [program, "--no-turnarounds=true", "--junctions.corner-detail=5", *options]
     try:
         done = subprocess.run(
             command, check=False, capture_output=True, text=True, timeout=PATIENCE_S

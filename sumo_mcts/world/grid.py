@@ -1,13 +1,12 @@
 """A town made up at run time: a grid of streets with signals, full of vehicles."""
 
 import random
-import shutil
 import subprocess
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 from sumo_mcts.errors import ConfigError
+from sumo_mcts.world.arguments import sumo_program
 
 SIDE = 7  # junctions to each side
 BLOCK = 100.0  # m
@@ -31,7 +30,7 @@ def write_grid(folder: Path, vehicles: int, ego_departs: float) -> list[str]:
         "--no-turnarounds",
     ]
     done = subprocess.run(
-        [_netgenerate(), *shape, "--output-file", str(net)],
+        [sumo_program("netgenerate"), *shape, "--output-file", str(net)],
         capture_output=True,
         text=True,
         check=False,
@@ -40,15 +39,6 @@ def write_grid(folder: Path, vehicles: int, ego_departs: float) -> list[str]:
         raise ConfigError(f"netgenerate fails: {' '.join(done.stderr.split())}")
     _write_trips(routes, _streets(net), vehicles, ego_departs)
     return ["--net-file", str(net), "--route-files", str(routes)]
-
-
-def _netgenerate() -> str:
-    """SUMO's program beside this Python, or on the path."""
-    beside = shutil.which("netgenerate", path=str(Path(sys.executable).parent))
-    found = beside or shutil.which("netgenerate")
-    if found is None:
-        raise ConfigError("netgenerate is not installed; it is part of: pip install eclipse-sumo")
-    return found
 
 
 def _streets(net: Path) -> list[str]:

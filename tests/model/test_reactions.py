@@ -34,12 +34,15 @@ DT = 0.2  # s between looks, and between forecast times
 LENGTH = 5.0  # m, of everybody
 
 
-def view(v: float, *agents: Agent, reactive: int = 4) -> tuple[Task, LocalMap, State]:
+def view(
+    v: float, *agents: Agent, reactive: int = 4, asked: int = 0
+) -> tuple[Task, LocalMap, State]:
     """The ego in the middle of three lanes, 300 m along."""
     road = lanes_east(3, 1500.0)
     ego = ego_at(road, "a_1", 300.0, v)
     task = task_of(road, ego)
-    return task, *local_of(task, scene_of(ego, road, *agents), reactive=reactive)
+    scene = scene_of(ego, road, *agents)
+    return task, *local_of(task, scene, reactive=reactive, asked=asked)
 
 
 def drive(
@@ -162,10 +165,7 @@ def test_who_stands_where_its_forecast_stands_is_found_again() -> None:
 
 def asking(v: float, *agents: Agent, asked: int = 1) -> tuple[Task, LocalMap, State]:
     """The ego asks on its left, from the middle of three lanes."""
-    road = lanes_east(3, 1500.0)
-    ego = ego_at(road, "a_1", 300.0, v)
-    task = task_of(road, ego)
-    return task, *local_of(task, scene_of(ego, road, *agents), asked=asked)
+    return view(v, *agents, reactive=0, asked=asked)
 
 
 def speeds_after(
