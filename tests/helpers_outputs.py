@@ -33,7 +33,7 @@ WRAPPED = 98  # columns to which a row is wrapped
 RUN = "run unprotected-left-turn --seed 3 --out out/left"
 FIGURES = "out/left/figures/*"
 REPORT = "out/budgets/report"
-REPLAY = "replay=highway-exit--mcts-iterations-300--3&t=4"
+REPLAY = "replay=highway-exit--mcts-iterations-300--1&t=3"
 SCENE = "highway-exit"  # whose figures are shown
 
 
@@ -157,7 +157,8 @@ def source(name: str, printed: Mapping[str, str], folder: Path) -> tuple[str, st
 
 
 def take_pictures(report: Path) -> None:
-    """Write the pictures of a report into docs/images/."""
+    """Write the pictures of a report into docs/images/. Raises RuntimeError where the page says
+    that it cannot show one."""
     with sync_playwright() as playwright:
         path = shutil.which("chromium") or shutil.which("google-chrome")
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
@@ -166,6 +167,8 @@ def take_pictures(report: Path) -> None:
             page = context.new_page()
             page.goto(f"{report.as_uri()}#{fragment}")
             page.wait_for_timeout(1000)  # until a replay is unpacked and drawn
+            if page.locator("#trouble").is_visible():
+                raise RuntimeError(f"{fragment}: {page.locator('#trouble').inner_text()}")
             save_window(page, IMAGES / name)
         for name, heading in DRAWINGS.items():
             drawing = page.evaluate(STANDALONE, [SCENE, heading])
