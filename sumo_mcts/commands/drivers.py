@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts import records
-from sumo_mcts.dense import FAMILIES
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.evaluation.lane_changes import FEATURES, WEIGHTS
 from sumo_mcts.evaluation.reliability import scores
 from sumo_mcts.scenarios import Note, naming_source, resolve_each
+from sumo_mcts.situations import FAMILIES
 from sumo_mcts.studies.drivers import CHANGES, Sample, answers, joined, judged
 from sumo_mcts.studies.logistic import fitted, probability
 

@@ -7,7 +7,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sumo_mcts import dense, records
+from sumo_mcts import records, situations
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.experiments import workers
 from sumo_mcts.numerics.announce import announced, watched
@@ -16,7 +16,7 @@ from sumo_mcts.scenarios import Note, naming_source, resolve_each
 from sumo_mcts.studies.value import Harvest, harvest
 from sumo_mcts.studies.value_statistics import summary
 
-VALUE_SCENES = tuple(f"dense-{kind}" for kind in dense.KINDS)
+VALUE_SCENES = tuple(f"dense-{kind}" for kind in situations.DENSE)
 Row = dict[str, Any]
 
 

@@ -10,6 +10,7 @@ from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, Bools, Floats, Ints,
 
 PHASES = 8  # coming phases that are broadcast
 STATIC = 0  # SUMO's type of signals whose phases last as long as their program says
+MOMENT = 0.001  # s: how long a phase of a level crossing is said to last that trains end
 SIGNAL_RANGE = 500.0  # m within which signals are read
 # SUMO's letters; any other one counts as green.
 _SHOWS = {
@@ -108,7 +109,7 @@ class _Phase(NamedTuple):
     state: str
     duration: float  # s
     following: int  # index of the phase after it
-    # traffic decides when it ends: SUMO's next switch is but the next time that it asks
+    # traffic, or a train, decides when it ends: SUMO's next switch is when it asks next
     open_ended: bool
 
 
@@ -119,7 +120,7 @@ def _phases(logic: Any) -> list[_Phase]:
             state=p.state,
             duration=p.duration,
             following=p.next[0] if p.next and p.next[0] >= 0 else (k + 1) % len(found),
-            open_ended=logic.type != STATIC and p.minDur < p.maxDur,
+            open_ended=logic.type != STATIC and (p.minDur < p.maxDur or p.duration <= MOMENT),
         )
         for k, p in enumerate(found)
     ]

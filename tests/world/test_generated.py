@@ -1,14 +1,15 @@
 """Dense situations become networks and traffic that SUMO simulates."""
 
 import subprocess
+from itertools import product
 from pathlib import Path
 
 import pytest
 
 from sumo_mcts.config import SumoConfig, builtin, load
-from sumo_mcts.dense import FAMILIES, HALVES, KINDS
 from sumo_mcts.episode.run import run_episode
 from sumo_mcts.errors import ConfigError
+from sumo_mcts.situations import DENSE, FAMILIES, HALVES, RULES
 from sumo_mcts.world import generated
 from sumo_mcts.world.arguments import sumo_home
 
@@ -20,6 +21,11 @@ HARMLESS = ("emergency braking", "emergency stop", "collision")
 def dense(kind: str, half: str = "development", family: str = "krauss") -> SumoConfig:
     """A dense situation, as a scenario names it."""
     return SumoConfig.model_validate({"dense": {"kind": kind, "half": half, "family": family}})
+
+
+def rule(kind: str) -> SumoConfig:
+    """A situation for a rule of the road, as a scenario names it."""
+    return SumoConfig.model_validate({"rule": {"kind": kind}})
 
 
 def warnings(text: str) -> list[str]:
@@ -45,10 +51,11 @@ def simulated(sumo: SumoConfig, seed: int, folder: Path) -> "subprocess.Complete
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("half", HALVES)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("kind", "half"), [*product(DENSE, HALVES), *((kind, None) for kind in RULES)]
+)
 def test_a_kind_builds_and_moves_without_a_warning(
-    kind: str, half: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, half: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     printed, run = [], subprocess.run
 
@@ -59,7 +66,7 @@ def test_a_kind_builds_and_moves_without_a_warning(
 
     for seed in (1, 2):
         monkeypatch.setattr(subprocess, "run", listened)
-        sumo = generated.standing(dense(kind, half), seed, tmp_path)
+        sumo = generated.standing(rule(kind) if half is None else dense(kind, half), seed, tmp_path)
         monkeypatch.undo()
         done = simulated(sumo, seed, tmp_path)
         assert done.returncode == 0
@@ -68,7 +75,7 @@ def test_a_kind_builds_and_moves_without_a_warning(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DENSE)
 def test_sumos_driver_drives_a_kind_for_half_a_minute(kind: str) -> None:
     config = load(
         builtin.scenario_path(f"dense-{kind}"), ("planner.name=sumo", "episode.time_limit_s=30")

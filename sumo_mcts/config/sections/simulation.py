@@ -2,13 +2,20 @@
 an episode ends.
 """
 
+from collections.abc import Mapping
 from typing import Annotated
 
 from pydantic import Field, field_validator, model_validator
 
-from sumo_mcts import dense
+from sumo_mcts import situations
 from sumo_mcts.config.sections.section import Section
 from sumo_mcts.config.values import FileName, FileNames, Float, Id, Positive, SumoValue
+
+
+def _one_of(kind: str, kinds: Mapping[str, object]) -> str:
+    if kind not in kinds:
+        raise ValueError(f"has to be one of {', '.join(kinds)}")
+    return kind
 
 
 class DenseConfig(Section):
@@ -16,30 +23,46 @@ class DenseConfig(Section):
 
     kind: str = Field(
         description="which; docs/dense.md has them all",
-        json_schema_extra={"enum": list(dense.KINDS)},
+        json_schema_extra={"enum": list(situations.DENSE)},
     )
-    half: dense.Half = Field(
+    half: situations.Half = Field(
         "development",
         description="the half of the parameter ranges; `final` is kept for the last measurement",
     )
-    family: dense.Family = Field("krauss", description="how the others drive")
+    family: situations.Family = Field("krauss", description="how the others drive")
 
     @field_validator("kind")
     @classmethod
     def _known(cls, kind: str) -> str:
-        if kind not in dense.KINDS:
-            raise ValueError(f"has to be one of {', '.join(dense.KINDS)}")
-        return kind
+        return _one_of(kind, situations.DENSE)
+
+
+class RuleConfig(Section):
+    """A rule of the road with a network of its own: network and traffic are made by the seed."""
+
+    kind: str = Field(
+        description="which; docs/rules.md has them all",
+        json_schema_extra={"enum": list(situations.RULES)},
+    )
+    family: situations.Family = Field("krauss", description="how the others drive")
+
+    @field_validator("kind")
+    @classmethod
+    def _known(cls, kind: str) -> str:
+        return _one_of(kind, situations.RULES)
 
 
 class SumoConfig(Section):
-    """The simulation: either a .sumocfg, or a network with routes, or a dense situation."""
+    """The simulation: a .sumocfg, or a network with routes, or a situation of the package."""
 
     sumocfg: FileName | None = Field(
         None, description="a .sumocfg file; its settings stay as they are"
     )
     net: FileName | None = Field(None, description="network (.net.xml, .net.xml.gz)")
     dense: DenseConfig | None = Field(None, description="a dense situation, in place of a network")
+    rule: RuleConfig | None = Field(
+        None, description="a situation for one rule of the road, in place of a network"
+    )
     routes: FileNames = Field((), description="route files")
     additional: FileNames = Field(
         (), description="additional files: vehicle types, signal plans, stops"
@@ -53,8 +76,8 @@ class SumoConfig(Section):
 
     @model_validator(mode="after")
     def _one_source(self) -> "SumoConfig":
-        if [self.sumocfg, self.net, self.dense].count(None) != 2:
-            raise ValueError("give either sumocfg or net or dense")
+        if [self.sumocfg, self.net, self.dense, self.rule].count(None) != 3:
+            raise ValueError("give either sumocfg or net or dense or rule")
         return self
 
 

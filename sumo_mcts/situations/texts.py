@@ -1,34 +1,34 @@
 """A situation as the files of netconvert and SUMO."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from random import Random
 from xml.etree import ElementTree
 
-from sumo_mcts.dense.families import Family, types
-from sumo_mcts.dense.situation import Edge, Parked, Situation, Stream
+from sumo_mcts.situations.families import DEVICES, Family, types
+from sumo_mcts.situations.situation import Edge, Halt, Parked, Situation, Stream
 
 WARM_UP_S = (100.0, 160.0)  # the ego departs between; a cycle of signals apart
 TRAFFIC_S = 480.0  # vehicles depart until then
 SPREAD = 0.4  # of regular gaps around their mean
 EGO = "ego"
 
-Entry = tuple[str, Mapping[str, object]]  # tag, attributes
-
 
 def plain_files(situation: Situation) -> dict[str, str]:
     """Option of netconvert -> the text of the file that it names."""
-    nodes = [("node", node._asdict()) for node in situation.nodes]
-    edges = [("edge", _edge(edge)) for edge in situation.edges]
-    rings = [("roundabout", {"nodes": nodes, "edges": edges}) for nodes, edges in situation.rings]
+    nodes = [_element("node", node._asdict()) for node in situation.nodes]
+    edges = [_edge(edge) for edge in situation.edges]
+    rings = [
+        _element("roundabout", {"nodes": nodes, "edges": edges}) for nodes, edges in situation.rings
+    ]
     links = [
-        ("connection", {"from": link.start, "to": link.end, "fromLane": link.from_lane,
+        _element("connection", {"from": link.start, "to": link.end, "fromLane": link.from_lane,
          "toLane": link.to_lane})
         for link in situation.links
     ]  # fmt: skip
     return {
-        "node-files": _xml("nodes", nodes),
-        "edge-files": _xml("edges", [*edges, *rings]),
-        "connection-files": _xml("connections", links),
+        "node-files": _file("nodes", nodes),
+        "edge-files": _file("edges", [*edges, *rings]),
+        "connection-files": _file("connections", links),
     }
 
 
@@ -45,8 +45,7 @@ def routes(situation: Situation, family: Family, trucks: float, random: Random) 
     ]
     moving.append((random.uniform(*WARM_UP_S), _ego(situation)))
     root = ElementTree.Element("routes")
-    for name, attributes in types(family).items():
-        ElementTree.SubElement(root, "vType", {"id": name, **attributes})
+    root.extend(_types(family, {stream.vtype for stream in situation.streams}))
     root.extend(parked)
     for time, element in sorted(moving, key=lambda each: each[0]):
         element.set("depart", f"{time:.2f}")
@@ -62,7 +61,9 @@ def _departures(
     time, number = random.uniform(0.0, mean), 0
     while time < TRAFFIC_S:
         vtype = stream.vtype or ("truck" if random.random() < trucks else "car")
-        yield time, _traveller(f"{name}.{number}", vtype, stream.route, stream.lane)
+        traveller = _traveller(f"{name}.{number}", vtype, stream.route, stream.lane)
+        traveller.extend(_halt(halt) for halt in stream.halts)
+        yield time, traveller
         time += (
             mean * random.uniform(1.0 - SPREAD, 1.0 + SPREAD)
             if stream.regular
@@ -91,23 +92,45 @@ def _ego(situation: Situation) -> ElementTree.Element:
 def _parked(van: Parked, number: int) -> ElementTree.Element:
     vehicle = _traveller(f"van.{number}", "van", van.edge, str(van.lane))
     vehicle.attrib |= {"depart": "0.00", "departPos": f"{van.position:.2f}", "departSpeed": "0"}
-    stop = {"lane": f"{van.edge}_{van.lane}", "endPos": f"{van.position:.2f}", "duration": "86400"}
-    ElementTree.SubElement(vehicle, "stop", stop)
+    vehicle.append(_halt(Halt(van.edge, van.lane, van.position, 86400.0)))
     return vehicle
 
 
-def _edge(edge: Edge) -> dict[str, object]:
+def _halt(halt: Halt) -> ElementTree.Element:
+    return ElementTree.Element(
+        "stop",
+        {"lane": f"{halt.edge}_{halt.lane}", "endPos": f"{halt.position:.2f}",
+         "duration": f"{halt.duration:.0f}"},
+    )  # fmt: skip
+
+
+def _types(family: Family, used: Set[str]) -> Iterator[ElementTree.Element]:
+    """The vehicle types that every file has, and of the others those that are used."""
+    for name, attributes in types(family, used).items():
+        element = ElementTree.Element("vType", {"id": name, **attributes})
+        for key, value in DEVICES.get(name, {}).items():
+            ElementTree.SubElement(element, "param", {"key": key, "value": value})
+        yield element
+
+
+def _edge(edge: Edge) -> ElementTree.Element:
     shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in edge.shape)
-    return {
+    attributes = {
         "id": edge.id, "from": edge.start, "to": edge.end, "numLanes": edge.lanes,
         "speed": edge.speed, "priority": edge.priority, **({"shape": shape} if shape else {}),
     }  # fmt: skip
+    element = _element("edge", attributes)
+    element.extend(_element("lane", {"index": lane, "allow": only}) for lane, only in edge.only)
+    return element
 
 
-def _xml(root: str, entries: Iterable[Entry]) -> str:
+def _element(tag: str, attributes: Mapping[str, object]) -> ElementTree.Element:
+    return ElementTree.Element(tag, {key: _word(each) for key, each in attributes.items()})
+
+
+def _file(root: str, elements: Iterable[ElementTree.Element]) -> str:
     top = ElementTree.Element(root)
-    for tag, attributes in entries:
-        ElementTree.SubElement(top, tag, {key: _word(each) for key, each in attributes.items()})
+    top.extend(elements)
     return _text(top)
 
 

@@ -1,6 +1,6 @@
 """Families of drivers: what the vehicle types of the others say, beside what all have."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from typing import Literal, get_args
 
 Family = Literal["krauss", "idm", "acc", "eidm", "w99", "sl2015"]
@@ -27,9 +27,19 @@ _OTHERS = {
     "pedestrian": {"vClass": "pedestrian"},
     "ego": {"speedDev": "0"},
 }
+# Types that few kinds use
+_RARE = {
+    "bus": {"vClass": "bus"},
+    "tram": {"vClass": "tram"},
+    "train": {"vClass": "rail"},
+    "emergency": {"vClass": "emergency", "speedFactor": "1.3", "speedDev": "0"},
+}
+# Type -> key and value of its parameters
+DEVICES: Mapping[str, Mapping[str, str]] = {"emergency": {"has.bluelight.device": "true"}}
 
 
-def types(family: Family) -> dict[str, dict[str, str]]:
-    """Attributes of each vehicle type, by id."""
+def types(family: Family, used: Set[str] = frozenset()) -> dict[str, dict[str, str]]:
+    """Attributes of each vehicle type, by id; of the rare ones those that are used."""
     motor = {name: {**given, **_ATTRIBUTES[family]} for name, given in _MOTOR.items()}
-    return {**motor, **_OTHERS}
+    rare = {name: given for name, given in _RARE.items() if name in used}
+    return {**motor, **_OTHERS, **rare}

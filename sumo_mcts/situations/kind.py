@@ -1,11 +1,11 @@
-"""What a kind of dense situation is, and how its parameters are drawn in one half of their
+"""What a kind of situation is, and how its parameters are drawn in one half of their
 ranges."""
 
 from collections.abc import Callable, Mapping, Sequence
 from random import Random
 from typing import Literal, NamedTuple, get_args
 
-from sumo_mcts.dense.situation import Situation
+from sumo_mcts.situations.situation import Situation
 
 Half = Literal["development", "final"]
 HALVES: tuple[Half, ...] = get_args(Half)
@@ -37,13 +37,13 @@ TRUCKS = Range(0.0, 0.15, "", "share of trucks")
 TOWN_SPEED = Range(11.0, 16.0, "m/s", "speed limit")
 
 
-def source(kind: str, half: Half, seed: int, purpose: str) -> Random:
+def source(kind: str, half: Half | None, seed: int, purpose: str) -> Random:
     """Random numbers for one purpose, the same on every machine and with every Python."""
-    return Random(f"{kind} {half} {seed} {purpose}")
+    return Random(f"{kind} {half or 'whole'} {seed} {purpose}")
 
 
-def drawn(kind: Kind, half: Half, seed: int) -> dict[str, float]:
-    """The parameters of a seed, each uniform in this half of its range.
+def drawn(kind: Kind, half: Half | None, seed: int) -> dict[str, float]:
+    """The parameters of a seed, each uniform in this half of its range; None: in all of it.
 
     A range is cut in INTERVALS equal intervals. The 1st, 3rd, 5th and 7th belong to the development
     half, the others to the final one.
@@ -52,8 +52,10 @@ def drawn(kind: Kind, half: Half, seed: int) -> dict[str, float]:
     return {name: _within(parts(each, half), random) for name, each in kind.ranges.items()}
 
 
-def parts(bounds: Range, half: Half) -> list[tuple[float, float]]:
-    """The intervals of a range that belong to a half."""
+def parts(bounds: Range, half: Half | None) -> list[tuple[float, float]]:
+    """The intervals of a range that belong to a half; None: the whole range."""
+    if half is None:
+        return [(bounds.low, bounds.high)]
     width = (bounds.high - bounds.low) / INTERVALS
     first = HALVES.index(half)
     return [

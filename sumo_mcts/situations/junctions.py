@@ -1,8 +1,8 @@
 """Kinds at signals: permissive and protected left turns, a queue to change into, a turn beside a
 crossing."""
 
-from sumo_mcts.dense.kind import TOWN_SPEED, TRUCKS, Kind, Range, Values
-from sumo_mcts.dense.situation import Edge, Link, Node, Situation, Stream
+from sumo_mcts.situations.kind import TOWN_SPEED, TRUCKS, Kind, Range, Values
+from sumo_mcts.situations.situation import Edge, Link, Node, Situation, Stream
 
 GREEN = Range(22.0, 42.0, "s", "green of a phase")
 

@@ -1,4 +1,4 @@
-"""Kinds of dense situations: their draws, their halves, their texts, their page."""
+"""Kinds of situations: their draws, their halves, their texts, their pages."""
 
 from collections import Counter
 from itertools import pairwise
@@ -8,16 +8,28 @@ from xml.etree import ElementTree
 import pytest
 
 from sumo_mcts.config import builtin
-from sumo_mcts.dense import FAMILIES, HALVES, KINDS, drawn, families, plain_files, routes
-from sumo_mcts.dense.docs import refreshed
-from sumo_mcts.dense.kind import INTERVALS, parts, source
-from sumo_mcts.dense.situation import LEAST_GAP_S, row_per_hour
+from sumo_mcts.situations import (
+    DENSE,
+    FAMILIES,
+    HALVES,
+    RULES,
+    drawn,
+    families,
+    plain_files,
+    routes,
+)
+from sumo_mcts.situations.docs import PAGES, refreshed
+from sumo_mcts.situations.kind import INTERVALS, parts, source
+from sumo_mcts.situations.situation import LEAST_GAP_S, row_per_hour
 
 TOP = Path(__file__).resolve().parents[2]
+KINDS = {**DENSE, **RULES}
 EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
 
 
-def text_of(name: str, half: str = "development", seed: int = 3, family: str = "krauss") -> str:
+def text_of(
+    name: str, half: str | None = "development", seed: int = 3, family: str = "krauss"
+) -> str:
     """The route file of a seed."""
     kind = KINDS[name]
     situation = kind.build(drawn(kind, half, seed))
@@ -25,7 +37,22 @@ def text_of(name: str, half: str = "development", seed: int = 3, family: str = "
 
 
 def test_there_are_twelve_kinds_at_least() -> None:
-    assert len(KINDS) >= 12
+    assert len(DENSE) >= 12
+
+
+def test_no_name_stands_for_two_kinds() -> None:
+    assert not set(DENSE) & set(RULES)
+
+
+@EVERY
+def test_without_a_half_all_of_a_range_is_drawn(kind) -> None:
+    draws = [drawn(kind, None, seed) for seed in range(300)]
+    for name, bounds in kind.ranges.items():
+        found = Counter(
+            half for each in draws for half in HALVES
+            if any(a <= each[name] < b for a, b in parts(bounds, half))
+        )  # fmt: skip
+        assert sum(found.values()) == len(draws) and min(found[half] for half in HALVES) > 100
 
 
 @EVERY
@@ -80,7 +107,7 @@ def test_routes_are_in_the_order_of_departure_with_one_ego_among_traffic(kind) -
     times = [float(each.get("depart", "")) for each in root if each.tag != "vType"]
     assert times == sorted(times)
     (ego,) = (each for each in root.iter("vehicle") if each.get("id") == "ego")
-    assert sum(time < float(ego.get("depart", "")) for time in times) > 10
+    assert sum(time < float(ego.get("depart", "")) for time in times) >= 8
 
 
 @EVERY
@@ -134,11 +161,12 @@ def test_only_the_family_differs_between_families() -> None:
 
 
 def test_every_kind_is_a_scenario() -> None:
-    assert {f"dense-{name}" for name in KINDS} == {
-        name for name in builtin.scenario_names() if name.startswith("dense-")
-    }
+    for group, kinds in (("dense-", DENSE), ("rule-", RULES)):
+        names = {name for name in builtin.scenario_names() if name.startswith(group)}
+        assert names == {f"{group}{name}" for name in kinds}
 
 
-def test_the_page_is_up_to_date() -> None:
-    text = (TOP / "docs" / "dense.md").read_text(encoding="utf-8")
-    assert text == refreshed(text), "run python -m sumo_mcts.dense.docs"
+@pytest.mark.parametrize("page", PAGES)
+def test_the_page_is_up_to_date(page: str) -> None:
+    text = (TOP / "docs" / page).read_text(encoding="utf-8")
+    assert text == refreshed(page, text), "run python -m sumo_mcts.situations.docs"

@@ -24,6 +24,7 @@ class Edge(NamedTuple):
     speed: float  # limit, m/s
     priority: int = 1
     shape: tuple[tuple[float, float], ...] = ()  # m; empty: straight
+    only: tuple[tuple[int, str], ...] = ()  # lane -> the classes that may use it, and no other
 
 
 class Link(NamedTuple):
@@ -35,6 +36,15 @@ class Link(NamedTuple):
     to_lane: int
 
 
+class Halt(NamedTuple):
+    """A stop on a lane, as of a bus."""
+
+    edge: str
+    lane: int
+    position: float  # of the front, m
+    duration: float  # s
+
+
 class Stream(NamedTuple):
     """Vehicles, or pedestrians, on one route."""
 
@@ -44,6 +54,7 @@ class Stream(NamedTuple):
     # False: random, at a constant rate; True: gaps within SPREAD of the mean
     regular: bool = False
     vtype: str = ""  # of all of them; "": cars and trucks
+    halts: tuple[Halt, ...] = ()  # of each of them
 
 
 class Parked(NamedTuple):

@@ -1,7 +1,7 @@
 """Kinds on one road: merging, weaving, an exit, lanes that end, a van in the way."""
 
-from sumo_mcts.dense.kind import TRUCKS, Kind, Range, Values
-from sumo_mcts.dense.situation import (
+from sumo_mcts.situations.kind import TRUCKS, Kind, Range, Values
+from sumo_mcts.situations.situation import (
     Edge,
     Link,
     Node,

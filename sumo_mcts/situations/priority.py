@@ -4,9 +4,9 @@ roundabout."""
 import math
 from itertools import permutations
 
-from sumo_mcts.dense.junctions import arms
-from sumo_mcts.dense.kind import TOWN_SPEED, TRUCKS, Kind, Range, Values
-from sumo_mcts.dense.situation import Edge, Node, Situation, Stream
+from sumo_mcts.situations.junctions import arms
+from sumo_mcts.situations.kind import TOWN_SPEED, TRUCKS, Kind, Range, Values
+from sumo_mcts.situations.situation import Edge, Node, Situation, Stream
 
 ARMS = "wsen"  # against the clock
 
