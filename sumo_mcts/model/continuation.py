@@ -96,7 +96,7 @@ def continuation(
         good = {i for i in here if found.reach[i] >= furthest - AS_FAR}
         goes_on = {i: found.reach[i] for i in here if onto[i] >= 0 and not found.lost[onto[i]]}
         for i in here:
-            needed = _nearest(good, i, beside)
+            needed = nearest(good, i, beside)
             if needed is None:  # perhaps the ego can change on the next edge
                 needed, found.lost[i] = _onward(goes_on, found.changes, onto, i, beside)
             found.changes[i] = needed
@@ -116,7 +116,7 @@ def _onward(
     They lead to the node that leads furthest of those within reach that go on (`goes_on`: their
     reach); in that node they are those of the next edge, where it leads (`onto`).
     """
-    found = {other: _nearest([other], node, beside) for other in goes_on}
+    found = {other: nearest([other], node, beside) for other in goes_on}
     within = {other: n for other, n in found.items() if n is not None}
     if not within:
         return 0, True
@@ -148,7 +148,7 @@ def _go_on(nodes: Nodes, found: Continuation, i: int, *, last: bool) -> int:
     return ends
 
 
-def _nearest(good: Collection[int], node: int, beside: tuple[Indices, Indices]) -> int | None:
+def nearest(good: Collection[int], node: int, beside: tuple[Indices, Indices]) -> int | None:
     """Lane changes, one by one, to the nearest of the `good` nodes, positive to the left; None:
     there is no way. `beside` as of lanes_beside."""
     left = right = node

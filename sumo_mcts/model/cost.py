@@ -11,7 +11,7 @@ import math
 from sumo_mcts.model.cost_params import CostParams, Term
 from sumo_mcts.model.cost_to_go import PICK_UP, waiting_s
 from sumo_mcts.model.leaving import MAKES_ROOM
-from sumo_mcts.model.local_map import DENSITY, STREAM, LocalMap, State
+from sumo_mcts.model.local_map import DENSITY, STREAM, LocalMap, State, to_end, urgency_at
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import INTERNAL, LIMIT, NEXT, NUMBER, REACH, STATION
 from sumo_mcts.numerics.kernel import kernel
@@ -57,7 +57,7 @@ def step_passability(local: LocalMap, p: EgoParams, c: CostParams, after: State)
     """
     limit = local.node[after.node, LIMIT]
     rate = c.progress * (1.0 - min(after.v, limit) / limit + _before_sign(local, after))
-    urgent = _urgent(local, after.node)
+    urgent = abs(urgency_at(local, after))
     if urgent > 0.0:  # elsewhere the stream beside is not known
         rate += c.route * urgent * (1.0 + c.mismatch * _mismatch(local, after))
     if after.v < SLOW:
@@ -67,13 +67,6 @@ def step_passability(local: LocalMap, p: EgoParams, c: CostParams, after: State)
         if abs(after.turn) > STRADDLING and not leads_nowhere(local, after.node):
             rate += c.astride
     return rate * p.step
-
-
-@kernel
-def _urgent(local: LocalMap, node: int) -> float:
-    """How many lane changes are urgent there; 0 beyond the lanes that this cycle looks at."""
-    i = node - local.first
-    return abs(local.urgency[i]) if 0 <= i < local.urgency.shape[0] else 0.0
 
 
 @kernel
@@ -136,14 +129,14 @@ def terminal(
     missing = max(0.0, local.limit - useful) if local.open_ahead else 0.0
     behind = max(
         _behind(local, c, gap, leader_v),
-        _behind(local, c, local.node[state.node, REACH] - state.s, 0.0),
+        _behind(local, c, to_end(local, state), 0.0),
     )
     picks_up = missing * missing / (2.0 * PICK_UP * local.limit)
     waits = 0.0
     if c.beyond_s > 0.0:
         waits = c.beyond_s * (1.0 - math.exp(-waiting_s(local, state, time, picks_up) / c.beyond_s))
     lost = picks_up + waits + c.tail_s * behind + min(_to_sign(local, state), UP_TO_SIGN) / MOVE_UP
-    return c.progress * lost + c.route * _urgent(local, state.node) * c.tail_s * (
+    return c.progress * lost + c.route * abs(urgency_at(local, state)) * c.tail_s * (
         1.0 + RUN_UP * _too_slow(local, state)
     )
 
@@ -154,7 +147,7 @@ def _too_slow(local: LocalMap, state: State) -> float:
 
     It counts up to the end of the ego's lane: an ego that stands there finds no gap.
     """
-    distance = local.node[state.node, REACH] - state.s
+    distance = to_end(local, state)
     if math.isinf(distance):
         return 0.0
     return max(

@@ -1,7 +1,8 @@
-"""A lane that the route leaves: how fast and how dense the stream in the next lane is."""
+"""A lane that the route leaves: where, and how fast and dense the stream in the next lane is."""
 
 import numpy as np
 
+from sumo_mcts.model.local_map import END
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.scene import Bools, Floats, Indices
 
@@ -12,9 +13,10 @@ Stream = tuple[Indices, Floats, Floats]  # [N] node to which an agent comes, s t
 
 
 def leaving(route: RouteMap, view: slice, here: float, urgency: Floats, stream: Stream) -> Floats:
-    """LocalMap.to_leave [W, 2] of the nodes in `view`; `here`, `urgency` as in local_build."""
+    """LocalMap.to_leave [W, 3] of the nodes in `view`; `here`, `urgency` as in local_build."""
     first, w = view.start, view.stop - view.start
-    to_leave = np.zeros((w, 2))
+    to_leave = np.zeros((w, END + 1))
+    to_leave[:, END] = route.reach[view]
     end = route.station[view] + route.reach[view]
     keys = {
         (int(np.sign(urgency[i])), round(float(end[i]), 1))
@@ -25,7 +27,7 @@ def leaving(route: RouteMap, view: slice, here: float, urgency: Floats, stream: 
         to = (route.left if side > 0 else route.right)[view] - first
         beside = np.unique(to[those & (to >= 0) & (route.changes[view] != 0)])
         if len(beside) > 0:
-            to_leave[those] = _stream(route, view, here, beside, stream)
+            to_leave[those, :END] = _stream(route, view, here, beside, stream)
     return to_leave
 
 

@@ -18,6 +18,7 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.model.obligations import Coming, junction_nodes, obligations, to_people
 from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap, Upstream
+from sumo_mcts.model.standing import past_standing, standing
 from sumo_mcts.model.stop_lines import Rules, closed_lines, is_open, stop_at
 from sumo_mcts.numerics.geometry import Y
 from sumo_mcts.numerics.kernel import entry
@@ -105,9 +106,11 @@ def build_local(
                   forecast.half_length),
     ])  # fmt: skip
     gap_s = gap_times(owed, route.leg, first, last, (times - 1) * forecast.dt, scene.ego.length)
-    gate, to_gate = gates(road, route, first, last, scene.signals, gap_s)
+    stands = standing(road, route, ahead, first, scene.agents, (node[0], position[0], v))
+    needs = past_standing(route, view, here, stands)
+    gate, to_gate = gates(road, needs, first, last, scene.signals, gap_s)
     fill_sure(gate, to_gate, closed, route, first, scene.step)
-    urgency = _urgency(route, view, here)
+    urgency = _urgency(needs, view, here)
     comes_to = np.where(node[0] <= UPSTREAM, UPSTREAM - node[0], node[0])
     return LocalMap(
         gate=gate,
@@ -120,7 +123,7 @@ def build_local(
         place=place,
         ahead=ahead,
         urgency=urgency,
-        to_leave=leaving(route, view, here, urgency, (comes_to, position[0], v[0])),
+        to_leave=leaving(needs, view, here, urgency, (comes_to, position[0], v[0])),
         agent=np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
         trait=np.column_stack([
             forecast.half_length, forecast.half_width, forecast.reacts,
@@ -135,7 +138,7 @@ def build_local(
         obligation=owed,
         first=first,
         limit=limit,
-        target_lane_speed=_target_lane_speed(route, view, here, node[0], position[0], v[0]),
+        target_lane_speed=_target_lane_speed(needs, view, here, node[0], position[0], v[0]),
         open_ahead=is_open(route, closed, first, state, limit * times * forecast.dt + FREE_BEYOND),
         stop_at=stop_at(route, state, rules.cleared, here),
         followers=followers,

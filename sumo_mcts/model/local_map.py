@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.model.route import LENGTH, RouteMap, lane_pose
+from sumo_mcts.model.route import LENGTH, REACH, RouteMap, lane_pose
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.scene import EgoState, Floats, Indices
 
@@ -50,7 +50,7 @@ class LocalMap(NamedTuple):
     # [G, .] NEXT_GATE .. CLOSES below: places ahead where the ego may have to wait
     gate: Floats
     to_gate: Floats  # [W, 7] GATE .. SPREAD below
-    to_leave: Floats  # [W, 2] STREAM and DENSITY below
+    to_leave: Floats  # [W, 3] STREAM .. END below
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
     # mean speed of the others near the ego in the lanes in which the route goes on, m/s; without
@@ -120,8 +120,9 @@ OPENINGS = 4
 GATE, FREE_S, AWAY, QUEUE, SURE, LATEST, SPREAD = range(7)
 
 # Columns of LocalMap.to_leave (model/leaving.py), of a lane that the route leaves: m/s of the
-# stream in the next lane, and vehicles a metre there. 0 of other lanes.
-STREAM, DENSITY = range(2)
+# stream in the next lane, and vehicles a metre there, 0 of other lanes; and m from the start of the
+# node to where the ego has to have left it, inf: never.
+STREAM, DENSITY, END = range(3)
 
 # Columns of LocalMap.bounds, m.
 WEST, EAST, SOUTH, NORTH = range(4)
@@ -201,6 +202,27 @@ def on_other_level(local: LocalMap, node: int, s: float, length: float, at: int,
     if (level >> ENDS) & theirs != 0 and local.node[node, LENGTH] - s < NEARBY + length:
         return False
     return (level >> BEGINS) & theirs == 0 or s >= NEARBY + length
+
+
+@kernel
+def to_end(local: LocalMap, state: State) -> float:
+    """m until the ego has to have left its lane; inf: never, as far as known.
+
+    What stands in the lane ends it only for those who come to it, not for those who are past it.
+    """
+    i = state.node - local.first
+    end = local.to_leave[i, END] if 0 <= i < local.to_leave.shape[0] else -math.inf
+    return float(end if end >= state.s else local.node[state.node, REACH]) - state.s
+
+
+@kernel
+def urgency_at(local: LocalMap, state: State) -> float:
+    """LocalMap.urgency where the ego is in `state`: 0 beyond the lanes that this cycle looks at,
+    and past what stands in its lane."""
+    i = state.node - local.first
+    if not 0 <= i < local.urgency.shape[0] or local.to_leave[i, END] < state.s:
+        return 0.0
+    return float(local.urgency[i])
 
 
 @kernel

@@ -13,7 +13,7 @@ from sumo_mcts.model.cost import (
 )
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.interaction import Neighbours, meet, place_is_free
-from sumo_mcts.model.local_map import LocalMap, State, index_at
+from sumo_mcts.model.local_map import LocalMap, State, index_at, urgency_at
 from sumo_mcts.model.motion import (
     GOAL,
     OFF_END,
@@ -169,10 +169,8 @@ def copy_pairs(source: Floats, target: Floats) -> None:
 @kernel
 def needed_side(local: LocalMap, state: State) -> int:
     """The side of the lane change that the route needs next: -1, 0, 1."""
-    i = state.node - local.first
-    if not 0 <= i < local.urgency.shape[0] or local.urgency[i] == 0.0:
-        return 0
-    return 1 if local.urgency[i] > 0.0 else -1
+    urgency = urgency_at(local, state)
+    return 0 if urgency == 0.0 else (1 if urgency > 0.0 else -1)
 
 
 @kernel

@@ -456,7 +456,7 @@ NEEDED = {
     "actions": "action_at clear_line copy_line put_action",
     "cost_to_go": "_fill_to_gate waiting_s",
     "cost": """
-        _before_sign _behind _to_sign _too_slow _urgent leads_nowhere step_comfort step_own
+        _before_sign _behind _to_sign _too_slow leads_nowhere step_comfort step_own
         step_passability terminal
     """,
     "gaps": "gap_ahead gap_behind gap_to_leaving lane_left",
@@ -465,7 +465,9 @@ NEEDED = {
     "krauss": "safe_speed",
     "least_cost": "_fill_sure _merged least_cost",
     "local_build": "_fill_ahead _fill_upstream _followers",
-    "local_map": "chain_gap follows index_at keep_state kept_state node_of on_other_level",
+    "local_map": """
+        chain_gap follows index_at keep_state kept_state node_of on_other_level to_end urgency_at
+    """,
     "motion": """
         _cap _move _moved _must_stop _next_speed _to_line _towards_line _turned advance follow_accel
         is_closed pose_of within_step
