@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.numerics.lanes import connection, of_class, usable
+from sumo_mcts.numerics.lanes import connection, of_class, successors, usable
 from sumo_mcts.scene import Bools, Floats, Indices, RoadMap
 
 AS_FAR = 1e-6  # m within which lanes count as leading equally far
@@ -101,6 +101,31 @@ def continuation(
                 needed, found.lost[i] = _onward(goes_on, found.changes, onto, i, beside)
             found.changes[i] = needed
     return found
+
+
+def changes_onward(road: RoadMap, edges: tuple[int, ...], vclass: int, lane: int) -> int | None:
+    """Lane changes from a lane of edges[0], one by one and positive to the left, to the nearest
+    lane that leads onto edges[1]; 0: the lane does, or the route ends with its edge.
+
+    None: changes that a vehicle of this class may do lead to no such lane.
+    """
+    if len(edges) < 2:
+        return 0
+    nodes = collect(road, edges[:2], vclass)
+    good = {nodes.number[key] for key, paths in nodes.following.items() if paths}
+    node = nodes.number.get((0, lane))
+    return None if node is None else nearest(good, node, lanes_beside(road, nodes, vclass))
+
+
+def leads_onto(road: RoadMap, lane: int, vclass: int) -> dict[int, list[int]]:
+    """The edges onto which a vehicle of this class may drive from a lane, and for each the first
+    lanes of the paths that lead there."""
+    onto: dict[int, list[int]] = {}
+    for first in successors(road, lane):
+        path = connection(road, first)
+        if not road.internal[path[-1]] and usable(road, np.array(path), vclass).all():
+            onto.setdefault(int(road.edge[path[-1]]), []).append(first)
+    return onto
 
 
 def _onward(
