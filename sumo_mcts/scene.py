@@ -184,6 +184,9 @@ class EgoState(NamedTuple):
     change_from: int  # lane that it leaves, -1 none
     asks: int = 0  # the side on which it asks for room now: 1 left, -1 right, 0 neither
     can_ask: bool = True  # SUMO's model of its lane changes knows such a wish
+    reroutes: int = 0  # how often it has left its route so far, since its lane did not lead on
+    # what it did just now about a lane that does not lead on along its route, in words; "": nothing
+    detour: str = ""
 
 
 class Scene(NamedTuple):

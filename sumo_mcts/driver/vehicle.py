@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.driver.missed_lane import MissedLane
 from sumo_mcts.driver.params import Physics, ego_params
 from sumo_mcts.driver.sensor import Sensor
-from sumo_mcts.scene import Decision, Frame, RoadMap, Scene
+from sumo_mcts.scene import Decision, Follow, Frame, RoadMap, Scene
 from sumo_mcts.world.command import Bounds, Commander
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap
@@ -61,6 +62,8 @@ class EgoVehicle:
             params.emergency_jerk,
         )
         self._commander = Commander(vehicle, world.road, world.observer.lanes, bounds)
+        self._missed = MissedLane(vehicle, world.road, config, world.period)
+        self._drives = False  # by decisions; else SUMO's own driver does
         self._frame: Frame | None = None
         self._time, self._next = 0.0, -math.inf  # now, and when to decide
         self._commanded: float | None = None  # when the last command was given
@@ -87,7 +90,10 @@ class EgoVehicle:
         return self._time >= self._next - _EPS
 
     def scene(self) -> Scene:
-        """What the ego perceives, for the decision."""
+        """What the ego perceives, for the decision.
+
+        Where it has missed its lane for good, it has another route from now on.
+        """
         truth = self._world.observer.scene(
             self._vehicle,
             self._commander.change,
@@ -95,11 +101,16 @@ class EgoVehicle:
             self._sensor.signals == "timing",
         )
         ego = truth.ego._replace(asks=self._commander.asks, can_ask=self._commander.can_ask)
-        return self._senses.perceive(truth._replace(ego=ego))
+        seen = self._senses.perceive(truth._replace(ego=ego))
+        detour = self._missed.note(seen) if self._drives else ""
+        route = self._world.observer.ego(self._vehicle, Change()).route if detour else ego.route
+        ego = seen.ego._replace(route=route, reroutes=self._missed.reroutes, detour=detour)
+        return seen._replace(ego=ego)
 
     def accept(self, decision: Decision) -> None:
         """Execute a decision until the next one."""
         self._commander.accept(decision.command)
+        self._drives = isinstance(decision.command, Follow)
         self._next = self._time + self._world.period
 
     def before_step(self) -> None:

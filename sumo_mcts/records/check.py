@@ -122,6 +122,7 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "max_speed": Rule(), "speed_factor": Rule(), "vclass": _CLASS._replace(shape=()),
         "route": _index("edges", "e"), "changing": Rule(),
         "change_to": _index("lanes"), "change_from": _index("lanes"), "asks": _SIDE,
+        "reroutes": _COUNT,
     },
     "Agents": {
         "ids": Rule(("N",)), "x": _place("N"), "y": _place("N"), "heading": Rule(("N",)),

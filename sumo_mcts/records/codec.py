@@ -24,7 +24,10 @@ MOST_BYTES = 1 << 30  # of a trace or map, unpacked: five times what an hour in 
 # Large columns that are drawn and not computed with: single precision (0.5 mm at 5 km).
 COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/poses")
 # Columns that traces of this format may lack: their fields then have their default.
-ADDED = ("Follow/asks", "memory/planner/waited_s", "ego/asks", "ego/can_ask")
+ADDED = (
+    "Follow/asks", "memory/planner/waited_s", "ego/asks", "ego/can_ask", "ego/reroutes",
+    "ego/detour",
+)  # fmt: skip
 Columns = dict[str, NDArray[Any]]
 _SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}
 

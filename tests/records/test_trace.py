@@ -276,3 +276,4 @@ def test_a_trace_from_before_anybody_asked_or_waited(tmp_path: Path) -> None:
     assert {(c.ego.asks, c.ego.can_ask, c.memory.planner.waited_s) for c in cycles} == {
         (0, True, 0.0)
     }
+    assert {(c.ego.reroutes, c.ego.detour) for c in cycles} == {(0, "")}

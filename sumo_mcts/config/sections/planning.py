@@ -52,6 +52,12 @@ class EgoModelConfig(Section):
         description="ask others for room, as SUMO's drivers do, where the route needs a lane "
         "change soon (planner `mcts`; not with SUMO's sublane model)",
     )
+    reroute_after_s: Positive | None = Field(
+        60.0,
+        description="in a lane that does not lead on along the route, take another way to the goal "
+        "after standing there so long as the first in the lane, or at once where no lane change is "
+        "left; null: wait for a gap for ever (not with planner `sumo`)",
+    )
 
 
 class PlannerConfig(Section):

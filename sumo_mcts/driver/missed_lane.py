@@ -1,0 +1,110 @@
+"""What becomes of an ego in a lane that does not lead on along its route: it waits for a gap, and
+takes another way to its goal where that is in vain."""
+
+from collections import Counter
+from collections.abc import Collection
+from math import inf
+
+from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.model.continuation import changes_onward, leads_onto
+from sumo_mcts.numerics.signals import shows
+from sumo_mcts.scene import RED, STANDING, EgoState, RoadMap, Scene
+from sumo_mcts.world import detour
+
+NAMED = 3  # edges of a new way that are named, beside its last
+
+
+class MissedLane:
+    """Watches one ego, decision by decision.
+
+    A way that was taken before is taken again only after a wait twice as long, so that an ego that
+    comes back to the same lane's end neither goes round and round nor stands there for ever.
+    """
+
+    def __init__(self, vehicle: str, road: RoadMap, config: ScenarioConfig, period: float) -> None:
+        """`period`: s between two decisions."""
+        self._vehicle, self._road, self._period = vehicle, road, period
+        self._patience = config.ego_model.reroute_after_s
+        self._named = {ego.until for ego in config.egos if ego.id == vehicle}
+        self._named.add(config.episode.success_edge)
+        self._taken: Counter[tuple[str, ...]] = Counter()
+        self._time = -inf  # of the last scene, s
+        self._route: tuple[int, ...] = ()  # the ego's then; it tells the edge, too
+        self._stood = 0.0  # s, on this edge in a lane that does not lead on
+        self._wait = 0.0  # s to stand before the next try
+        self._tried = False  # on this edge
+        self._said = ""
+        self.reroutes = 0  # so far
+
+    def note(self, scene: Scene) -> str:
+        """Look at the scene of a decision, and give the ego another route where it is time to.
+
+        Returns what was done in words, "" where nothing was. The scene then has the old route.
+        """
+        if scene.time > self._time:
+            self._said = "" if self._patience is None else self._judged(scene)
+        self._time = scene.time
+        return self._said
+
+    def _judged(self, scene: Scene) -> str:
+        ego, patience = scene.ego, self._patience
+        assert patience is not None, "note() asks"
+        if ego.route != self._route:
+            self._route, self._stood, self._wait, self._tried = ego.route, 0.0, patience, False
+        if ego.lane < 0 or self._road.internal[ego.lane] or ego.changing > 0.0:
+            return ""
+        needed = changes_onward(self._road, ego.route, ego.vclass, ego.lane)
+        if needed == 0:
+            return ""
+        onto = leads_onto(self._road, ego.lane, ego.vclass)
+        if not detour.is_held(self._vehicle) and _blocked(
+            self._road, scene, [lane for lanes in onto.values() for lane in lanes]
+        ):
+            # SUMO may have driven in between
+            self._stood += min(scene.time - self._time, self._period)
+        certain = needed is None and not self._tried
+        return self._leave(ego, onto, certain) if certain or self._stood >= self._wait else ""
+
+    def _leave(self, ego: EgoState, onto: Collection[int], certain: bool) -> str:
+        """Take the best other way; `certain`: no lane change is left."""
+        ids, self._tried = self._road.edge_ids, True
+        route = [ids[edge] for edge in ego.route]
+        why = "no lane change leads there" if certain else f"stood there {self._stood:.0f} s"
+        lane = f"{self._road.lane_ids[ego.lane]} does not lead to {route[1]}; {why}"
+        for way in self._ways(route, [ids[edge] for edge in onto]):
+            wait = float(self._patience or 0.0) * 2.0 ** self._taken[way]
+            if self._taken[way] and self._stood < wait:
+                self._wait = wait
+                return ""
+            self._taken[way] += 1
+            if detour.take(self._vehicle, way):
+                self.reroutes += 1
+                return f"takes another way, by {_short(way[1:])}: {lane}"
+        self._stood = 0.0
+        return f"waits on, since no other way leads from here to the goal: {lane}"
+
+    def _ways(self, route: list[str], onto: list[str]) -> list[tuple[str, ...]]:
+        """The other ways from the present edge on, with what the route has after the next edge
+        where the ego has to be; those taken least often first, then the quickest."""
+        must = {*detour.stop_edges(self._vehicle), *self._named, route[-1]}
+        until = next(i for i in range(1, len(route)) if route[i] in must)
+        found = [
+            (way.seconds, (route[0], *way.edges, *route[until + 1 :]))
+            for way in detour.ways(self._vehicle, onto, route[until])
+        ]
+        others = [(self._taken[way], time, way) for time, way in found if way != tuple(route)]
+        return [way for _, _, way in sorted(others)]
+
+
+def _blocked(road: RoadMap, scene: Scene, onward: Collection[int]) -> bool:
+    """Whether the ego stands as the first in its lane, and no red light would keep it from going on
+    by the lanes `onward` of the junction."""
+    ego, agents = scene.ego, scene.agents
+    if ego.v >= STANDING or ((agents.lane == ego.lane) & (agents.s > ego.s)).any():
+        return False
+    return not onward or any(shows(scene.signals, road, lane) != RED for lane in onward)
+
+
+def _short(edges: tuple[str, ...]) -> str:
+    """The first edges of a way and its last."""
+    return " ".join(edges if len(edges) <= NAMED + 1 else (*edges[:NAMED], "...", edges[-1]))
