@@ -11,6 +11,7 @@ from sumo_mcts.driver.driver import PlanningResult
 from sumo_mcts.driver.forecaster import no_forecast
 from sumo_mcts.driver.params import deadline_s
 from sumo_mcts.episode.surroundings import lanes_around
+from sumo_mcts.model.route import is_rest_of
 from sumo_mcts.records import CycleRecord, Setting, Trace
 from sumo_mcts.scene import Plan, RoadMap, Scene
 
@@ -37,7 +38,12 @@ class Recorder:
         times = np.array([planned.plan_ms for planned in self._planned])
         deadline = deadline_s(config, period)
         searched = any(decision.iterations or decision.known for decision in decisions)
+        detours = [
+            f"{scene.time:.1f} s: {text}" for scene in self._scenes if (text := scene.ego.detour)
+        ]
         return {
+            "reroutes": self._scenes[-1].ego.reroutes if self._scenes else 0,
+            "detours": "; ".join(detours) or None,
             "decision_flips": _flips([decision.plan for decision in decisions]),
             "failsafe_interventions": sum(planned.intervened for planned in self._planned),
             "iterations_per_decision": config.planner.iterations
@@ -72,10 +78,19 @@ class Recorder:
             key,
             scenario,
             outcome,
-            lanes_around(road, self._scenes[0].ego.route, where, DRAWN),
+            lanes_around(road, _routes(self._scenes), where, DRAWN),
             cycles,
             setting,
         )
+
+
+def _routes(scenes: list[Scene]) -> list[tuple[int, ...]]:
+    """The routes that the ego had, one after the other."""
+    routes = [scenes[0].ego.route]
+    for scene in scenes:
+        if scene.ego.route and not is_rest_of(scene.ego.route, routes[-1]):
+            routes.append(scene.ego.route)
+    return routes
 
 
 def _cycle(scene: Scene, planned: PlanningResult, after: Scene | None) -> CycleRecord:

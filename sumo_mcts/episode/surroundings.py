@@ -11,10 +11,12 @@ from sumo_mcts.records import Lanes
 from sumo_mcts.scene import YIELD, Bools, Floats, RoadMap
 
 
-def lanes_around(road: RoadMap, route: Sequence[int], where: Floats, distance: float) -> Lanes:
+def lanes_around(
+    road: RoadMap, routes: Sequence[Sequence[int]], where: Floats, distance: float
+) -> Lanes:
     """The lanes with a part within `distance`, m, of the points `where` [K, 2].
 
-    route: the ego's edges.
+    routes: the edges of each route that the ego had.
     """
     near = _near(road, where, distance)
     keep = np.array(
@@ -23,14 +25,17 @@ def lanes_around(road: RoadMap, route: Sequence[int], where: Floats, distance: f
     )
     chosen: list[int] = np.flatnonzero(keep).tolist()
     shapes = [road.points[road.point_offset[i] : road.point_offset[i + 1]] for i in chosen]
-    on_route = np.isin(road.edge, np.asarray(route, dtype=np.int32)) & ~road.internal
+    on_route = np.zeros(len(road.lane_ids), np.bool_)
+    for route in routes:
+        on_route |= np.isin(road.edge, np.asarray(route, dtype=np.int32)) & ~road.internal
+        on_route |= _between(road, route)
     return Lanes(
         lane_ids=tuple(road.lane_ids[i] for i in chosen),
         points=np.concatenate(shapes) if shapes else np.zeros((0, 2)),
         offset=np.cumsum([0, *(len(shape) for shape in shapes)], dtype=np.int32),
         width=road.width[chosen],
         internal=road.internal[chosen],
-        route=(on_route | _between(road, route))[chosen],
+        route=on_route[chosen],
         stop_lines=np.array(
             [_stop_line(road, i) for i in chosen if _stops(road, i)], dtype=np.float64
         ).reshape(-1, 4),

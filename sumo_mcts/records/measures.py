@@ -147,6 +147,12 @@ MEASURES = (
             label="Speeding", counted=Count.EPISODES, column="speeding"),
     Measure("lane_changes", COUNT, "Lane changes carried out.",
             label="Lane changes", counted=Count.MEAN),
+    Measure("reroutes", COUNT, "How often the ego left its route for another way to the same goal, "
+            "since its lane did not lead on along the route (`ego_model.reroute_after_s`). Time "
+            "and distance are those of the way that it drove.",
+            label="Rerouted", counted=Count.EPISODES),
+    Measure("detours", TEXT, "When and where it did so, by which edges, and why; also where no "
+            "other way led to the goal. Null where neither happened."),
     Measure("decision_flips", COUNT, "How often the plan for the coming second turned from "
             "accelerating to braking or back.", label="Flips", counted=Count.MEAN),
     Measure("red_lights_run", COUNT, "How often the front crossed a stop line at red though the "
@@ -215,7 +221,7 @@ TABLES = {
                "min_pet_s", "max_drac_mps2"),
     "comfort": ("travel_time_s", "time_lost_s", "longest_stop_s", "stopped_at_green_s",
                 "comfortable_share", "rms_jerk_mps3", "max_decel_mps2", "hard_brakes",
-                "lane_changes", "decision_flips"),
+                "lane_changes", "reroutes", "decision_flips"),
     "rules": ("red_lights_run", "yellow_run", "speeding_share", "failsafe_interventions",
               "inevitable"),
     "planning": ("cycles", "iterations", "plan_ms_p50", "plan_ms_p95", "plan_ms_p99",

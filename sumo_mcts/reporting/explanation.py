@@ -117,6 +117,7 @@ def _thought(cycle: CycleRecord, road: RoadMap | None, setting: Setting) -> dict
             "a_mps2": ego.a,
             "changing_to": _lane(road, ego.change_to) if 0.0 < ego.changing < 1.0 else None,
             "stop_line": None if road is None else _stop_line(cycle, road),
+            "detour": ego.detour or None,
         },
         "agents": sorted(agents, key=_urgency),
         "hypotheses": [_hypothesis(cycle, nearest, h, road) for h in hypotheses],

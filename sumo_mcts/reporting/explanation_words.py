@@ -62,11 +62,13 @@ def _ego_lines(ego: dict[str, Any]) -> list[str]:
         f"ego {ego['id']}: {ego['v_mps']:.1f} m/s, {ego['a_mps2']:+.1f} m/s2, on "
         f"{ego['lane'] or 'no lane'} at {ego['s_m']:.1f} m{changing}"
     )
-    ahead = ego["stop_line"]
-    if ahead is None:
-        return [line]
-    lasts = "" if ahead["for_s"] is None else f", for {ahead['for_s']:.1f} s more"
-    return [line, f"  {ahead['kind']} in {ahead['distance_m']:.0f} m: {ahead['shows']}{lasts}"]
+    lines, ahead = [line], ego["stop_line"]
+    if ego["detour"] is not None:
+        lines.append(f"  {ego['detour']}")
+    if ahead is not None:
+        lasts = "" if ahead["for_s"] is None else f", for {ahead['for_s']:.1f} s more"
+        lines.append(f"  {ahead['kind']} in {ahead['distance_m']:.0f} m: {ahead['shows']}{lasts}")
+    return lines
 
 
 def _agent_lines(explained: dict[str, Any]) -> list[str]:

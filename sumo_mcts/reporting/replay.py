@@ -178,6 +178,7 @@ def _cycle(cycle: CycleRecord, origin: Floats) -> Packed:
         "failsafe": int(cycle.intervened),
         "released": int(isinstance(decision.command, Release)),
         "off": cycle.deviation,
+        "detour": cycle.ego.detour,
         "ms": round(cycle.plan_ms, 2) if math.isfinite(cycle.plan_ms) else None,
         "n": decision.iterations,
         "known": decision.known,

@@ -35,13 +35,13 @@ def _grid() -> RoadMap:
 
 
 def test_the_lanes_near_the_ego_are_kept_with_route_and_stop_lines() -> None:
-    lanes = lanes_around(_grid(), (0, 2), np.array([[45.0, 0.0]]), 20.0)
+    lanes = lanes_around(_grid(), ((0, 2),), np.array([[45.0, 0.0]]), 20.0)
     assert lanes.lane_ids == ("a_0", "a_1", ":j_0_0", ":j_0_1", "b_0")
     assert lanes.offset.tolist() == [0, 2, 4, 6, 9, 11]
     assert lanes.route.tolist() == [True] * 5
     np.testing.assert_allclose(lanes.stop_lines, [[50, 1.6, 50, -1.6]])
-    assert lanes_around(_grid(), (0,), np.array([[90.0, 0.0]]), 5.0).lane_ids == ("b_0",)
-    assert lanes_around(_grid(), (0,), np.array([[25.0, 3.0]]), 5.0).lane_ids == (
+    assert lanes_around(_grid(), ((0,),), np.array([[90.0, 0.0]]), 5.0).lane_ids == ("b_0",)
+    assert lanes_around(_grid(), ((0,),), np.array([[25.0, 3.0]]), 5.0).lane_ids == (
         "a_1",
     )  # in the middle of a long straight piece
-    assert lanes_around(_grid(), (0,), np.array([[900.0, 0.0]]), 5.0).lane_ids == ()
+    assert lanes_around(_grid(), ((0,),), np.array([[900.0, 0.0]]), 5.0).lane_ids == ()

@@ -375,7 +375,7 @@ class Player {
     $("replay-title").textContent = key;
     $("replay-why").textContent = why;
     Object.assign($("scrub"), { min: this.begin, max: this.end, value: this.time });
-    this.events = data.cycles.map((cycle, k) => ((cycle.failsafe && !(k && data.cycles[k - 1].failsafe)) || cycle.off ? k : -1)).filter((k) => k >= 0);
+    this.events = data.cycles.map((cycle, k) => ((cycle.failsafe && !(k && data.cycles[k - 1].failsafe)) || cycle.off || cycle.detour ? k : -1)).filter((k) => k >= 0);
     $("event").disabled = !this.events.length;
     this.resize();
   }
@@ -501,7 +501,7 @@ class Player {
     c.fill();
     c.globalAlpha = 1;
     data.cycles.forEach((cycle, k) => {
-      if (!cycle.failsafe && !cycle.off) return;
+      if (!cycle.failsafe && !cycle.off && !cycle.detour) return;
       c.fillStyle = cycle.failsafe ? colour.alarm : colour.muted;
       c.fillRect(x(data.time[k]), cycle.failsafe ? 0 : foot - 8 * ratio, 2 * ratio, cycle.failsafe ? foot : 8 * ratio);
     });
@@ -522,6 +522,7 @@ class Player {
       ["iterations", String(cycle.n), "Passes of the search that simulated to its horizon."],
       ["known ends", String(cycle.known), "Further passes, which cost next to nothing: they reached the end of a sequence that had been simulated before."]];
     if (last) facts.push(["outcome", this.data.outcome.replaceAll("_", " ")]);
+    if (cycle.detour) facts.push(["lane missed", cycle.detour, "The lane does not lead on along the route; what the ego did about it right before this decision."]);
     if (cycle.off) facts.push(["executed", cycle.off, "What came of the command, where it is not what was commanded."]);
     $("facts").replaceChildren(...facts.map(([name, value, tip]) => element("div", { "data-tip": tip ?? null }, element("dt", {}, name), element("dd", {}, value))));
     $("actions").replaceChildren(...(cycle.tried.length ? this.table(cycle) : [element("p", { class: "muted" }, "No action was tried at this decision.")]));
