@@ -4,15 +4,17 @@ Two boxes move from their poses at the beginning of the step to those at its end
 they meet.
 """
 
-from math import ceil, cos, hypot, sin
+from math import ceil, cos, hypot, inf, sin
 from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.evaluation.reachability import can_meet
-from sumo_mcts.scene import Bools, Floats, Frame, Indices, Ints, RoadMap
+from sumo_mcts.evaluation.reachability import can_meet, driven
+from sumo_mcts.numerics.drawn import Drawing, drawn_shares
+from sumo_mcts.scene import Agents, Bools, EgoState, Floats, Frame, Indices, Ints, RoadMap
 
 SUBSTEP = 0.4  # m of relative motion between two box tests
+LOOK = 50.0  # m along lanes drawn shorter within which boxes may seem to touch
 JUMP = 1.5  # m sideways within one step: a change of lanes at once, which is not driven
 
 
@@ -21,6 +23,8 @@ class Contact(NamedTuple):
 
     ego: tuple[float, float, float]
     other: tuple[float, float, float]
+    half: Floats  # [2] half length and half width of the ego's box, m, as it is drawn
+    other_half: Floats  # [2]
     # found within the step; else the boxes overlap where the step began or ended, and where they
     # first touched is unknown
     exact: bool
@@ -33,14 +37,15 @@ class _Moves(NamedTuple):
     before: Floats  # [K, 3] poses
     after: Floats  # [K, 3]
     half: Floats  # [K, 2] half length, half width, m
+    share: Floats  # [K] the share of its length to which it is drawn
     leap: Bools  # [K] the agent or the ego was put somewhere else, not driven there
 
 
 def contacts(
-    road: RoadMap, step: float, before: Frame, frame: Frame, known: Ints
+    road: RoadMap, drawing: Drawing, step: float, before: Frame, frame: Frame, known: Ints
 ) -> dict[str, Contact]:
     """The first contact with each agent whose box the ego's met in the step (s) from `before` to
-    `frame`, by the agent's id.
+    `frame`, by the agent's id. Boxes are as long as they are drawn.
 
     known [N]: index of each agent in the frame before, -1 new. A first frame stands for both.
     """
@@ -50,20 +55,30 @@ def contacts(
     ego, was = frame.ego, before.ego
     half = np.array([ego.length / 2, ego.width / 2])
     now, then = np.array([ego.x, ego.y, ego.heading]), np.array([was.x, was.y, was.heading])
-    moves = _moves(step, before, frame, near, known[near])
-    if before is frame or jumped(then, now, np.array(1.5 * max(ego.v, was.v) * step + 3.0)):
+    share = max(_drawn_share(drawing, each) for each in (ego, was))
+    moves = _moves(road, drawing, step, before, frame, near, known[near])
+    if before is frame or jumped(
+        then, now, np.array(1.5 * max(ego.v, was.v) * _stretch(road, ego.lane) * step + 3.0)
+    ):
         moves.leap[:] = True
+    then, now = as_drawn(then, half[0], share), as_drawn(now, half[0], share)
+    half = half * (share, 1.0)
     apart = kept_apart(then, now, half, moves.before, moves.after, moves.half)
     hits = {}
     for k in np.flatnonzero(moves.leap | ~apart):
         size, after = moves.half[k], moves.after[k]
         if moves.leap[k]:
             touching = bool(boxes_overlap(boxes_of(now, half), boxes_of(after, size)))
-            contact = Contact(as_pose(now), as_pose(after), False) if touching else None
+            poses = as_pose(now), as_pose(after)
+            contact = Contact(*poses, half, size, False) if touching else None
         else:
             contact = first_contact(then, now, moves.before[k], after, half, size)
         i = int(moves.agent[k])
-        if contact is not None and _on_one_level(road, step, before, frame, i):
+        if contact is None or not _on_one_level(road, step, before, frame, i):
+            continue
+        # drawn closer together than they are
+        squeezed = min(share, moves.share[k]) < 1.0
+        if not (squeezed and _one_behind_the_other(road, before, frame, i, int(known[i]))):
             hits[frame.agents.ids[i]] = contact
     return hits
 
@@ -80,7 +95,15 @@ def _near(step: float, before: Frame, frame: Frame, known: Ints) -> Indices:
     return np.flatnonzero((agents.x - ego.x) ** 2 + (agents.y - ego.y) ** 2 < far * far)
 
 
-def _moves(step: float, before: Frame, frame: Frame, near: Indices, past: Ints) -> _Moves:
+def _moves(
+    road: RoadMap,
+    drawing: Drawing,
+    step: float,
+    before: Frame,
+    frame: Frame,
+    near: Indices,
+    past: Ints,
+) -> _Moves:
     """How these agents moved; past [K]: their indices in the frame before, -1 new."""
     agents, old = frame.agents, before.agents
     after = np.stack([agents.x[near], agents.y[near], agents.heading[near]], axis=1)
@@ -89,9 +112,37 @@ def _moves(step: float, before: Frame, frame: Frame, near: Indices, past: Ints) 
     earlier[seen] = np.stack([old.x[known], old.y[known], old.heading[known]], axis=1)
     speed = agents.v[near].copy()
     speed[seen] = np.maximum(speed[seen], old.v[known])
+    speed *= _stretch(road, agents.lane[near])
     leap = ~seen | jumped(earlier, after, 1.5 * speed * step + 3.0)
     half = 0.5 * np.stack([agents.length[near], agents.width[near]], axis=1)
-    return _Moves(near, earlier, after, half, leap)
+    share = drawn_shares(drawing, agents.lane[near], agents.s[near], agents.length[near])
+    share[seen] = np.maximum(
+        share[seen],
+        drawn_shares(drawing, old.lane[known], old.s[known], old.length[known]),
+    )
+    earlier, after = (as_drawn(poses, half[:, 0], share) for poses in (earlier, after))
+    half[:, 0] *= share
+    return _Moves(near, earlier, after, half, share, leap)
+
+
+def _drawn_share(drawing: Drawing, ego: EgoState) -> float:
+    """The share of its length to which the ego is drawn."""
+    place = np.array([ego.lane]), np.array([ego.s]), np.array([ego.length])
+    return float(drawn_shares(drawing, *place)[0])
+
+
+def _stretch(road: RoadMap, lane: Ints | int) -> Floats:
+    """By how much faster vehicles are drawn on lanes whose shape is longer, 1 at least."""
+    return np.where(np.asarray(lane) >= 0, np.maximum(road.scale[lane], 1.0), 1.0)
+
+
+def as_drawn(poses: Floats, half: Floats, share: Floats | float) -> Floats:
+    """Poses [..., 3] of the boxes that are drawn only to a share of their half lengths (m); their
+    fronts stay."""
+    ahead, out = (1.0 - share) * half, poses.copy()
+    out[..., 0] += ahead * np.cos(poses[..., 2])
+    out[..., 1] += ahead * np.sin(poses[..., 2])
+    return out
 
 
 def _on_one_level(road: RoadMap, step: float, before: Frame, frame: Frame, i: int) -> bool:
@@ -106,6 +157,31 @@ def _on_one_level(road: RoadMap, step: float, before: Frame, frame: Frame, i: in
         (ego.lane, ego.s, ego.length + max(ego.v, before.ego.v) * step),
         (int(agents.lane[i]), float(agents.s[i]), length),
     )
+
+
+def _one_behind_the_other(road: RoadMap, before: Frame, frame: Frame, i: int, was: int) -> bool:
+    """Whether agent i, `was` in the frame before (-1 new), and the ego are apart along their lanes,
+    before and after the step."""
+    return all(
+        _gap_along(road, each.ego, each.agents, k) > 0.0
+        for each, k in ((before, was), (frame, i))
+        if k >= 0
+    )
+
+
+def _gap_along(road: RoadMap, ego: EgoState, agents: Agents, i: int) -> float:
+    """m along the lanes from the front of the one behind to the rear of the other; -inf: no lanes
+    lead from one to the other."""
+    own = (ego.lane, ego.s, ego.length)
+    its = (int(agents.lane[i]), float(agents.s[i]), float(agents.length[i]))
+    if min(own[0], its[0]) < 0:
+        return -inf
+    gaps = [-inf]
+    for behind, ahead in ((own, its), (its, own)):
+        drive = driven(road, behind[0], behind[1], ahead[0], ahead[1], ahead[2] + LOOK)
+        if drive is not None and drive.changes == 0:
+            gaps.append(drive.distance - ahead[2])
+    return max(gaps)
 
 
 def boxes_overlap(first: Floats, second: Floats) -> Bools:
@@ -255,6 +331,8 @@ def first_contact(
     return Contact(
         as_pose(between(before, after, end)),
         as_pose(between(other_before, other_after, end)),
+        half,
+        other_half,
         k > 0,
     )
 
@@ -268,9 +346,9 @@ def as_pose(values: Floats) -> tuple[float, float, float]:
     return float(values[0]), float(values[1]), float(values[2])
 
 
-def touch_point(contact: Contact, half: Floats, other_half: Floats) -> tuple[float, float]:
+def touch_point(contact: Contact) -> tuple[float, float]:
     """Middle of the overlap (x, y), m; the middle of the centres where there is no overlap."""
-    ring = _corners(contact.ego, half)
+    ring, other_half = _corners(contact.ego, contact.half), contact.other_half
     x, y, heading = contact.other
     for k, reach in enumerate(
         (other_half[0], other_half[1], other_half[0], other_half[1])

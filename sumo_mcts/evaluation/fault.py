@@ -9,7 +9,7 @@ import numpy as np
 from sumo_mcts.evaluation.contact import Contact, ahead_of, touch_point
 from sumo_mcts.evaluation.imposed import Stretch
 from sumo_mcts.evaluation.reachability import spread
-from sumo_mcts.scene import STANDING, Agents, EgoState, Frame, RoadMap
+from sumo_mcts.scene import STANDING, Agents, EgoState, Floats, Frame, RoadMap
 
 TOUCHING = 0.1  # m: a contact this close to the plane of a bumper is on it
 CHANGE_COUNTS_S = 3.0  # s after its beginning during which a lane change makes the ego at fault
@@ -56,20 +56,28 @@ def is_at_fault(
         return True
     if contact is None:
         its_pose = (float(agents.x[i]), float(agents.y[i]), float(agents.heading[i]))
-        contact = Contact((ego.x, ego.y, ego.heading), its_pose, False)
+        contact = Contact(
+            (ego.x, ego.y, ego.heading), its_pose, *_half_sizes(ego, agents, i), False
+        )
     # by its own lane change, or about to change
     drifts = j >= 0 and _shifts(road, before.agents, j, agents, i)
-    return not _hit_by_other(contact, ego, agents, i, drifts)
+    return not _hit_by_other(contact, drifts)
 
 
-def _hit_by_other(contact: Contact, ego: EgoState, agents: Agents, i: int, drifts: bool) -> bool:
-    """Whether the place of the contact shows that agent i ran into the ego.
+def _half_sizes(ego: EgoState, agents: Agents, i: int) -> tuple[Floats, Floats]:
+    """Half length and half width of the ego and of agent i, m, [2] each."""
+    return (
+        np.array([ego.length / 2, ego.width / 2]),
+        np.array([agents.length[i] / 2, agents.width[i] / 2]),
+    )
+
+
+def _hit_by_other(contact: Contact, drifts: bool) -> bool:
+    """Whether the place of the contact shows that the other ran into the ego.
 
     It did with its front or sideways (`drifts`), and the ego's front has no part in it.
     """
-    half = np.array([ego.length / 2, ego.width / 2])
-    its_half = np.array([agents.length[i] / 2, agents.width[i] / 2])
-    point = touch_point(contact, half, its_half)
+    half, its_half, point = contact.half, contact.other_half, touch_point(contact)
     forward, its_forward = ahead_of(contact.ego, point), ahead_of(contact.other, point)
     if not contact.exact:
         # how deep they are in each other hides where they touched: clear only where the other came

@@ -21,6 +21,7 @@ from sumo_mcts.model.local_map import (
     NODE,
     LocalMap,
     State,
+    boxes_meet,
     ego_state,
     on_other_level,
 )
@@ -35,7 +36,7 @@ from sumo_mcts.model.motion import (
 )
 from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.stop_lines import Rules
-from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
+from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import kernel, lengthy
 from sumo_mcts.scene import (
     Agents,
@@ -297,8 +298,8 @@ def _touched(local: LocalMap, p: EgoParams, state: State, row: int, share: float
             before[SIN] + share * (after[SIN] - before[SIN]),
         )
         norm = math.sqrt(oc * oc + on * on)
-        if boxes_touch(
-            Box(x, y, c, n, own_length, own_width), Box(ox, oy, oc / norm, on / norm, length, width)
-        ):
+        own = Box(x, y, c, n, own_length, own_width)
+        other = Box(ox, oy, oc / norm, on / norm, length, width)
+        if boxes_meet(local, state.node, state.s, p.half_length, own, other, row, i):
             return True
     return False

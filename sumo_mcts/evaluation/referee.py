@@ -15,8 +15,10 @@ from sumo_mcts.evaluation.goal import Goal, RouteProgress
 from sumo_mcts.evaluation.imposed import IMPOSED, braking_for_ego, lanes_under
 from sumo_mcts.evaluation.lights import LightRecord
 from sumo_mcts.evaluation.metrics import comfortable_share, events, jerks, rms
+from sumo_mcts.evaluation.own_side import OwnSide
 from sumo_mcts.evaluation.reachability import REACH, Drive, driven, goal_reaching_edges
 from sumo_mcts.evaluation.standing import GreenRecord, longest_run
+from sumo_mcts.numerics.drawn import drawing
 from sumo_mcts.numerics.lanes import limit
 from sumo_mcts.scene import STANDING, Bools, EgoState, Frame, Ints, RoadMap
 
@@ -54,6 +56,7 @@ class Referee:
         self._departed = 0.0
         self._finished: float | None = None
         self._reaching: Bools = np.zeros(0, np.bool_)  # [edges] that lead to the goal
+        self._drawing, self._own_side = drawing(road), OwnSide(road, step)
         self._progress = RouteProgress(road, goal)
         self._lights = LightRecord(road)
         self._green = GreenRecord(road)
@@ -89,13 +92,16 @@ class Referee:
             self._begin(frame)
             if frame.present:
                 everyone = np.arange(len(frame.agents.ids), dtype=np.int32)
-                hits.update(contacts(self._road, self._step, frame, frame, everyone))
+                hits.update(self._contacts(frame, frame, everyone))
         elif frame.present:
             known = _match(before.agents.ids, frame.agents.ids)
+            seen, frame = frame, self._own_side.seen(before.ego, frame)
+            if frame is not seen:  # on the lane of the oncoming traffic it can meet both
+                hits.update(self._contacts(before, seen, known))
             self._move(before, frame)
             self._lights.note_red_runners(before, frame, known)
             self._note_imposed_braking(before, frame, known)
-            hits.update(contacts(self._road, self._step, before, frame, known))
+            hits.update(self._contacts(before, frame, known))
         elif frame.arrived and before.ego.lane >= 0 and self._odometer:
             # what is left of the last lane was driven before SUMO took the ego out
             rest = float(self._road.length[before.ego.lane]) - before.ego.s
@@ -263,6 +269,9 @@ class Referee:
         self._ttc = self._ttc if isnan(frame.ttc) else min(self._ttc, frame.ttc)
         self._pet = self._pet if isnan(frame.pet) else min(self._pet, frame.pet)
         self._drac = self._drac if isnan(frame.drac) else max(self._drac, frame.drac)
+
+    def _contacts(self, before: Frame, frame: Frame, known: Ints) -> dict[str, Contact]:
+        return contacts(self._road, self._drawing, self._step, before, frame, known)
 
     # --- judgement ---
 

@@ -29,6 +29,7 @@ from sumo_mcts.model.local_map import (
     S,
     State,
     V,
+    boxes_meet,
     chain_gap,
     follows,
     node_of,
@@ -39,7 +40,7 @@ from sumo_mcts.model.motion import EgoParams, pose_of
 from sumo_mcts.model.occupancy import late_cost, may_be_near, occupancy_cost, yielding_cost
 from sumo_mcts.model.reactions import seen
 from sumo_mcts.model.route import INTERNAL
-from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
+from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.scene import Floats
 
@@ -144,7 +145,7 @@ def meet(  # noqa: PLR0915
         if not near:
             continue
         other = Box(bx, by, bc, bs, length, local.trait[i, HALF_WIDTH])
-        nearness = _nearness(local, c, state, box, wide, other, v, at, t, i, moved)
+        nearness = _nearness(local, p, c, state, box, wide, other, v, at, t, i, moved)
         if math.isinf(nearness):
             return Meeting(True, rate, once, Neighbours(gap, leader_v, followers))
         rate += nearness
@@ -192,6 +193,7 @@ def _distant_leader(
 @inlined
 def _nearness(
     local: LocalMap,
+    p: EgoParams,
     c: CostParams,
     state: State,
     box: Box,
@@ -209,7 +211,7 @@ def _nearness(
     """
     # with a deceleration the ego may have come to its stand in this step
     round_it = local.trait[i, GOES_ROUND] > 0.0 and state.v == 0.0 and state.a == 0.0
-    if _touch(local, state, wide, other, v, at, i):
+    if _touch(local, p, state, wide, other, v, at, i):
         return ROUND_SHARE * c.claim if round_it else math.inf
     if moved:
         return 0.0
@@ -229,7 +231,9 @@ def _headway(c: CostParams, gap: float, v: float) -> float:
 
 
 @inlined
-def _touch(local: LocalMap, state: State, box: Box, other: Box, v: float, at: int, i: int) -> bool:
+def _touch(
+    local: LocalMap, p: EgoParams, state: State, box: Box, other: Box, v: float, at: int, i: int
+) -> bool:
     """Whether the ego's box touches that of agent i, which drives at v (m/s) and is where it was to
     be at forecast time `at`."""
     close = (
@@ -241,7 +245,8 @@ def _touch(local: LocalMap, state: State, box: Box, other: Box, v: float, at: in
     )
     if abs(other.x - box.x) >= close or abs(other.y - box.y) >= close:
         return False
-    if not boxes_touch(_swept(box, state.v * local.dt), _swept(other, v * local.dt)):
+    swept, its = _swept(box, state.v * local.dt), _swept(other, v * local.dt)
+    if not boxes_meet(local, state.node, state.s, p.half_length, swept, its, at, i):
         return False
     return not on_other_level(local, state.node, state.s, 2.0 * box.half_length, at, i)
 

@@ -20,6 +20,7 @@ from sumo_mcts.model.obligations import Coming, junction_nodes, obligations, to_
 from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap, Upstream
 from sumo_mcts.model.standing import past_standing, standing
 from sumo_mcts.model.stop_lines import Rules, closed_lines, is_open, stop_at
+from sumo_mcts.numerics.drawn import drawn_shares
 from sumo_mcts.numerics.geometry import Y
 from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.prediction.poses import SIDEWAYS
@@ -125,6 +126,7 @@ def build_local(
         urgency=urgency,
         to_leave=leaving(needs, view, here, urgency, (comes_to, position[0], v[0])),
         agent=np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
+        drawn=_drawn(route, view, lane, s, 2.0 * forecast.half_length),
         trait=np.column_stack([
             forecast.half_length, forecast.half_width, forecast.reacts,
             forecast.yields[hypothesis],
@@ -149,6 +151,14 @@ def build_local(
         starts=starts,
         dt=forecast.dt,
     )  # fmt: skip
+
+
+def _drawn(route: RouteMap, view: slice, lane: Ints, s: Floats, length: Floats) -> Floats:
+    """LocalMap.drawn of agents on `lane` [T, N] at s [T, N], of a `length` [N], m."""
+    near = route.drawing.near
+    if not len(near) or not (near[route.lane[view]].any() or near[lane[lane >= 0]].any()):
+        return np.zeros((0, 0))
+    return drawn_shares(route.drawing, lane, s, length)
 
 
 def _driven(lane: Ints, s: Floats, v: Floats, dt: float) -> Floats:

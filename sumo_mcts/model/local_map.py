@@ -7,7 +7,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.model.route import LENGTH, REACH, RouteMap, lane_pose
+from sumo_mcts.model.route import (
+    DRAWN,
+    FIRST_ROW,
+    LAST_ROW,
+    LENGTH,
+    REACH,
+    SPACING,
+    RouteMap,
+    lane_pose,
+)
+from sumo_mcts.numerics.drawn import as_drawn
+from sumo_mcts.numerics.geometry import Box, boxes_touch
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.scene import EgoState, Floats, Indices
 
@@ -40,6 +51,8 @@ class LocalMap(NamedTuple):
     ahead: Floats
     urgency: Floats  # [W] -3..3, lane changes needed (positive: to the left) and how soon
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
+    # [T, N] the share of its length to which an agent is drawn; [0, 0]: all are drawn in full
+    drawn: Floats
     trait: Floats  # [N, 9] HALF_LENGTH .. GOES_ROUND below
     # [T, N, 4] WEST .. NORTH: bounds of an agent's box at that time and LATE earlier, and of its
     # predicted occupancy
@@ -223,6 +236,32 @@ def urgency_at(local: LocalMap, state: State) -> float:
     if not 0 <= i < local.urgency.shape[0] or local.to_leave[i, END] < state.s:
         return 0.0
     return float(local.urgency[i])
+
+
+@kernel
+def boxes_meet(
+    local: LocalMap, node: int, s: float, half: float, box: Box, other: Box, at: int, i: int
+) -> bool:
+    """Whether the ego's box meets that of agent i, as the network is drawn.
+
+    The ego's front is at s (m) on `node`, half its length is `half` (m); the agent is where it is
+    at forecast time `at`. Either box may be longer than the body, at both ends.
+    """
+    if not boxes_touch(box, other):
+        return False
+    if local.drawn.shape[0] == 0:
+        return True
+    return boxes_touch(
+        as_drawn(box, drawn_share(local, node, s), half),
+        as_drawn(other, local.drawn[at, i], local.trait[i, HALF_LENGTH]),
+    )
+
+
+@kernel
+def drawn_share(local: LocalMap, node: int, s: float) -> float:
+    """The share of its length to which the ego is drawn, its front at s (m) on `node`."""
+    row = int(local.node[node, FIRST_ROW]) + int(max(s, 0.0) / SPACING)
+    return float(local.row[min(row, int(local.node[node, LAST_ROW])), DRAWN])
 
 
 @kernel

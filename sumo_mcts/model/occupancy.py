@@ -23,11 +23,12 @@ from sumo_mcts.model.local_map import (
     LocalMap,
     State,
     V,
+    boxes_meet,
     is_gone,
     on_other_level,
 )
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
+from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.numerics.krauss import STANDSTILL, USUAL_S, safe_gap
 
@@ -58,7 +59,7 @@ def occupancy_cost(local: LocalMap, c: CostParams, state: State, box: Box, t: in
         at = t + int(k * c.claim_s / OCCUPANCY_SAMPLES / local.dt + 0.5)
         if at >= local.agent.shape[0] or is_gone(local, at, i):
             return 0.0
-        if _meets(local, box, at, i):
+        if _meets(local, state, box, at, i):
             return (
                 0.0
                 if on_other_level(local, state.node, state.s, 2.0 * box.half_length, at, i)
@@ -74,7 +75,7 @@ def late_cost(local: LocalMap, c: CostParams, state: State, box: Box, t: int, i:
     at = t - int(LATE / local.dt + 0.5)
     if at < 0 or is_gone(local, at, i):
         return 0.0
-    if not _meets(local, box, at, i) or on_other_level(
+    if not _meets(local, state, box, at, i) or on_other_level(
         local, state.node, state.s, 2.0 * box.half_length, at, i
     ):
         return 0.0
@@ -82,16 +83,15 @@ def late_cost(local: LocalMap, c: CostParams, state: State, box: Box, t: int, i:
 
 
 @inlined
-def _meets(local: LocalMap, box: Box, at: int, i: int) -> bool:
+def _meets(local: LocalMap, state: State, box: Box, at: int, i: int) -> bool:
     """Whether the ego's box, where it is now, meets that of agent i at forecast time `at`."""
     length, width = local.trait[i, HALF_LENGTH], local.trait[i, HALF_WIDTH]
     reach = box.half_length + length + box.half_width + width
     x, y = local.agent[at, i, X], local.agent[at, i, Y]
     if abs(x - box.x) >= reach or abs(y - box.y) >= reach:
         return False
-    return boxes_touch(
-        box, Box(x, y, local.agent[at, i, COS], local.agent[at, i, SIN], length, width)
-    )
+    other = Box(x, y, local.agent[at, i, COS], local.agent[at, i, SIN], length, width)
+    return boxes_meet(local, state.node, state.s, box.half_length, box, other, at, i)
 
 
 @kernel

@@ -19,6 +19,7 @@ from sumo_mcts.model.local_map import (
     S,
     State,
     V,
+    boxes_meet,
     chain_gap,
     is_gone,
     node_of,
@@ -26,7 +27,7 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.model.motion import EgoParams, pose_of
 from sumo_mcts.model.route import LEFT_NODE, RIGHT_NODE
-from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
+from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_speed
 from sumo_mcts.scene import Floats
@@ -160,7 +161,8 @@ def _gap_across(local: LocalMap, p: EgoParams, state: State, others: Floats, i: 
         if is_gone(local, k, i) or row[DRIVEN] - driven > view:
             break
         if max(abs(row[X] - x), abs(row[Y] - y)) < near + length + width:
-            if boxes_touch(box, Box(row[X], row[Y], row[COS], row[SIN], length, width)):
+            other = Box(row[X], row[Y], row[COS], row[SIN], length, width)
+            if boxes_meet(local, state.node, state.s, p.half_length, box, other, k, i):
                 return float(max(row[DRIVEN] - driven, 0.0))
     return math.inf
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.model.continuation import Nodes, changes_ahead, collect, continuation, lanes_beside
+from sumo_mcts.numerics.drawn import Drawing, drawing, drawn_shares
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.lanes import limits
@@ -32,7 +33,7 @@ SPACING = 1.0  # m between the rows of the pose and speed tables
     JUNCTION,
     NUMBER,
 ) = range(13)
-CAP = 4  # column of RouteMap.rows after those of the pose
+CAP, DRAWN = 4, 5  # columns of RouteMap.rows after those of the pose
 END_GAP = 1.5  # m kept to the end of a lane that leads nowhere
 UPSTREAM_VIEW = 200.0  # m before the route over which the lanes that lead into it are followed
 
@@ -83,8 +84,11 @@ class RouteMap(NamedTuple):
     # for compiled code; and which lane it is, counted from the right among those that the ego may
     # use, inside junctions 0
     table: Floats
-    rows: Floats  # [R, 5] X .. SIN of the pose and CAP, likewise
+    # [R, 6] X .. SIN of the pose and CAP, likewise, and the share of the ego's length to which it
+    # is drawn there
+    rows: Floats
     upstream: Upstream
+    drawing: Drawing  # of the whole network
 
 
 def is_rest_of(route: tuple[int, ...], edges: tuple[int, ...]) -> bool:
@@ -140,6 +144,7 @@ def route_map(
         road.internal[lane].copy(),
     )
     pose = _poses(road, lane, previous, row, node_length, length)
+    drawn = drawing(road)
     cap = np.zeros(row[-1])
     _fill_caps(cap, nxt, row, node_length, limit, last & ~internal, decel)
     return RouteMap(
@@ -148,7 +153,8 @@ def route_map(
         np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
         np.column_stack([nxt, left, right, node_length, limit, station, reach, stop, internal,
         row[:-1], row[1:] - 1, road.junction[lane], _numbers(road, nodes)]).astype(np.float64),
-        np.column_stack([pose, cap]), _upstream(road, lane),
+        np.column_stack([pose, cap, _drawn(drawn, lane, row, length)]), _upstream(road, lane),
+        drawn,
     )  # fmt: skip
 
 
@@ -205,6 +211,13 @@ def _stations(
                 station[after] = max(station[after], station[i] + road.length[lane[i]])
         begin = max([end, *(station[i] + road.length[lane[i]] for i in inner)])
     return station
+
+
+def _drawn(drawn: Drawing, lane: Indices, row: Indices, length: float) -> Floats:
+    """Column DRAWN of RouteMap.rows for a vehicle of this length, m."""
+    node = np.repeat(np.arange(len(lane)), np.diff(row))
+    at = SPACING * (np.arange(row[-1]) - row[node]).astype(np.float64)
+    return drawn_shares(drawn, lane[node], at, np.full(len(at), length))
 
 
 def _poses(

@@ -21,6 +21,7 @@ from sumo_mcts.model.local_map import (
     S,
     State,
     V,
+    boxes_meet,
     is_gone,
     on_other_level,
 )
@@ -34,7 +35,7 @@ from sumo_mcts.model.motion import (
 )
 from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, STOP_LINE, lane_pose
-from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
+from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.planners.actions import lasting
 from sumo_mcts.planners.base import STOP_DECEL, SeededPlanner, Situation, Task, local_of
@@ -334,9 +335,8 @@ def leader_on_path(
                     continue
                 bc, bs = local.agent[0, i, COS], local.agent[0, i, SIN]
                 other = Box(x + dx, y + dy, bc, bs, length, width)
-                if driven < gap and boxes_touch(
-                    Box(x, y, c, n, p.half_length, p.half_width), other
-                ):
+                own = Box(x, y, c, n, p.half_length, p.half_width)
+                if driven < gap and boxes_meet(local, node, s, p.half_length, own, other, 0, i):
                     gap, leader_v = driven, max(0.0, local.agent[0, i, V] * (c * bc + n * bs))
             driven, s = driven + LOOK, s + LOOK
             while node >= 0 and s > local.node[node, LENGTH]:

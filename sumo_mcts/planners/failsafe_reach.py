@@ -15,6 +15,7 @@ from sumo_mcts.model.local_map import (
     S,
     State,
     V,
+    boxes_meet,
     chain_gap,
     is_gone,
     node_of,
@@ -30,7 +31,7 @@ from sumo_mcts.model.motion import (
     within_step,
 )
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT
-from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, boxes_touch
+from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.planners.ply import DRIVEN_S, DRIVEN_V
 from sumo_mcts.scene import Floats, Indices
@@ -268,4 +269,5 @@ def _covers(
         or on_other_level(local, state.node, state.s, 2.0 * box.half_length, t, i)
     ):
         return False
-    return boxes_touch(box, Box(x, y, now[COS], now[SIN], half, width))
+    other = Box(x, y, now[COS], now[SIN], half, width)
+    return boxes_meet(local, state.node, state.s, box.half_length, box, other, t, i)

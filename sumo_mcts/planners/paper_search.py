@@ -14,6 +14,7 @@ from sumo_mcts.model.local_map import (
     HALF_WIDTH,
     LocalMap,
     State,
+    drawn_share,
     follows,
     index_at,
     is_gone,
@@ -34,6 +35,7 @@ from sumo_mcts.model.motion import (
     towards_other,
 )
 from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION
+from sumo_mcts.numerics.drawn import as_drawn
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, box_distance
 from sumo_mcts.numerics.kernel import kernel, making_arrays
 from sumo_mcts.planners.actions import ACCEL, SIDE
@@ -313,6 +315,9 @@ def _nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
         if abs(row[X] - x) < SIGHT and abs(row[Y] - y) < SIGHT:
             other = Box(row[X], row[Y], row[COS], row[SIN], trait[HALF_LENGTH], trait[HALF_WIDTH])
             own = Box(x, y, c, s, p.half_length, p.half_width)
+            if local.drawn.shape[0] > 0:
+                own = as_drawn(own, drawn_share(local, state.node, state.s), p.half_length)
+                other = as_drawn(other, local.drawn[t, i], trait[HALF_LENGTH])
             nearest = min(nearest, box_distance(own, other))
     return nearest
 

@@ -96,7 +96,7 @@ def _place_on_path(
         else:
             kr = _lane_at(paths, row, kr, back)
             rx, ry = _point(paths, lines, row, kr, back)
-        px, py, pc, ps = chord(fx, fy, rx, ry, cs, sn)
+        _, _, pc, ps = chord(fx, fy, rx, ry, cs, sn)
         if t == 0:
             turn = math.atan2(sn * pc - cs * ps, cs * pc + sn * ps)
             turn = turn if abs(turn) > UNTURNED else 0.0
@@ -108,8 +108,8 @@ def _place_on_path(
             aside, turn = aside + left, swung(turn, x[t, row] - x[t - 1, row], left, length)
         ct, st = math.cos(turn), math.sin(turn)
         c, s = pc * ct - ps * st, ps * ct + pc * st
-        out.pose[t, i, X] = px - aside * ps + 0.5 * length * (pc - c)
-        out.pose[t, i, Y] = py + aside * pc + 0.5 * length * (ps - s)
+        out.pose[t, i, X] = fx - aside * ps - 0.5 * length * c
+        out.pose[t, i, Y] = fy + aside * pc - 0.5 * length * s
         out.pose[t, i, COS], out.pose[t, i, SIN] = c, s
 
 

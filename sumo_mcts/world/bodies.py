@@ -7,12 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.errors import ConfigError
+from sumo_mcts.numerics.drawn import MOST_UNDER
 from sumo_mcts.scene import RoadMap
 from sumo_mcts.world.vehicle_types import TypeReader
-
-# Lanes behind the one of its front that a long vehicle can stand on: they can be very short inside
-# junctions.
-MOST_UNDER = 7
 
 
 class Body(NamedTuple):

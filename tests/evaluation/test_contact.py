@@ -93,7 +93,7 @@ def test_touch_point_is_the_middle_of_the_overlap() -> None:
     assert contact is not None
     assert contact.exact
     assert contact.ego[0] == pytest.approx(7.0, abs=0.01)
-    assert touch_point(contact, half, half) == pytest.approx((9.5, 0.45), abs=0.01)
+    assert touch_point(contact) == pytest.approx((9.5, 0.45), abs=0.01)
 
 
 def test_no_contact_between_vehicles_that_pass() -> None:

@@ -466,7 +466,8 @@ NEEDED = {
     "least_cost": "_fill_sure _merged least_cost",
     "local_build": "_fill_ahead _fill_upstream _followers",
     "local_map": """
-        chain_gap follows index_at keep_state kept_state node_of on_other_level to_end urgency_at
+        boxes_meet chain_gap follows index_at keep_state kept_state node_of
+        on_other_level to_end urgency_at
     """,
     "motion": """
         _cap _move _moved _must_stop _next_speed _to_line _towards_line _turned advance follow_accel
