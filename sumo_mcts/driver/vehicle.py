@@ -10,7 +10,7 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.missed_lane import MissedLane
 from sumo_mcts.driver.params import Physics, ego_params
 from sumo_mcts.driver.sensor import Sensor
-from sumo_mcts.scene import Decision, Follow, Frame, RoadMap, Scene
+from sumo_mcts.scene import Decision, EgoState, Follow, Frame, RoadMap, Scene
 from sumo_mcts.world.command import Bounds, Commander
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap
@@ -50,17 +50,9 @@ class EgoVehicle:
         self, vehicle: str, config: ScenarioConfig, world: World, noise: np.random.SeedSequence
     ) -> None:
         """Take over a vehicle that is on the road; `noise` seeds its sensor's errors."""
-        self._vehicle, self._world, self._sensor = vehicle, world, config.sensor
+        self._vehicle, self._world, self._config = vehicle, world, config
         self._senses = Sensor(config.sensor, world.road, world.period, noise)
-        state = world.observer.ego(vehicle, Change())
-        params = ego_params(config, state, world.physics)
-        bounds = Bounds(
-            world.physics.step,
-            world.physics.change_duration,
-            params.max_accel,
-            params.max_decel,
-            params.emergency_jerk,
-        )
+        bounds = self._bounds(world.observer.ego(vehicle, Change()))
         self._commander = Commander(vehicle, world.road, world.observer.lanes, bounds)
         self._missed = MissedLane(vehicle, world.road, config, world.period)
         self._drives = False  # by decisions; else SUMO's own driver does
@@ -97,9 +89,10 @@ class EgoVehicle:
         truth = self._world.observer.scene(
             self._vehicle,
             self._commander.change,
-            self._sensor.range_m,
-            self._sensor.signals == "timing",
+            self._config.sensor.range_m,
+            self._config.sensor.signals == "timing",
         )
+        self._commander.bind(self._bounds(truth.ego))
         ego = truth.ego._replace(asks=self._commander.asks, can_ask=self._commander.can_ask)
         seen = self._senses.perceive(truth._replace(ego=ego))
         detour = self._missed.note(seen) if self._drives else ""
@@ -131,6 +124,17 @@ class EgoVehicle:
     def release(self) -> None:
         """Give the ego back to SUMO, if it is still there."""
         self._commander.release()
+
+    def _bounds(self, ego: EgoState) -> Bounds:
+        """The bounds of commands to the ego as its type is now."""
+        physics, params = self._world.physics, ego_params(self._config, ego, self._world.physics)
+        return Bounds(
+            physics.step,
+            physics.change_duration,
+            params.max_accel,
+            params.max_decel,
+            params.emergency_jerk,
+        )
 
 
 def never_departed(

@@ -56,6 +56,10 @@ class Commander:
         self._asks, self._asks_on = 0, -1  # the side asked for, and the lane it is asked from
         self.change = Change()
 
+    def bind(self, bounds: Bounds) -> None:
+        """Keep these bounds from now on."""
+        self._bounds = bounds
+
     def accept(self, command: Follow | Release) -> None:
         """Play this from the coming step on."""
         if isinstance(command, Release):

@@ -9,6 +9,8 @@ import numpy as np
 from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, Bools, Floats, Ints, RoadMap, Signals
 
 PHASES = 8  # coming phases that are broadcast
+# SUMO's name of what is shown after a program set the lights: until it sets them again
+BY_PROGRAM = "online"
 STATIC = 0  # SUMO's type of signals whose phases last as long as their program says
 MOMENT = 0.001  # s: how long a phase of a level crossing is said to last that trains end
 SIGNAL_RANGE = 500.0  # m within which signals are read
@@ -78,12 +80,17 @@ class SignalReader:
 
     def _fill(self, q: int, name: str, time: float, state: Ints, until: Floats) -> None:
         """The rows of one signal: `state` [links, K] and `until` [K], as in Signals."""
-        _show(self._get.getRedYellowGreenState(name), state[:, 0])
+        letters = self._get.getRedYellowGreenState(name)
+        _show(letters, state[:, 0])
         if len(until) == 1:
             return
+        current = self._get.getProgram(name)
+        if current == BY_PROGRAM:
+            state[:, 1:] = state[:, :1]
+            return
         until[0] = self._get.getNextSwitch(name) - time
-        program = self._program(q, name)
         index = self._get.getPhase(name)
+        program = self._program((q, current), index, letters)
         for k in range(1, len(until)):
             if not 0 <= index < len(program) or program[index].open_ended:
                 state[:, k], until[k - 1] = state[:, k - 1], np.inf
@@ -92,15 +99,19 @@ class SignalReader:
             _show(program[index].state, state[:, k])
             until[k] = until[k - 1] + program[index].duration
 
-    def _program(self, q: int, name: str) -> list["_Phase"]:
-        """The phases of the running program; empty where SUMO does not give them."""
-        current = self._get.getProgram(name)
-        if (q, current) not in self._programs:
-            logics = {
-                logic.programID: _phases(logic) for logic in self._get.getAllProgramLogics(name)
-            }
-            self._programs[q, current] = logics.get(current, [])
-        return self._programs[q, current]
+    def _program(self, key: tuple[int, str], index: int, letters: str) -> list["_Phase"]:
+        """The phases of a signal's running program, given by their numbers and name; empty where
+        SUMO does not give them.
+
+        They are read again where the present phase (index) shows other letters: a program may be
+        replaced by another one of its name.
+        """
+        known = self._programs.get(key, [])
+        if not 0 <= index < len(known) or known[index].state != letters:
+            logics = self._get.getAllProgramLogics(self._ids[key[0]])
+            known = next((_phases(logic) for logic in logics if logic.programID == key[1]), [])
+            self._programs[key] = known
+        return known
 
 
 class _Phase(NamedTuple):

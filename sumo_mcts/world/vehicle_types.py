@@ -1,4 +1,4 @@
-"""What does not change about a vehicle: its size, its limits, its class."""
+"""What hardly ever changes about a vehicle: its size, its limits, its class."""
 
 import math
 from typing import Any, NamedTuple
@@ -7,10 +7,11 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.scene import IGNORING, VEHICLE_CLASSES
 
 MOST_SIZE = 2000.0  # m; trains are long
+KEPT_S = 1.0  # s after which the type of an agent is read again
 
 
 class VehicleType(NamedTuple):
-    """What does not change about a vehicle."""
+    """What hardly ever changes about a vehicle."""
 
     length: float  # m
     width: float  # m
@@ -24,17 +25,21 @@ class VehicleType(NamedTuple):
 
 
 class TypeReader:
-    """Reads the type of each vehicle once."""
+    """Reads the types of vehicles, and again now and then: a program may change them."""
 
     def __init__(self, libsumo: Any) -> None:
-        self._get = libsumo.vehicle
-        self._known: dict[str, VehicleType] = {}
+        self._get, self._simulation = libsumo.vehicle, libsumo.simulation
+        self._known: dict[str, tuple[float, VehicleType]] = {}  # when it was read, s; the type
 
-    def of(self, vehicle: str) -> VehicleType:
-        """The type of a vehicle on the road. Raises ConfigError where it is unusable."""
-        if vehicle not in self._known:
-            self._known[vehicle] = self._read(vehicle)
-        return self._known[vehicle]
+    def of(self, vehicle: str, kept_s: float = KEPT_S) -> VehicleType:
+        """The type of a vehicle on the road, as it was at most `kept_s` ago.
+
+        Raises ConfigError where it is unusable.
+        """
+        now, known = self._simulation.getTime(), self._known.get(vehicle)
+        if known is None or not 0.0 <= now - known[0] < kept_s:
+            known = self._known[vehicle] = (now, self._read(vehicle))
+        return known[1]
 
     def _read(self, vehicle: str) -> VehicleType:
         get = self._get
