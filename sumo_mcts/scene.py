@@ -113,6 +113,16 @@ class RoadMap(NamedTuple):
     conflict_yields: Bools  # [C] traffic on this lane must let the other pass
 
 
+class RoadChanges(NamedTuple):
+    """What the simulation has changed of C lanes of a RoadMap: its columns as they are now."""
+
+    lane: Ints = np.zeros(0, np.int32)  # [C] in rising order
+    speed: Floats = np.zeros(0)  # [C]
+    classes: Words = np.zeros(0, np.uint64)  # [C]
+    change_left: Words = np.zeros(0, np.uint64)  # [C]
+    change_right: Words = np.zeros(0, np.uint64)  # [C]
+
+
 # --- what a cycle knows ---
 
 
@@ -197,6 +207,7 @@ class Scene(NamedTuple):
     ego: EgoState
     agents: Agents
     signals: Signals
+    changes: RoadChanges = RoadChanges()  # of the map, as far as the ego has come near them
 
 
 # --- forecasts ---
@@ -377,12 +388,8 @@ class Frame(NamedTuple):
     present: bool  # False: SUMO no longer has the ego
     agents: Agents  # all within REFEREE_RANGE of the ego
     signals: Signals  # K = 1
-    # [links] whether each shows green: Signals take a light that is off as green; empty: not asked
-    # (asked where the ego stands)
-    green: Bools
-    # [N] the vehicle that SUMO names as each agent's leader; "" none, or not asked (asked of those
-    # that brake)
-    leader: tuple[str, ...]
+    green: Bools  # [links] whether each is lit and green; empty: not asked (asked where it stands)
+    leader: tuple[str, ...]  # [N] SUMO's leader of each agent that brakes; "" none, or not asked
     # [N] true next lanes of each agent, the present one first; empty where not asked
     paths: tuple[Ints, ...]
     collisions: tuple[str, ...]  # those that SUMO reports in collision with the ego in this step
@@ -393,3 +400,4 @@ class Frame(NamedTuple):
     ttc: float  # s, time to collision
     pet: float  # s, post-encroachment time
     drac: float  # m/s2, deceleration to avoid a collision
+    changes: RoadChanges = RoadChanges()  # of the map, the ego's lane as it is in this step

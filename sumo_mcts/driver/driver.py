@@ -6,6 +6,8 @@ Predictor, planner and fail-safe are put together here and nowhere else.
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.change_progress import about_to_change, as_seen
 from sumo_mcts.driver.factories import make_planner
@@ -20,8 +22,9 @@ from sumo_mcts.driver.params import (
 )
 from sumo_mcts.errors import in_one_line
 from sumo_mcts.model.local_map import State, ego_state
-from sumo_mcts.model.route import RouteMap, is_rest_of, route_map
+from sumo_mcts.model.route import Pace, RouteMap, eased, is_rest_of, moved_to, route_map
 from sumo_mcts.numerics.kernel import Stopwatch
+from sumo_mcts.numerics.lanes import usable, with_changes
 from sumo_mcts.numerics.signals import shown
 from sumo_mcts.planners.base import Planner, Remembering, Situation, Task
 from sumo_mcts.planners.budget import Timekeeper
@@ -39,6 +42,7 @@ from sumo_mcts.scene import (
     Memory,
     PlannerMemory,
     Release,
+    RoadChanges,
     RoadMap,
     Scene,
 )
@@ -79,7 +83,9 @@ class Driver:
 
         Raises ConfigError where a plugin cannot be made.
         """
-        self._config, self._road, self._physics, self._seed = config, road, physics, seed
+        self._config, self._physics, self._seed = config, physics, seed
+        self._map = self._road = road  # as it was read, and as it is now
+        self._changes = RoadChanges()
         self._oracles = OracleRecorder(oracles)
         self._planner = make_planner(config) if planner is None else planner
         self._cost = cost_params(config)
@@ -88,8 +94,11 @@ class Driver:
         self._fail_safe = FailSafe(assumed(config), self._period)
         self._timekeeper = Timekeeper(time_budget_s(config))
         self._failures = 0  # of planner and predictor, in a row
+        # as it is driven, and without the time to brake for changes
         self._route: RouteMap | None = None
+        self._plain: RouteMap | None = None
         self._edges: tuple[int, ...] = ()
+        self._vehicle: tuple[float, ...] = ()  # for which the route was laid out, see _laid_for
         self._stood: dict[int, float] = {}  # node at whose stop line the ego has stood -> when
         self._last = LastDecision()
         # what the planner was asked last; None where the ego is not on its route
@@ -143,9 +152,9 @@ class Driver:
     def placed(self, scene: Scene) -> tuple[Task, State] | None:
         """The task, and where the ego is on its route; None where it is not on it.
 
-        The route is laid out again where SUMO changed it.
+        The route is laid out again where SUMO changed it, the road or the vehicle.
         """
-        self._keep_route(scene.ego)
+        self._keep_route(scene)
         state = self._state(scene)
         return None if state is None else (self._task, state)
 
@@ -161,20 +170,25 @@ class Driver:
         state = about_to_change(self._task.route, state, self._last.command)
         return self._forecaster.ask(name, self._cycle(scene, state), seconds)
 
-    def recall(self, ego: EgoState, memory: Memory, last: Decision | None, when: float) -> None:
+    def recall(
+        self,
+        ego: EgoState,
+        changes: RoadChanges,
+        memory: Memory,
+        last: Decision | None,
+        when: float,
+    ) -> None:
         """Go on after the decision `last`, taken at the time `when` (s), as if all earlier ones had
-        been taken here; `ego` as it is now."""
+        been taken here; `ego` and the `changes` of the map as they were then."""
         self._failures = memory.failures
+        self._note_changes(changes)
         if last is not None:
             self._last = LastDecision(last.plan, last.command, when)
         if not memory.edges:
             return
         self._lay_out(ego, memory.edges)
         self._stood = dict(zip(memory.stood, memory.stood_since, strict=True))
-        self._fail_safe.ready = memory.ready
-        remembers = len(memory.planner.numbers) + len(memory.planner.generator) > 0
-        if isinstance(self._planner, Remembering) and remembers:
-            self._planner.recall(memory.planner)
+        self._go_on(memory)
 
     def _memory(self) -> Memory:
         """What the next decision depends on, beside its scene and the last decision."""
@@ -250,20 +264,69 @@ class Driver:
             return None
         return ego_state(self._route, as_seen(self._road, scene.ego))
 
-    def _keep_route(self, ego: EgoState) -> None:
-        """Lay the route out at the take-over, and again when SUMO changed it."""
+    def _keep_route(self, scene: Scene) -> None:
+        """Lay the route out at the take-over, and again when SUMO changed it, the road or the
+        vehicle."""
+        ego, other_road = scene.ego, self._note_changes(scene.changes)
         if self._route is not None and is_rest_of(ego.route, self._edges):
-            return
-        if not ego.route or -1 in ego.route:
+            if other_road or self._vehicle != self._laid_for(ego):
+                self._renew(ego, self._laid_out(ego, self._edges))
+            elif self._plain is not None and len(self._changes.lane):
+                self._renew(ego, self._plain)
+        elif not ego.route or -1 in ego.route:
             self._route = None
+        else:
+            self._lay_out(ego, ego.route)
+
+    def _note_changes(self, changes: RoadChanges) -> bool:
+        """Drive by the map as it is now. Returns whether it is another one than before."""
+        before = self._changes
+        if all(
+            np.array_equal(getattr(changes, name), getattr(before, name))
+            for name in RoadChanges._fields
+        ):
+            return False
+        self._changes, self._road = changes, with_changes(self._map, changes)
+        self._forecaster.follow(self._road)
+        return True
+
+    def _renew(self, ego: EgoState, plain: RouteMap) -> None:
+        """Go on along the same route; planner, fail-safe and stop signs go on as they were."""
+        before, route = self._route, self._eased(ego, plain)
+        if before is None or (before is self._plain is plain is route):
             return
-        self._lay_out(ego, ego.route)
+        memory = self._memory()
+        self._drive(ego, plain, route)
+        self._stood = moved_to(before, route, memory.stood, memory.stood_since)
+        self._go_on(memory)
+
+    def _eased(self, ego: EgoState, plain: RouteMap) -> RouteMap:
+        """The route, with time to brake for what the simulation has changed."""
+        state = None if ego.lane < 0 else ego_state(plain, as_seen(self._road, ego))
+        if state is None or not len(self._changes.lane):
+            return plain
+        lowered = np.isin(plain.lane, self._changes.lane)
+        params = ego_params(self._config, ego, self._physics)
+        pace = Pace(state.node, state.s, state.v, state.a)
+        return eased(plain, lowered, pace, params.approach_decel, params.jerk)
+
+    def _go_on(self, memory: Memory) -> None:
+        """Planner and fail-safe remember this."""
+        self._fail_safe.ready = memory.ready
+        remembers = len(memory.planner.numbers) + len(memory.planner.generator) > 0
+        if isinstance(self._planner, Remembering) and remembers:
+            self._planner.recall(memory.planner)
 
     def _lay_out(self, ego: EgoState, edges: tuple[int, ...]) -> None:
         """Start planner and fail-safe on a route, given by its edges. Raises PlannerError."""
-        params = ego_params(self._config, ego, self._physics)
+        plain = self._laid_out(ego, edges)
         self._edges, self._stood = edges, {}
-        self._route = route_map(
+        self._drive(ego, plain, self._eased(ego, plain))
+
+    def _laid_out(self, ego: EgoState, edges: tuple[int, ...]) -> RouteMap:
+        """A route for the ego on the road as it is now."""
+        params = ego_params(self._config, ego, self._physics)
+        return route_map(
             self._road,
             edges,
             ego.vclass,
@@ -271,8 +334,33 @@ class Driver:
             ego.speed_factor,
             ego.max_speed,
             params.approach_decel,
+            self._closed_under(ego),
         )
-        self._task = Task(self._road, self._route, params, self._cost)
+
+    def _closed_under(self, ego: EgoState) -> tuple[int, ...]:
+        """The lanes under the ego that the simulation has closed to it."""
+        changed = [i for i in (ego.lane, ego.change_from) if i in self._changes.lane]
+        return tuple(i for i in changed if not usable(self._road, np.array([i]), ego.vclass)[0])
+
+    def _laid_for(self, ego: EgoState) -> tuple[float, ...]:
+        """What a route and the bounds of the ego depend on, beside the road."""
+        return (
+            ego.vclass,
+            ego.length,
+            ego.width,
+            ego.max_speed,
+            ego.speed_factor,
+            ego.max_accel,
+            ego.comfort_decel,
+            ego.emergency_decel,
+            *self._closed_under(ego),
+        )
+
+    def _drive(self, ego: EgoState, plain: RouteMap, route: RouteMap) -> None:
+        """Start planner and fail-safe on a route. Raises PlannerError."""
+        self._vehicle, self._plain, self._route = self._laid_for(ego), plain, route
+        params = ego_params(self._config, ego, self._physics)
+        self._task = Task(self._road, route, params, self._cost)
         self._fail_safe.start(self._task)
         try:
             self._planner.start(self._task, self._seed)

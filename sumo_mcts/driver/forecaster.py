@@ -54,6 +54,12 @@ class Forecaster:
         self._predictors: dict[str, Predictor] = {}
         self._predictor(config.prediction.name)
 
+    def follow(self, road: RoadMap) -> None:
+        """The map is another one now."""
+        self._road = road
+        for name, predictor in self._predictors.items():
+            self._start(name, predictor)
+
     def foresee(self, cycle: Cycle, hypotheses: int) -> tuple[Forecast, str]:
         """What the scenario's predictor says, as far as its planner looks, and "". Where a plugin
         fails, what FALL_BACK says instead, and why.
@@ -101,14 +107,18 @@ class Forecaster:
         """The predictor of this name, which starts when it is first asked."""
         if name not in self._predictors:
             predictor = make_predictor(self._config, name)
-            try:
-                predictor.start(self._road, self._oracles if predictor.oracle else None)
-            except Exception as error:  # whatever a plugin may do
-                raise ConfigError(
-                    f"prediction.name: {name}: does not start: {in_one_line(error)}"
-                ) from None
+            self._start(name, predictor)
             self._predictors[name] = predictor
         return self._predictors[name]
+
+    def _start(self, name: str, predictor: Predictor) -> None:
+        """Tell a predictor the map. Raises ConfigError where a plugin does not start."""
+        try:
+            predictor.start(self._road, self._oracles if predictor.oracle else None)
+        except Exception as error:  # whatever a plugin may do
+            raise ConfigError(
+                f"prediction.name: {name}: does not start: {in_one_line(error)}"
+            ) from None
 
 
 def ego_lanes(route: RouteMap, state: State) -> Ints:

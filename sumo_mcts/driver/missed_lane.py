@@ -7,6 +7,7 @@ from math import inf
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.continuation import changes_onward, leads_onto
+from sumo_mcts.numerics.lanes import with_changes
 from sumo_mcts.numerics.signals import shows
 from sumo_mcts.scene import RED, STANDING, EgoState, RoadMap, Scene
 from sumo_mcts.world import detour
@@ -47,18 +48,18 @@ class MissedLane:
         return self._said
 
     def _judged(self, scene: Scene) -> str:
-        ego, patience = scene.ego, self._patience
+        ego, patience, road = scene.ego, self._patience, with_changes(self._road, scene.changes)
         assert patience is not None, "note() asks"
         if ego.route != self._route:
             self._route, self._stood, self._wait, self._tried = ego.route, 0.0, patience, False
-        if ego.lane < 0 or self._road.internal[ego.lane] or ego.changing > 0.0:
+        if ego.lane < 0 or road.internal[ego.lane] or ego.changing > 0.0:
             return ""
-        needed = changes_onward(self._road, ego.route, ego.vclass, ego.lane)
+        needed = changes_onward(road, ego.route, ego.vclass, ego.lane)
         if needed == 0:
             return ""
-        onto = leads_onto(self._road, ego.lane, ego.vclass)
+        onto = leads_onto(road, ego.lane, ego.vclass)
         if not detour.is_held(self._vehicle) and _blocked(
-            self._road, scene, [lane for lanes in onto.values() for lane in lanes]
+            road, scene, [lane for lanes in onto.values() for lane in lanes]
         ):
             # SUMO may have driven in between
             self._stood += min(scene.time - self._time, self._period)

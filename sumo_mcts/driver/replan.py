@@ -13,7 +13,16 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.prediction.interface import Oracles
 from sumo_mcts.records import CycleRecord, Setting, Trace, TraceError, require_fit, scenario_of
 from sumo_mcts.registry import SENSED, is_oracle
-from sumo_mcts.scene import Follow, Ints, PlannerMemory, Release, RoadMap, Scene, Scripted
+from sumo_mcts.scene import (
+    Follow,
+    Ints,
+    PlannerMemory,
+    Release,
+    RoadChanges,
+    RoadMap,
+    Scene,
+    Scripted,
+)
 
 # sections that a decision reads; what the others decide has happened before
 READ = ("planner", "prediction", "ego_model", "cost", "paper", "idm", "failsafe")
@@ -60,18 +69,16 @@ def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> P
     driver = Driver(config, road, physics, setting.seed, oracles)
     last = trace.cycles[cycle - 1] if cycle else None
     try:
-        driver.recall(
-            now.ego,
-            memory,
-            None if last is None else last.decision,
-            0.0 if last is None else last.time,
-        )
+        if last is None:
+            driver.recall(now.ego, RoadChanges(), memory, None, 0.0)
+        else:
+            driver.recall(last.ego, last.changes, memory, last.decision, last.time)
     except (ValueError, IndexError, OverflowError, TypeError):
         # a planner may raise any of these at a memory that is not its own
         raise TraceError(
             f"trace.cycles[{cycle}].memory: is none of planner {config.planner.name}"
         ) from None
-    return driver.decide(Scene(now.time, now.step, now.ego, now.agents, now.signals))
+    return driver.decide(Scene(now.time, now.step, now.ego, now.agents, now.signals, now.changes))
 
 
 def _recorded_oracles(now: CycleRecord, recorded: str, config: ScenarioConfig) -> Oracles:

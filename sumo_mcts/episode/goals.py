@@ -42,12 +42,14 @@ def goal_of(config: ScenarioConfig, road: RoadMap, ego: EgoState, until: str | N
             f"egos: {ego.id}: its route does not connect: "
             f"{' '.join(road.edge_ids[edge] for edge in edges)}"
         )
-    limit = (
-        config.episode.stop_time_s
-        or config.episode.time_limit_s
-        or FREE_FLOWS * free + LIMIT_SLACK_S
+    given = config.episode.stop_time_s or config.episode.time_limit_s
+    return Goal(
+        edges=edges,
+        success_edge=road.edge_ids.index(success) if success is not None else -1,
+        time_limit=given or FREE_FLOWS * free + LIMIT_SLACK_S,
+        free_flow=free,
+        per_free_flow=0.0 if given else FREE_FLOWS,
     )
-    return Goal(edges, road.edge_ids.index(success) if success is not None else -1, limit, free)
 
 
 def _place(road: RoadMap, ego: EgoState, edge: str, key: str) -> int:

@@ -116,6 +116,7 @@ def _cycle(scene: Scene, planned: PlanningResult, after: Scene | None) -> CycleR
         intervened=planned.intervened,
         memory=planned.memory,
         answers=planned.answers,
+        changes=scene.changes,
     )
 
 

@@ -62,6 +62,7 @@ def true_scene(world: World, frame: Frame) -> Scene:
         as_seen(world.road, ego),
         frame.agents,
         world.observer.timing(ego.x, ego.y),
+        frame.changes,
     )
 
 

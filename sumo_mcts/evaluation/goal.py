@@ -1,6 +1,7 @@
 """Where an ego has to go, and how far it has come on its route."""
 
 from collections.abc import Iterable
+from math import isfinite, nan
 from typing import NamedTuple
 
 from sumo_mcts.evaluation.metrics import crossing_time, free_flow_time
@@ -18,6 +19,7 @@ class Goal(NamedTuple):
     success_edge: int
     time_limit: float  # s after departure
     free_flow: float  # s; nan unknown
+    per_free_flow: float = 0.0  # s of the time limit for each s of free_flow
 
 
 class RouteProgress:
@@ -58,6 +60,25 @@ class RouteProgress:
         if int(road.edge[lane]) not in ahead[inside : inside + 1]:
             return None
         return crossing + free_flow_time(road, ahead[inside:], 0.0 if inside else ego.s, ego)
+
+    def rerouted(self, ego: EgoState, elapsed: float) -> Goal | None:
+        """The goal of an ego whose route has another end now, `elapsed` s after departure: that
+        end. None: its route still leads to the goal, or to no place outside junctions."""
+        old = self._goal
+        if not ego.route or -1 in ego.route or old.edges[-1] in ego.route:
+            return None
+        if self._road.edge_ids[ego.route[-1]].startswith(":"):
+            return None
+        left = self.free_flow_left(ego)
+        driven = elapsed if left is None or not isfinite(old.free_flow) else old.free_flow - left
+        new = old._replace(edges=ego.route)
+        left = RouteProgress(self._road, new).free_flow_left(ego)
+        if left is None or not isfinite(left):
+            return new._replace(free_flow=nan)
+        limit = old.time_limit
+        if isfinite(old.free_flow):
+            limit += old.per_free_flow * (driven + left - old.free_flow)
+        return new._replace(free_flow=driven + left, time_limit=limit)
 
     def ends_at_goal(self, last: EgoState | None, step: float) -> bool:
         """Whether an ego that SUMO has removed had reached the edge of the goal, or reached it

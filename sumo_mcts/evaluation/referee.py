@@ -19,8 +19,8 @@ from sumo_mcts.evaluation.own_side import OwnSide
 from sumo_mcts.evaluation.reachability import REACH, Drive, driven, goal_reaching_edges
 from sumo_mcts.evaluation.standing import GreenRecord, longest_run
 from sumo_mcts.numerics.drawn import drawing
-from sumo_mcts.numerics.lanes import limit
-from sumo_mcts.scene import STANDING, Bools, EgoState, Frame, Ints, RoadMap
+from sumo_mcts.numerics.lanes import limit, with_changes
+from sumo_mcts.scene import STANDING, Bools, EgoState, Frame, Ints, RoadChanges, RoadMap
 
 ARRIVED, COLLISION, TELEPORTED, OFF_ROUTE, TIMEOUT, ERROR = (
     "arrived",
@@ -48,6 +48,7 @@ class Referee:
         """`step` in s. take_over: the state in which the ego was taken over, right after its
         departure; else the first frame observed is it."""
         self._road, self._goal, self._step = road, goal, step
+        self._road_now = (RoadChanges(), road)  # the map as it was in the last frame
         self._outcome: str | None = None
         self._error: str | None = None
         self._at_fault: bool | None = None
@@ -55,6 +56,7 @@ class Referee:
         self._last: Frame | None = None
         self._departed = 0.0
         self._finished: float | None = None
+        self._route: tuple[int, ...] = ()  # of the ego, as SUMO has it
         self._reaching: Bools = np.zeros(0, np.bool_)  # [edges] that lead to the goal
         self._drawing, self._own_side = drawing(road), OwnSide(road, step)
         self._progress = RouteProgress(road, goal)
@@ -95,6 +97,7 @@ class Referee:
                 hits.update(self._contacts(frame, frame, everyone))
         elif frame.present:
             known = _match(before.agents.ids, frame.agents.ids)
+            self._keep_goal(frame)
             seen, frame = frame, self._own_side.seen(before.ego, frame)
             if frame is not seen:  # on the lane of the oncoming traffic it can meet both
                 hits.update(self._contacts(before, seen, known))
@@ -200,7 +203,7 @@ class Referee:
 
     def _begin(self, frame: Frame) -> None:
         ego = frame.ego
-        self._last, self._departed = frame, frame.time
+        self._last, self._departed, self._route = frame, frame.time, ego.route
         self._reaching = goal_reaching_edges(self._road, self._goal.edges[-1], ego.vclass)
         if frame.present:
             self._note_state(frame, 0.0)
@@ -208,6 +211,17 @@ class Referee:
             self._change_began = frame.time if ego.changing > 0 else -inf
             self._progress.advance(self._trail)
         self._note_surrogates(frame)
+
+    def _keep_goal(self, frame: Frame) -> None:
+        """Where the simulation gave the ego a route that ends elsewhere, that is the goal."""
+        ego, before = frame.ego, self._route
+        self._route = ego.route
+        if ego.route[-1:] == before[-1:]:
+            return
+        goal = self._progress.rerouted(ego, frame.time - self._departed)
+        if goal is not None:
+            self._goal, self._progress = goal, RouteProgress(self._road, goal)
+            self._reaching = goal_reaching_edges(self._road, goal.edges[-1], ego.vclass)
 
     def _move(self, before: Frame, frame: Frame) -> None:
         """Take the ego one step further: distance, lane changes, lights, limits."""
@@ -217,7 +231,7 @@ class Referee:
         if ego.lane >= 0:
             self._trim_trail(ego)
             self._progress.advance((*drive.lanes, ego.lane))
-            allowed = limit(road, ego.lane, ego.vclass) * ego.speed_factor
+            allowed = limit(self._road_in(frame), ego.lane, ego.vclass) * ego.speed_factor
             self._speeding += ego.v > allowed + SPEEDING + _EPS
         began = ego.changing > 0 and (was.changing <= 0 or ego.changing < was.changing - _EPS)
         at_once = drive.changes > 0 and ego.changing <= 0 and was.changing <= 0
@@ -229,6 +243,12 @@ class Referee:
                 there = self._odometer[-1] + line
                 self._lights.cross_stop_line(before, frame, lane, there, self._v, self._odometer)
         self._note_state(frame, self._odometer[-1] + drive.distance)
+
+    def _road_in(self, frame: Frame) -> RoadMap:
+        """The map as it is in this frame."""
+        if frame.changes is not self._road_now[0]:
+            self._road_now = frame.changes, with_changes(self._road, frame.changes)
+        return self._road_now[1]
 
     def _follow(self, was: EgoState, ego: EgoState) -> Drive:
         """How the front came from the last state to this one; the trail gets longer by that."""

@@ -38,19 +38,26 @@ def _edge_lanes(road: RoadMap, edge: int, vclass: int) -> list[int]:
     return [int(i) for i in lanes[usable(road, lanes, vclass)]]
 
 
-def collect(road: RoadMap, edges: tuple[int, ...], vclass: int) -> Nodes:
-    """All lanes of the route on which a vehicle of this class may drive."""
+def collect(
+    road: RoadMap, edges: tuple[int, ...], vclass: int, under: tuple[int, ...] = ()
+) -> Nodes:
+    """All lanes of the route on which a vehicle of this class may drive, and those `under` it.
+
+    A lane that was closed under the ego ends, unless all beside it are closed too.
+    """
     lanes: list[int] = []
     legs: list[int] = []
     following: dict[tuple[int, int], list[list[int]]] = {}
     for leg, edge in enumerate(edges):
         here = _edge_lanes(road, edge, vclass)
-        lanes += here
-        legs += [leg] * len(here)
+        shut = [lane for lane in under if road.edge[lane] == edge and lane not in here]
+        lanes += sorted([*here, *shut])
+        legs += [leg] * len([*here, *shut])
         if leg + 1 == len(edges):
             break
         target = set(_edge_lanes(road, edges[leg + 1], vclass))
-        for lane in here:
+        following.update({(leg, lane): [] for lane in shut})
+        for lane in here or shut:
             paths = []
             for k in range(road.successor_offset[lane], road.successor_offset[lane + 1]):
                 path = connection(road, int(road.successor[k]))
@@ -76,6 +83,7 @@ def lanes_beside(road: RoadMap, nodes: Nodes, vclass: int) -> tuple[Indices, Ind
         ]
         # SUMO does not change lanes inside a junction
         never = road.internal[nodes.lane] | (allowed[nodes.lane] & own == 0)
+        never |= ~usable(road, side[nodes.lane], vclass)
         found.append(np.where(never, -1, np.array(to, np.int64)))
     return found[0], found[1]
 

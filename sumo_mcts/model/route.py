@@ -99,6 +99,18 @@ def is_rest_of(route: tuple[int, ...], edges: tuple[int, ...]) -> bool:
     return len(route) > 0 and route == edges[len(edges) - len(route) :]
 
 
+def moved_to(
+    before: RouteMap, now: RouteMap, nodes: tuple[int, ...], values: tuple[float, ...]
+) -> dict[int, float]:
+    """Values of nodes, by node of the same route laid out anew; without those that are gone."""
+    number = {key: i for i, key in enumerate(zip(now.leg.tolist(), now.lane.tolist(), strict=True))}
+    return {
+        number[key]: value
+        for node, value in zip(nodes, values, strict=True)
+        if (key := (int(before.leg[node]), int(before.lane[node]))) in number
+    }
+
+
 def stop_ahead(route: RouteMap, node: int, s: float, within: float = math.inf) -> tuple[int, float]:
     """The first node from `node` on that ends at a stop line, and the distance to that line from s,
     m. -1 and inf where there is none `within` m."""
@@ -119,12 +131,13 @@ def route_map(
     speed_factor: float,
     max_speed: float,
     decel: float,
+    under: tuple[int, ...] = (),
 ) -> RouteMap:
     """Lay out the route for a vehicle of this class, length (m), speed factor and top speed (m/s).
 
-    `decel` (m/s2) shapes `cap`.
+    `decel` (m/s2) shapes `cap`; `under`: lanes that the vehicle is on, though they may be closed.
     """
-    nodes = collect(road, edges, vclass)
+    nodes = collect(road, edges, vclass, under)
     lane, leg, node_length, w = nodes.lane, nodes.leg, nodes.length, len(nodes.lane)
     left, right = lanes_beside(road, nodes, vclass)
     nxt, changes, reach, lost = continuation(road, nodes, (left, right), len(edges))
@@ -146,7 +159,8 @@ def route_map(
     pose = _poses(road, lane, previous, row, node_length, length)
     drawn = drawing(road)
     cap = np.zeros(row[-1])
-    _fill_caps(cap, nxt, row, node_length, limit, last & ~internal, decel)
+    most = np.repeat(limit, np.diff(row))
+    _fill_caps(cap, nxt, row, node_length, most, last & ~internal, decel)
     return RouteMap(
         lane, leg, nxt, left, right, node_length, limit, station, changes,
         changes_ahead(nxt, changes), reach, lost, stop, signal,
@@ -156,6 +170,45 @@ def route_map(
         np.column_stack([pose, cap, _drawn(drawn, lane, row, length)]), _upstream(road, lane),
         drawn,
     )  # fmt: skip
+
+
+class Pace(NamedTuple):
+    """Where the ego is on its route, and how it drives."""
+
+    node: int
+    s: float  # m
+    v: float  # m/s
+    a: float  # m/s2
+
+
+def eased(route: RouteMap, lowered: Bools, pace: Pace, decel: float, jerk: float) -> RouteMap:
+    """The route for an ego that drives too fast for a limit lowered before or under it: there the
+    limit is what braking from now on, with `jerk` (m/s3) up to `decel` (m/s2), leads to.
+
+    lowered [W]: the nodes whose limits were changed. The same route where the ego is slow enough.
+    """
+    rows = np.diff(route.row)
+    most = np.repeat(route.limit, rows)
+    along = np.concatenate([np.arange(n) * SPACING for n in rows])
+    ahead = np.repeat(route.station, rows) + along - float(route.station[pace.node]) - pace.s
+    here = np.repeat(lowered, rows) & (ahead >= -SPACING)
+    braked = np.where(here, _braking(np.maximum(ahead, 0.0), pace, decel, jerk), 0.0)
+    if (braked <= most).all():
+        return route
+    goal, cap = (route.leg == route.leg.max()) & ~route.internal, np.zeros(len(most))
+    most = np.maximum(most, braked)
+    _fill_caps(cap, route.next, route.row, route.length, most, goal, decel)
+    return route._replace(cap=cap, rows=np.column_stack([route.pose, cap]))
+
+
+def _braking(distance: Floats, pace: Pace, decel: float, jerk: float) -> Floats:
+    """[n] speed after so many metres of braking, m/s."""
+    begins = max(pace.a + decel, 0.0) / jerk  # s until it brakes with `decel`
+    time = np.linspace(0.0, begins, 21)
+    v = np.maximum(pace.v + pace.a * time - 0.5 * jerk * time**2, 0.0)
+    driven = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(time))])
+    later = np.sqrt(np.maximum(v[-1] ** 2 - 2.0 * decel * (distance - driven[-1]), 0.0))
+    return np.where(distance < driven[-1], np.interp(distance, driven, v), later)
 
 
 def _numbers(road: RoadMap, nodes: Nodes) -> Indices:
@@ -260,22 +313,23 @@ def _fill_caps(
     nxt: Indices,
     row: Indices,
     length: Floats,
-    limit: Floats,
+    most: Floats,
     goal: Bools,
     decel: float,
 ) -> None:
-    """RouteMap.cap [R], backward over the nodes: v^2 = v_next^2 + 2 b d."""
+    """RouteMap.cap [R], backward over the nodes: v^2 = v_next^2 + 2 b d. `most` [R]: the limits,
+    m/s."""
     for i in range(len(nxt) - 1, -1, -1):
-        end = limit[i] if goal[i] else 0.0
+        beyond = row[i + 1] - 1
+        end = most[beyond] if goal[i] else 0.0
         distance = -END_GAP
         if nxt[i] >= 0:
-            end, distance = min(limit[i], cap[row[nxt[i]]]), 0.0
+            end, distance = min(most[beyond], cap[row[nxt[i]]]), 0.0
         elif goal[i]:
             distance = 0.0
         for k in range(row[i + 1] - 1, row[i] - 1, -1):
             to_end = max(0.0, length[i] - (k - row[i]) * SPACING + distance)
-            cap[k] = min(limit[i], math.sqrt(end * end + 2.0 * decel * to_end))
-        beyond = row[i + 1] - 1
+            cap[k] = min(most[k], math.sqrt(end * end + 2.0 * decel * to_end))
         share = length[i] / SPACING - (beyond - 1 - row[i])
         # between the last two rows `end` is to be read where the lane ends
         if nxt[i] >= 0 and share > 1e-6:

@@ -7,7 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts.numerics.kernel import kernel
-from sumo_mcts.scene import ALLWAY, IGNORING, ZIPPER, Bools, Floats, Ints, RoadMap
+from sumo_mcts.scene import (
+    ALLWAY,
+    IGNORING,
+    ZIPPER,
+    Bools,
+    Floats,
+    Ints,
+    RoadChanges,
+    RoadMap,
+)
 
 
 def successors(road: RoadMap, lane: int) -> list[int]:
@@ -56,6 +65,29 @@ def limits(
 def limit(road: RoadMap, lane: int, vclass: int) -> float:
     """The limit of a lane for a vehicle of a class, m/s."""
     return float(limits(road, np.array([lane]), vclass)[0])
+
+
+def with_changes(road: RoadMap, changes: RoadChanges) -> RoadMap:
+    """The map as the simulation has changed it; the same map where nothing is changed.
+
+    Limits of single vehicle classes stay: SUMO keeps them, whatever a sign shows.
+    """
+    lane = changes.lane
+    if not len(lane):
+        return road
+    return road._replace(
+        speed=_put(road.speed, lane, changes.speed),
+        classes=_put(road.classes, lane, changes.classes),
+        change_left=_put(road.change_left, lane, changes.change_left),
+        change_right=_put(road.change_right, lane, changes.change_right),
+    )
+
+
+def _put(column: NDArray[Any], lane: Ints, now: NDArray[Any]) -> NDArray[Any]:
+    """A copy of a column [L] with other values at these lanes [C]."""
+    copied = column.copy()
+    copied[lane] = now
+    return copied
 
 
 def of_class(vclass: Ints) -> NDArray[np.uint64]:

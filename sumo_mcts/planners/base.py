@@ -17,8 +17,8 @@ STOP_DECEL = 3.0  # m/s2 beyond which no driver has to stop for yellow (measures
 
 
 class Task(NamedTuple):
-    """What a planner gets once, when it takes the ego over (and again when the ego's route
-    changes)."""
+    """What a planner gets once, when it takes the ego over (and again when the ego's route, the
+    road or the ego's type changes)."""
 
     road: RoadMap
     route: RouteMap

@@ -36,7 +36,8 @@ class Predictor(Protocol):
     oracle: bool  # asks for what no sensor sees, and is labelled so
 
     def start(self, road: RoadMap, oracles: Oracles | None) -> None:
-        """Before the first question; `oracles` only for an oracle."""
+        """Before the first question, and again where the simulation changed the map; `oracles` only
+        for an oracle."""
 
     def predict(self, question: Question) -> Forecast:
         """The agents of the scene, in their order, at multiples of params.step from now on."""

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.scene import LEAST_SPEED, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.scene import LEAST_SPEED, TURNS, VEHICLE_CLASSES, RoadMap
 
 FAR = 1e8  # m: coordinates of all projections that SUMO writes lie within
 LARGE = 1e10  # bound of every other number; SUMO writes -1.07e9 for an unknown one
@@ -97,6 +97,11 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "conflict_begin": Rule(("C",)), "conflict_end": Rule(("C",)),
         "conflict_other_begin": Rule(("C",)), "conflict_other_end": Rule(("C",)),
         "conflict_merge": Rule(("C",)), "conflict_yields": Rule(("C",)),
+    },
+    "RoadChanges": {
+        "lane": _index("lanes", "r", least=0), "speed": Rule(("r",), LEAST_SPEED),
+        "classes": Rule(("r",), most=math.inf), "change_left": Rule(("r",), most=math.inf),
+        "change_right": Rule(("r",), most=math.inf),
     },
     "Trace": {"cycles": Rule(("cycles",))},
     "Lanes": {
@@ -359,6 +364,8 @@ def _cycle_wrong(cycle: Any, name: str) -> Iterator[str]:
             f"{name}.forecast.intents: has {len(forecast.intents)} entries, not "
             f"{len(forecast.weight)}"
         )
+    if any(intent.does == TURNS and not intent.way for intent in forecast.intents):
+        yield f"{name}.forecast.intents: one that turns has to name its lanes"
     if len(cycle.answers.ways) not in (0, agents):
         yield f"{name}.answers.ways: has {len(cycle.answers.ways)} entries, not {agents}"
     if len(cycle.signals.until) and not cycle.signals.until.shape[1]:

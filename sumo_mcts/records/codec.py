@@ -26,7 +26,7 @@ COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/po
 # Columns that traces of this format may lack: their fields then have their default.
 ADDED = (
     "Follow/asks", "memory/planner/waited_s", "ego/asks", "ego/can_ask", "ego/reroutes",
-    "ego/detour",
+    "ego/detour", "cycles/changes",
 )  # fmt: skip
 Columns = dict[str, NDArray[Any]]
 _SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}
@@ -195,7 +195,7 @@ def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]
         ]
     fields = [
         [kind._field_defaults[field]] * count
-        if f"{path}/{field}".endswith(ADDED) and f"{path}/{field}" not in columns
+        if f"{path}/{field}".endswith(ADDED) and not _is_there(f"{path}/{field}", columns)
         else _decode(annotation, count, f"{path}/{field}", columns)
         for field, annotation in get_type_hints(kind).items()
     ]
@@ -204,6 +204,11 @@ def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]
         if fields
         else [kind() for _ in range(count)]
     )
+
+
+def _is_there(path: str, columns: Columns) -> bool:
+    """Whether there is a column for a field, or for a part of it."""
+    return any(name == path or name.startswith(f"{path}/") for name in columns)
 
 
 def _members(args: tuple[Any, ...]) -> Iterator[tuple[int, Any]]:

@@ -26,6 +26,7 @@ from sumo_mcts.scene import (
     Forecast,
     Ints,
     Memory,
+    RoadChanges,
     RoadMap,
     Signals,
 )
@@ -50,6 +51,7 @@ class CycleRecord(NamedTuple):
     intervened: bool = False  # a fail-safe manoeuvre replaced the decision; why: decision.reason
     memory: Memory = Memory()  # of earlier decisions, beside the last one
     answers: Answers = Answers()  # of oracles
+    changes: RoadChanges = RoadChanges()  # of the map
 
 
 class Lanes(NamedTuple):

@@ -23,6 +23,7 @@ from sumo_mcts.scene import (
 from sumo_mcts.world.agents import AgentReader
 from sumo_mcts.world.bodies import BodyReader, heading_of, require_finite
 from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.road_changes import RoadReader
 from sumo_mcts.world.roadmap import lane_index
 from sumo_mcts.world.signals import PHASES, SignalReader
 from sumo_mcts.world.simulation import step_length
@@ -63,6 +64,7 @@ class Observer:
         self._signals = SignalReader(self._libsumo, road)
         self._surrogates = SurrogateReader(self._libsumo)
         self._truth = TruthReader(self._libsumo, road, self.lanes)
+        self._changes = RoadReader(self._libsumo, road)
 
     def present(self, vehicle: str) -> bool:
         """Whether a vehicle is on the road."""
@@ -77,6 +79,7 @@ class Observer:
             ego=state,
             agents=self._agents.read(ego, state.x, state.y, sensor_range, time),
             signals=self._signals.read(state.x, state.y, time, PHASES if timing else 1),
+            changes=self._changes.look(state),
         )
 
     def frame(self, ego: str, change: Change, last: Frame | None) -> Frame:
@@ -110,6 +113,7 @@ class Observer:
             ttc=measured.ttc,
             pet=measured.pet,
             drac=measured.drac,
+            changes=self._changes.below(state) if present else self._changes.changes,
         )
 
     def remember(self, ego: str) -> float:
@@ -121,7 +125,7 @@ class Observer:
 
     def ego(self, vehicle: str, change: Change) -> EgoState:
         """The ego as its own sensors measure it."""
-        get, kind = self._libsumo.vehicle, self._types.of(vehicle)
+        get, kind = self._libsumo.vehicle, self._types.of(vehicle, 0.0)
         x, y = get.getPosition(vehicle)
         require_finite(vehicle, x, y, get.getSpeed(vehicle))
         heading = heading_of(get.getAngle(vehicle))

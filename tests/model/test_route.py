@@ -28,7 +28,16 @@ from hypothesis import strategies as st
 
 from sumo_mcts.config import load
 from sumo_mcts.config.builtin import root, scenario_path
-from sumo_mcts.model.route import NUMBER, SPACING, UPSTREAM_VIEW, RouteMap, lane_pose, route_map
+from sumo_mcts.model.route import (
+    NUMBER,
+    SPACING,
+    UPSTREAM_VIEW,
+    Pace,
+    RouteMap,
+    eased,
+    lane_pose,
+    route_map,
+)
 from sumo_mcts.scene import IGNORING, STOP, VEHICLE_CLASSES, EgoState, RoadMap
 from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.observe import Change, Observer
@@ -322,6 +331,51 @@ def test_lanes_closed_to_the_vehicle_are_not_there() -> None:
     assert route.changes[node_of(road, route, "a_2")] == -1
     bus = route_map(road, edges(road, "a", "b"), 8, 5.0, 1.0, 50.0, 2.0)
     assert bus.changes[node_of(road, bus, "a_2")] == 0
+
+
+def test_a_lane_that_was_closed_under_the_ego_ends_unless_the_whole_edge_was() -> None:
+    """It may be left, and not be entered."""
+    bus = 1 << VEHICLE_CLASSES.index("bus")
+    for closed in ((0,), (0, 1)):
+        road = build(
+            [
+                *(
+                    Lane("a", k, ((0, 3.0 * k), (100, 3.0 * k)), (f"b_{k}",),
+                         classes=bus if k in closed else ALL_CLASSES)
+                    for k in (0, 1)
+                ),
+                *(Lane("b", k, ((100, 3.0 * k), (200, 3.0 * k))) for k in (0, 1)),
+            ]
+        )  # fmt: skip
+        under = tuple(lane_index(road)[f"a_{k}"] for k in closed)
+        route = route_map(road, edges(road, "a", "b"), 0, 5.0, 1.0, 50.0, 2.0, under)
+        node = node_of(road, route, "a_0")
+        left = node_of(road, route, "a_1")
+        if closed == (0,):
+            assert (route.next[node], route.changes[node], route.reach[node]) == (-1, 1, 100.0)
+            assert (route.left[node], route.right[left]) == (left, -1)
+            assert route.cap[route.row[node + 1] - 1] == 0.0
+        else:
+            assert route.next[node] == node_of(road, route, "b_0")
+            assert not route.lost[node]
+
+
+def test_a_limit_lowered_under_the_ego_leaves_time_to_brake() -> None:
+    """The caps are those of an ego that brakes from now on; they need no more than `decel`, and
+    elsewhere nothing changes."""
+    road = build([Lane("a", 0, ((0, 0), (400, 0)), ("b_0",), speed=5.0),
+                  Lane("b", 0, ((400, 0), (500, 0)), speed=15.0)])  # fmt: skip
+    plain = route_map(road, edges(road, "a", "b"), 0, 5.0, 1.0, 50.0, 2.0)
+    lowered = plain.lane == lane_index(road)["a_0"]
+    route = eased(plain, lowered, Pace(0, 50.0, 15.0, 1.0), 2.0, 2.0)
+    cap = route.cap[: route.row[1]]
+    assert cap[50] >= 15.0 and cap[51] >= 15.0
+    braking = (cap[50:-1] ** 2 - cap[51:] ** 2) / 2.0
+    assert braking.max() < 2.05
+    assert cap[190] == 5.0 and np.array_equal(route.rows[:, 4], route.cap)
+    assert np.array_equal(route.cap[route.row[1] :], plain.cap[route.row[1] :])
+    assert eased(plain, lowered, Pace(0, 50.0, 5.0, 0.0), 2.0, 2.0) is plain
+    assert eased(plain, ~lowered, Pace(0, 50.0, 15.0, 0.0), 2.0, 2.0) is plain
 
 
 def test_of_two_ways_that_end_alike_the_one_with_fewer_changes_to_come_is_taken() -> None:
