@@ -15,6 +15,7 @@ from sumo_mcts.prediction.forecast import Question
 from sumo_mcts.prediction.interface import Oracles, Predictor, checked
 from sumo_mcts.prediction.margins import inflate
 from sumo_mcts.prediction.paths import LANES
+from sumo_mcts.prediction.roadside import room_beside
 from sumo_mcts.registry import PREDICTORS, asks
 from sumo_mcts.scene import Floats, Follow, Forecast, Ints, Plan, Release, RoadMap, Scene
 
@@ -97,7 +98,8 @@ class Forecaster:
             found = checked(found, self._road, question)
         # a copy of the simulation has the paths of pedestrians
         on_foot_m = 0.0 if asks(name, "clone") else self._config.prediction.room_on_foot_m
-        return inflate(found, cycle.scene, self._room_m, on_foot_m)
+        room = room_beside(self._road, cycle.lanes, cycle.scene.ego, cycle.scene.agents)
+        return inflate(found, cycle.scene, self._room_m, on_foot_m, room)
 
     def nothing(self) -> Forecast:
         """In place of a forecast that is not needed."""

@@ -22,6 +22,7 @@ from sumo_mcts.model.local_map import (
     GONE,
     HALF_LENGTH,
     HALF_WIDTH,
+    ON_FOOT,
     POLITE,
     REACTS,
     SLOT,
@@ -38,6 +39,7 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.model.motion import EgoParams, pose_of
 from sumo_mcts.model.occupancy import late_cost, may_be_near, occupancy_cost, yielding_cost
+from sumo_mcts.model.passing import passing_cost
 from sumo_mcts.model.reactions import seen
 from sumo_mcts.model.route import INTERNAL
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
@@ -215,9 +217,12 @@ def _nearness(
         return ROUND_SHARE * c.claim if round_it else math.inf
     if moved:
         return 0.0
-    return (ROUND_SHARE if round_it else 1.0) * (
+    rate = (ROUND_SHARE if round_it else 1.0) * (
         late_cost(local, c, state, box, t, i) + occupancy_cost(local, c, state, box, t, i)
     )
+    if local.trait[i, ON_FOOT] > 0.0:
+        rate += passing_cost(c, state.v, box, other)
+    return rate
 
 
 @kernel

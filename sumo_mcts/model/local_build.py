@@ -100,11 +100,11 @@ def build_local(
         road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt
     )
     inside = route.lane[junction_nodes(route, first, last, here)]
-    people = np.flatnonzero(scene.agents.person) if scene.agents.ids else np.zeros(0, np.int64)
+    on_foot = _on_foot(scene.agents, lane.shape[1])
     owed = np.concatenate([
         obligations(road, route, first, last, here, coming),
-        to_people(road, inside, lane_node, people, forecast.pose[hypothesis], driven,
-                  forecast.half_length),
+        to_people(road, inside, lane_node, np.flatnonzero(on_foot), forecast.pose[hypothesis],
+                  driven, forecast.half_length),
     ])  # fmt: skip
     gap_s = gap_times(owed, route.leg, first, last, (times - 1) * forecast.dt, scene.ego.length)
     stands = standing(road, route, ahead, first, scene.agents, (node[0], position[0], v))
@@ -131,7 +131,7 @@ def build_local(
             forecast.half_length, forecast.half_width, forecast.reacts,
             forecast.yields[hypothesis],
             _slots(route, state, forecast, node, position, scene, rules, starts),
-            beside, until, bits, _goes_round(scene.agents, len(bits), state),
+            beside, until, bits, on_foot, on_foot & (state.v < CRAWLS),
         ]),
         bounds=_bounds(
             forecast.pose[hypothesis, :, :, : Y + 1], v,
@@ -312,10 +312,10 @@ def _reaching_in(
     return np.where((beside >= 0) & (seconds > 0.0), lane_node[beside], -1), until
 
 
-def _goes_round(agents: Agents, count: int, state: State) -> Bools:
-    """Trait GOES_ROUND of the `count` agents of a forecast, which are those of the scene, or not
-    in it (evaluation/hindsight.py)."""
-    return agents.person if agents.ids and state.v < CRAWLS else np.zeros(count, np.bool_)
+def _on_foot(agents: Agents, count: int) -> Bools:
+    """Trait ON_FOOT of the `count` agents of a forecast, which are those of the scene, or not in it
+    (evaluation/hindsight.py)."""
+    return agents.person if agents.ids else np.zeros(count, np.bool_)
 
 
 def _bounds(where: Floats, v: Floats, half: Floats, dt: float, claim_s: float) -> Floats:

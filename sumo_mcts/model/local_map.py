@@ -53,7 +53,7 @@ class LocalMap(NamedTuple):
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
     # [T, N] the share of its length to which an agent is drawn; [0, 0]: all are drawn in full
     drawn: Floats
-    trait: Floats  # [N, 9] HALF_LENGTH .. GOES_ROUND below
+    trait: Floats  # [N, 10] HALF_LENGTH .. GOES_ROUND below
     # [T, N, 4] WEST .. NORTH: bounds of an agent's box at that time and LATE earlier, and of its
     # predicted occupancy
     bounds: Floats
@@ -109,8 +109,9 @@ V, NODE, S, DRIVEN = range(4, 8)
 #               none
 #   UNTIL       the last forecast time at which it does
 #   BIT         its bit among the followers; -1: it is too far away to be one
-#   GOES_ROUND  1 where it is on foot, and walks round the ego once the ego stands
-HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, GOES_ROUND = range(9)
+#   ON_FOOT     1 where it is a person
+#   GOES_ROUND  1 where it is one that walks round the ego once the ego stands
+HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, ON_FOOT, GOES_ROUND = range(10)
 
 # Columns of LocalMap.obligation: the ego's node; from where on it the ego's front is in the way, m;
 # where the stretch ends, m; the agent; m that it drives or walks until it enters the stretch; 1

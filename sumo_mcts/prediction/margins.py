@@ -8,15 +8,19 @@ from sumo_mcts.numerics.geometry import Box, box_distance
 from sumo_mcts.scene import EgoState, Floats, Forecast, Scene
 
 
-def inflate(forecast: Forecast, scene: Scene, error: float, on_foot: float) -> Forecast:
+def inflate(
+    forecast: Forecast, scene: Scene, error: float, on_foot: float, room: Floats
+) -> Forecast:
     """The forecast with boxes that are `error` (m) longer at either end, and those of persons
     `on_foot` (m) larger on every side.
 
     A margin is at most half of the distance between a box and the ego now. Else the ego would be in
-    contact with an agent beside it.
+    contact with an agent beside it. Sideways it is at most half of the `room` [N] that the ego has
+    beside who walks along its lane (roadside.py). Else it could not pass where there is room.
     """
-    sideways = np.where(scene.agents.person, on_foot, 0.0)
-    along = sideways + error
+    along = np.where(scene.agents.person, on_foot, 0.0)
+    sideways = np.minimum(along, 0.5 * room)
+    along = along + error
     grows = np.flatnonzero(along)
     if not len(grows):
         return forecast

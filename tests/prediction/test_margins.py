@@ -12,6 +12,7 @@ from sumo_mcts.prediction.margins import inflate
 from sumo_mcts.scene import Forecast, Scene
 
 ROAD = lanes_east(1)
+ALL = np.inf  # the room of who does not walk along the ego's lane
 FRONT = 300.0  # m, of the ego
 
 
@@ -35,7 +36,7 @@ def test_errors_lengthen_boxes_by_half_of_what_is_between_at_most() -> None:
             for name, gap in (("ahead", 20.0), ("close", 0.5), ("inside", -1.0))
         )
     )
-    found = inflate(forecast, scene, 0.6, 0.4)
+    found = inflate(forecast, scene, 0.6, 0.4, np.full(3, ALL))
     assert found.half_length - forecast.half_length == pytest.approx([0.6, 0.25, 0.0])
     assert (found.half_width == forecast.half_width).all()
     rear, front = found.s - 2.0 * found.half_length, found.s
@@ -52,7 +53,7 @@ def test_who_is_on_foot_has_room_on_every_side(
     error: float, along: list[float], aside: list[float]
 ) -> None:
     scene, forecast = seen(walker(20.0, 3.0), walker(0.8, 0.0))  # the latter 0.6 m before the ego
-    found = inflate(forecast, scene, error, 0.4)
+    found = inflate(forecast, scene, error, 0.4, np.full(2, ALL))
     order = np.argsort(scene.agents.x)[::-1]
     assert (found.half_length - forecast.half_length)[order] == pytest.approx(along)
     assert (found.half_width - forecast.half_width)[order] == pytest.approx(aside)
@@ -60,7 +61,17 @@ def test_who_is_on_foot_has_room_on_every_side(
 
 def test_vehicles_seen_without_error_have_none() -> None:
     scene, forecast = seen(Agent("car", "a_0", FRONT + 20.0))
-    assert inflate(forecast, scene, 0.0, 0.4) is forecast
+    assert inflate(forecast, scene, 0.0, 0.4, np.full(1, ALL)) is forecast
+
+
+@pytest.mark.parametrize(("room", "aside"), [(0.2, 0.1), (0.7, 0.35), (0.9, 0.4), (ALL, 0.4)])
+def test_who_walks_along_the_lane_leaves_half_of_the_room_to_the_ego(
+    room: float, aside: float
+) -> None:
+    scene, forecast = seen(walker(20.0, 3.0))
+    found = inflate(forecast, scene, 0.0, 0.4, np.array([room]))
+    assert found.half_width - forecast.half_width == pytest.approx([aside])
+    assert found.half_length - forecast.half_length == pytest.approx([0.4])
 
 
 def test_the_planner_is_given_it() -> None:

@@ -87,7 +87,8 @@ class PredictionConfig(Section):
     room_on_foot_m: Annotated[Float, Field(ge=0, le=10)] = Field(
         0.4,
         description="margin around a person on foot, since people may turn or stop at any time; "
-        "at most half of the distance to the ego now",
+        "at most half of the distance to the ego now, and sideways half of the room beside who "
+        "walks along the ego's lane",
     )
     hypotheses: Int = Field(
         4,
