@@ -41,6 +41,8 @@ IGNORING = -1  # the class of vehicles that may drive anywhere
 
 # How a connection is entered (RoadMap.rule), in the order of growing obligation to yield.
 PRIORITY, YIELD, ZIPPER, STOP, ALLWAY = range(5)
+# The same for a crossing: people go first, or let vehicles pass.
+PEOPLE_FIRST, PEOPLE_WAIT = 5, 6
 
 # Where a connection leads (RoadMap.direction).
 STRAIGHT, LEFT, RIGHT, TURN = range(4)  # TURN: it turns round
@@ -97,8 +99,8 @@ class RoadMap(NamedTuple):
     begins: Ints  # [L] the junction cluster where it begins, -1 none
     ends: Ints  # [L] the junction cluster where it ends, -1 none
 
-    # Right of way, at internal lanes that start a connection.
-    rule: Ints  # [L] how it is entered, PRIORITY .. ALLWAY; others: PRIORITY
+    # Right of way, at internal lanes that start a connection, and at crossings.
+    rule: Ints  # [L] how it is entered, PRIORITY .. PEOPLE_WAIT; others: PRIORITY
     signal: Ints  # [L] index into signal_ids, -1 none
     link: Ints  # [L] index of its link in that signal's state, -1 none
 

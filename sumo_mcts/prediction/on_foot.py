@@ -5,7 +5,6 @@ come before the ego. Which way it takes is not known, so the one that matters is
 """
 
 import math
-import re
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
@@ -14,7 +13,7 @@ import numpy as np
 
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.scene import VEHICLE_CLASSES, Agents, Floats, Indices, Ints, RoadMap
+from sumo_mcts.scene import PEOPLE_FIRST, Agents, Floats, Indices, Ints, RoadMap
 
 ENTERS_S = 4.0  # within which a person comes to a crossing that it is expected to walk over
 BESIDE = 0.5  # m: so near to its edges one is on it, and between them enters it so far inside
@@ -22,8 +21,6 @@ ALONG = 0.3  # share of its way that leads along the crossing, with less it may 
 SAMPLE = 0.25  # m between the points of a lane that are looked at
 MOST_KEPT = 256  # lanes of which the crossings are kept, and with them their road maps
 EGO_HALF = 1.0  # m from the middle of a lane to the side of the ego
-_CROSSING = re.compile(r".*_c\d+")  # how SUMO names the edge of a crossing
-_ON_FOOT = np.uint64(1 << VEHICLE_CLASSES.index("pedestrian"))
 
 
 class Crossings(NamedTuple):
@@ -81,8 +78,7 @@ def _crossings_of(same: _Same, lane: int) -> tuple[tuple[float, ...], ...]:
         return ()
     return tuple(
         row
-        for each in np.flatnonzero(here & (road.classes == _ON_FOOT))
-        if _CROSSING.fullmatch(road.edge_ids[road.edge[each]])
+        for each in np.flatnonzero(here & (road.rule >= PEOPLE_FIRST))
         for row in _meeting(road, lane, int(each))
     )
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.scene import LEAST_SPEED, TURNS, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.scene import LEAST_SPEED, PEOPLE_WAIT, TURNS, VEHICLE_CLASSES, RoadMap
 
 FAR = 1e8  # m: coordinates of all projections that SUMO writes lie within
 LARGE = 1e10  # bound of every other number; SUMO writes -1.07e9 for an unknown one
@@ -91,7 +91,7 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "exit": _index("lanes", "lanes", least=0), "direction": Rule(("lanes",), 0, 3),
         "junction": _index("junctions", "lanes"),
         "knot": Rule(("lanes",), -1), "begins": Rule(("lanes",), -1), "ends": Rule(("lanes",), -1),
-        "rule": Rule(("lanes",), 0, 4), "signal": _index("signals", "lanes"),
+        "rule": Rule(("lanes",), 0, PEOPLE_WAIT), "signal": _index("signals", "lanes"),
         "link": Rule(("lanes",), -1),
         "conflict_lane": _index("lanes", "C", least=0), "conflict_offset": _offsets("C", "lanes+1"),
         "conflict_begin": Rule(("C",)), "conflict_end": Rule(("C",)),

@@ -1,5 +1,6 @@
 """Connections between lanes: direction, right of way, signal; and which junctions are one."""
 
+from collections.abc import Iterable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -8,6 +9,8 @@ import numpy as np
 from sumo_mcts.scene import (
     ALLWAY,
     LEFT,
+    PEOPLE_FIRST,
+    PEOPLE_WAIT,
     PRIORITY,
     RIGHT,
     STOP,
@@ -20,7 +23,7 @@ from sumo_mcts.scene import (
     Floats,
     Ints,
 )
-from sumo_mcts.world.net_file import ON_FOOT
+from sumo_mcts.world.net_file import CROSSING, ON_FOOT
 
 CLUSTER = 25.0  # m: junctions with shorter lanes between them are one cluster
 MOST_IN_CHAIN = 20  # internal lanes of one connection
@@ -114,6 +117,22 @@ def _rule(connection: Any, yields_to: int) -> int:
     if connection.getTLSID():
         return YIELD if yields_to else PRIORITY
     return _RULES.get(connection.getState(), PRIORITY)
+
+
+def crossing_rules(edges: Iterable[Any], number: dict[str, int]) -> dict[int, int]:
+    """The crossings, as lanes, and how people enter them: PEOPLE_FIRST or PEOPLE_WAIT.
+
+    `number`: lane id -> index.
+    """
+    return {
+        number[connection.getToLane().getID()]: (
+            PEOPLE_WAIT if _RULES.get(connection.getState()) == YIELD else PEOPLE_FIRST
+        )
+        for edge in edges
+        if edge.getFunction() == CROSSING
+        for connections in edge.getIncoming().values()
+        for connection in connections
+    }
 
 
 # --- lanes and their connections ---

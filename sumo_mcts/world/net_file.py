@@ -12,7 +12,8 @@ from sumo_mcts import files
 MOST_UNPACKED = 1 << 30  # bytes of a network
 MOST_DURATION = 1e9  # s, of a phase of a signal
 MOST_SPEED = 1000.0  # m/s: beyond it a number is taken for damage
-ON_FOOT = ("walkingarea", "crossing")  # functions of edges that no vehicle drives on
+CROSSING = "crossing"
+ON_FOOT = ("walkingarea", CROSSING)  # functions of edges that no vehicle drives on
 
 # What sumolib and its parser raise on a file that is not what they expect.
 BROKEN = (

@@ -1,7 +1,7 @@
 """From a SUMO network file to scene.RoadMap: lanes, connections, right of way, and where the paths
 through a junction meet."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,14 @@ from sumo_mcts.world.conflicts import (
     lane_path,
     stretched,
 )
-from sumo_mcts.world.links import Link, following_lane, junction_clusters, mask_of, read_links
+from sumo_mcts.world.links import (
+    Link,
+    crossing_rules,
+    following_lane,
+    junction_clusters,
+    mask_of,
+    read_links,
+)
 from sumo_mcts.world.net_file import (
     BROKEN,
     MOST_SPEED,
@@ -163,7 +170,7 @@ def _convert(file: NetFile) -> RoadMap:
         **{
             **fields,
             **_class_fields(file, edges, ids, fields["speed"]),
-            **_link_fields(fields["classes"], links),
+            **_link_fields(fields["classes"], links, crossing_rules(edges, number)),
             **_conflict_fields(paths, len(lanes)),
         },
     )
@@ -291,15 +298,19 @@ def _is_lefthand(edge: Ints, internal: Bools, offset: Ints, points: Floats) -> b
     return bool(np.median(along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]) < 0.0)
 
 
-def _link_fields(classes: NDArray[np.uint64], links: Sequence[Link]) -> dict[str, Any]:
+def _link_fields(
+    classes: NDArray[np.uint64], links: Sequence[Link], crossings: Mapping[int, int]
+) -> dict[str, Any]:
     """The fields that lanes inside junctions have from the connection that they belong to.
 
-    `classes` [L]: the vehicle classes that each lane allows, as its own attributes say.
+    `classes` [L]: the vehicle classes that each lane allows, as its own attributes say;
+    `crossings`: lane -> rule.
     """
     count, classes = len(classes), classes.copy()
     exit_lane = np.arange(count, dtype=np.int32)
     direction, rule = np.full((2, count), [[STRAIGHT], [PRIORITY]], dtype=np.int32)
     signal, signal_link = np.full((2, count), -1, dtype=np.int32)
+    rule[list(crossings)] = list(crossings.values())
     for link in links:
         chain, first = list(link.chain), list(link.chain[:1])
         exit_lane[chain] = link.exit

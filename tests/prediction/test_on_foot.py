@@ -13,7 +13,7 @@ from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import AGENT, ENTERS, LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.occupancy import yielding_cost
-from sumo_mcts.scene import GREEN, VEHICLE_CLASSES, Floats, RoadMap
+from sumo_mcts.scene import GREEN, PEOPLE_FIRST, PRIORITY, VEHICLE_CLASSES, Floats, RoadMap
 
 SOUTH, NORTH = -math.pi / 2, math.pi / 2
 ON_FOOT = 1 << VEHICLE_CLASSES.index("pedestrian")
@@ -21,15 +21,15 @@ MIDDLE, HALF, LOW, HIGH = 8.0, 2.0, -5.0, 2.0  # m: x and y of the crossing
 STEP = 0.2  # s between the times of a forecast
 
 
-def road(name: str = ":c_c0", signal: str = "") -> RoadMap:
+def road(rule: int = PEOPLE_FIRST, signal: str = "") -> RoadMap:
     """A lane eastward at y = -1.6 through a junction from x = -10 to 10, with a crossing."""
     return build([
         Lane("w", 0, ((-100.0, -1.6), (-10.0, -1.6)), (":w_0",)),
         Lane(":w", 0, ((-10.0, -1.6), (10.0, -1.6)), ("e_0",), junction="c", signal=signal,
              link=0 if signal else -1),
         Lane("e", 0, ((10.0, -1.6), (200.0, -1.6))),
-        Lane(name, 0, ((MIDDLE, LOW), (MIDDLE, HIGH)), junction="c", width=2.0 * HALF,
-             classes=ON_FOOT),
+        Lane(":c_c0", 0, ((MIDDLE, LOW), (MIDDLE, HIGH)), junction="c", width=2.0 * HALF,
+             classes=ON_FOOT, rule=rule),
     ])  # fmt: skip
 
 
@@ -76,7 +76,7 @@ def test_who_comes_to_a_crossing_walks_over_it(
 
 def test_but_not_where_a_signal_may_stop_it_or_where_it_is_no_crossing() -> None:
     corner = walker(11.0, 4.0, math.pi)
-    for other in (road(signal="t"), road(name=":c_w0")):
+    for other in (road(signal="t"), road(PRIORITY)):
         way = walk(corner, on=other)
         assert way[:, 1] == pytest.approx(4.0) and not crosses(way)
 

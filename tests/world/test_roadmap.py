@@ -19,6 +19,8 @@ from sumo_mcts.scene import (
     ALLWAY,
     IGNORING,
     LEFT,
+    PEOPLE_FIRST,
+    PEOPLE_WAIT,
     PRIORITY,
     RIGHT,
     STOP,
@@ -644,3 +646,21 @@ def test_wheel_networks(name: str) -> None:
                 assert bool(road.conflict_yields[k]) == connection.getJunction().forbids(
                     other, connection
                 )
+
+
+@pytest.mark.parametrize(("first", "rule"), [("true", PEOPLE_FIRST), ("false", PEOPLE_WAIT)])
+def test_who_goes_first_on_a_crossing_is_read_whatever_its_name(
+    first: str, rule: int, tmp_path: Path
+) -> None:
+    """An edge is a crossing by its function. The state of the connection to it tells the rest."""
+    nodes = '<node id="w" x="-90" y="0"/><node id="c" x="0" y="0"/><node id="e" x="90" y="0"/>'
+    roads = "".join(
+        f'<edge id="{a}{b}" from="{a}" to="{b}" sidewalkWidth="2"/>'
+        for a, b in ("wc", "ce", "ec", "cw")
+    )
+    over = f'<crossing node="c" edges="ce ec" priority="{first}"/>'
+    path = Path(netconvert(tmp_path, nodes, roads, over))
+    path.write_text(path.read_text().replace(":c_c0", ":zebra"))
+    road = read_roadmap(str(path))
+    crossings = np.flatnonzero(road.rule >= PEOPLE_FIRST)
+    assert [(road.lane_ids[lane], road.rule[lane]) for lane in crossings] == [(":zebra_0", rule)]
