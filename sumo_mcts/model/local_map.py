@@ -168,6 +168,8 @@ class State(NamedTuple):
 
 def ego_state(route: RouteMap, ego: EgoState) -> State | None:
     """Where the ego stands on its route, None if it is on none of the route's lanes."""
+    if not len(route.leg):  # all lanes are closed to its class
+        return None
     leg = int(route.leg[-1]) + 1 - len(ego.route)
     first = int(np.searchsorted(route.leg, leg))
     node = node_at(route, ego.lane, first)

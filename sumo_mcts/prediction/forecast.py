@@ -14,7 +14,7 @@ import numpy as np
 
 from sumo_mcts.prediction.behaviour import drive
 from sumo_mcts.prediction.drivers import Drivers, TrafficParams
-from sumo_mcts.prediction.on_foot import crossings_on
+from sumo_mcts.prediction.on_foot import Ways, approach, crossings_on, ways_on_foot
 from sumo_mcts.prediction.paths import changing, likely_paths
 from sumo_mcts.prediction.poses import poses
 from sumo_mcts.scene import (
@@ -101,10 +101,8 @@ def predict(
         of_ego=params._replace(accel=min(params.accel, scene.ego.max_accel)),
         times=times,
     )
-    crossings = crossings_on(
-        road, question.ego_lanes if agents.person.any() else question.ego_lanes[:0]
-    )
-    found = poses(road, agents, paths, crossings, x, params.step)
+    on_foot = _on_foot(road, agents, question)
+    found = poses(road, agents, paths, on_foot, x, params.step)
     forecast = Forecast(
         dt=params.step,
         weight=np.ones(1),
@@ -121,6 +119,13 @@ def predict(
     )
     _overwrite(forecast, oracle)
     return forecast
+
+
+def _on_foot(road: RoadMap, agents: Agents, question: Question) -> Ways:
+    """Where those of the agents walk who are persons."""
+    lanes = question.ego_lanes if agents.person.any() else question.ego_lanes[:0]
+    crossings = crossings_on(road, lanes)
+    return ways_on_foot(agents, crossings, approach(road, lanes, question.scene.ego, crossings))
 
 
 def _drivers(agents: Agents, question: Question, intent: Intent) -> Drivers:

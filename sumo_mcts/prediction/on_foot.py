@@ -1,7 +1,9 @@
 """Where people walk: over the crossing on the ego's way that they come to, else straight on.
 
 A person at a corner faces the corner until it turns onto the crossing. Straight on it would never
-come before the ego. Which way it takes is not known, so the one that matters is expected.
+come before the ego. Which way it takes is not known, so the one that matters is expected. Where
+people have to let vehicles pass, one that comes to the crossing stops before it for an ego that is
+near and goes straight on, and goes first where the ego is far, slow or turns.
 """
 
 import math
@@ -13,7 +15,18 @@ import numpy as np
 
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.scene import PEOPLE_FIRST, Agents, Floats, Indices, Ints, RoadMap
+from sumo_mcts.scene import (
+    PEOPLE_FIRST,
+    PEOPLE_WAIT,
+    STRAIGHT,
+    Agents,
+    Bools,
+    EgoState,
+    Floats,
+    Indices,
+    Ints,
+    RoadMap,
+)
 
 ENTERS_S = 4.0  # within which a person comes to a crossing that it is expected to walk over
 BESIDE = 0.5  # m: so near to its edges one is on it, and between them enters it so far inside
@@ -21,6 +34,13 @@ ALONG = 0.3  # share of its way that leads along the crossing, with less it may 
 SAMPLE = 0.25  # m between the points of a lane that are looked at
 MOST_KEPT = 256  # lanes of which the crossings are kept, and with them their road maps
 EGO_HALF = 1.0  # m from the middle of a lane to the side of the ego
+# s: people who have to let vehicles pass wait if the ego could be there sooner. SUMO's people wait
+# where a vehicle could be at the junction within 3.2 s. In front of one that is inside already they
+# walk over the part of the crossing that it would not reach while they do.
+GAP_S = 2.5
+SLOW = 5.0  # m/s: they do not wait for an ego that stands or is slower
+LEAST_ACCEL = 0.1  # m/s2 that any ego is taken to have
+KERB = 0.5  # m before a crossing at which they wait
 
 
 class Crossings(NamedTuple):
@@ -35,6 +55,17 @@ class Crossings(NamedTuple):
     near: Floats  # [C] the ego's part of the crossing, from where to where along it, m
     far: Floats  # [C] m
     lane: Ints  # [C] the ego's lane
+    waits: Bools  # [C] people have to let vehicles pass, and the ego does not turn onto it
+
+
+class Approach(NamedTuple):
+    """The ego on its way to C crossings, as fast as it can."""
+
+    line: Floats  # [C] m that its front has to drive to the junction; negative inside it
+    over: Floats  # [C] until it is over the crossing
+    v: float  # m/s
+    accel: float  # m/s2, up to
+    fastest: float  # m/s
 
 
 class Ways(NamedTuple):
@@ -43,6 +74,7 @@ class Ways(NamedTuple):
     turn: Floats  # [N] m until the second piece, inf: never
     pose: Floats  # [N, 4] columns X .. SIN: where and how the first piece begins,
     then: Floats  # [N, 4] and the second
+    stop: Floats  # [N] m after which it waits, inf: never
     faces: Floats  # [N, 2] cosine and sine of the heading now
 
 
@@ -63,10 +95,22 @@ def crossings_on(road: RoadMap, lanes: Ints | Indices) -> Crossings:
     """The crossings that the ego meets on `lanes` [K]."""
     inside = lanes[road.junction[lanes] >= 0].tolist()
     found = [row for lane in inside for row in _crossings_of(_Same(road), lane)]
-    rows = np.array(found).reshape(-1, 11)
+    rows = np.array(found).reshape(-1, 12)
     length, half, first, last, near, far = rows[:, 4:10].T.copy()
     begin, along, lane = rows[:, :2].copy(), rows[:, 2:4].copy(), rows[:, 10].astype(np.int32)
-    return Crossings(begin, along, length, half, first, last, near, far, lane)
+    waits = (rows[:, 11] == PEOPLE_WAIT) & (road.direction[lane] == STRAIGHT)
+    return Crossings(begin, along, length, half, first, last, near, far, lane, waits)
+
+
+def approach(road: RoadMap, lanes: Ints, ego: EgoState, crossings: Crossings) -> Approach:
+    """How the ego comes to crossings of its `lanes` [K], of which it is on the first."""
+    begin = np.concatenate([[0.0], np.cumsum(road.length[lanes])]) - ego.s
+    at = np.array([lanes.tolist().index(lane) for lane in crossings.lane.tolist()], np.int64)
+    inside = road.junction[lanes]
+    enters = np.array([np.argmax(inside == inside[k]) for k in at], np.int64)
+    over = begin[at] + crossings.last
+    fastest = float(road.speed[crossings.lane].max(initial=ego.v))
+    return Approach(begin[enters], over, ego.v, max(ego.max_accel, LEAST_ACCEL), fastest)
 
 
 @lru_cache(maxsize=MOST_KEPT)
@@ -101,7 +145,7 @@ def _meeting(road: RoadMap, lane: int, crossing: int) -> Iterator[tuple[float, .
     if meets.any():
         covered = at[meets.any(axis=0)] / road.scale[lane]
         part = covered[0], covered[-1], on[meets].min(), on[meets].max()
-        yield (*begin, *along, length, half, *part, lane)
+        yield (*begin, *along, length, half, *part, lane, int(road.rule[crossing]))
 
 
 @kernel
@@ -141,22 +185,27 @@ def _fill_entering(
                 break
 
 
-def ways_on_foot(agents: Agents, crossings: Crossings) -> Ways:
+def ways_on_foot(agents: Agents, crossings: Crossings, ego: Approach) -> Ways:
     """The ways of agents [N], of which only those of persons mean anything."""
+    never = np.full(len(agents.x), np.inf)
     pose = np.column_stack([agents.x, agents.y, np.cos(agents.heading), np.sin(agents.heading)])
-    ways = Ways(np.full(len(pose), np.inf), pose, pose.copy(), pose[:, COS:].copy())
+    ways = Ways(never, pose, pose.copy(), never.copy(), pose[:, COS:].copy())
     if len(crossings.length):
-        _lead(ways, crossings, np.flatnonzero(agents.person), agents.v)
+        _lead(ways, crossings, ego, np.flatnonzero(agents.person), agents.v)
     return ways
 
 
 @entry
-def _lead(ways: Ways, crossings: Crossings, people: Indices, v: Floats) -> None:
+def _lead(ways: Ways, crossings: Crossings, ego: Approach, people: Indices, v: Floats) -> None:
     """Lead people over the crossing that they are on, or come to within ENTERS_S first."""
     for i in people:
         nearest = ENTERS_S * v[i]
         for c in range(len(crossings.length)):
-            nearest = _over(ways, i, crossings, c, nearest)
+            before, nearest = nearest, _over(ways, i, crossings, c, nearest)
+            if nearest < before:
+                on_it = nearest == 0.0
+                waits = crossings.waits[c] and not on_it and _lets_pass(ego, c, nearest / v[i])
+                ways.stop[i] = max(nearest - KERB, 0.0) if waits else math.inf
 
 
 @kernel
@@ -190,6 +239,22 @@ def _over(ways: Ways, i: int, crossings: Crossings, c: int, nearest: float) -> f
 
 
 @kernel
+def _lets_pass(ego: Approach, c: int, time: float) -> bool:
+    """Whether a person who is at crossing c after `time` s waits there for the ego: it would need
+    less than GAP_S at the speed that it can have by then.
+
+    One that comes when the ego could be past waits too: the ego may be later.
+    """
+    if ego.v < SLOW:
+        return False
+    rise = min(time, (ego.fastest - ego.v) / ego.accel)
+    v = ego.v + ego.accel * rise
+    driven = ego.v * rise + 0.5 * ego.accel * rise * rise + v * (time - rise)
+    away = ego.line[c] if driven < ego.line[c] else ego.over[c]
+    return bool(away - driven < GAP_S * v)
+
+
+@kernel
 def _then(ways: Ways, i: int, turn: float, x: float, y: float, cs: float, sn: float) -> None:
     """The second piece of a way."""
     ways.turn[i] = turn
@@ -199,6 +264,7 @@ def _then(ways: Ways, i: int, turn: float, x: float, y: float, cs: float, sn: fl
 @kernel
 def walked(ways: Ways, i: int, moved: float) -> tuple[float, float, float, float]:
     """Pose of person i after `moved` m: x, y, cosine, sine."""
+    moved = min(moved, ways.stop[i])
     second = moved >= ways.turn[i]
     row = ways.then[i] if second else ways.pose[i]
     on = moved - ways.turn[i] if second else moved

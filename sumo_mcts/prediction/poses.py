@@ -7,7 +7,7 @@ import numpy as np
 
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on, swung
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.prediction.on_foot import Crossings, Ways, walked, ways_on_foot
+from sumo_mcts.prediction.on_foot import Ways, walked
 from sumo_mcts.prediction.paths import OPEN, Paths
 from sumo_mcts.scene import Agents, Bools, Floats, Ints, RoadMap
 
@@ -36,7 +36,7 @@ class _Bodies(NamedTuple):
 
 
 def poses(
-    road: RoadMap, agents: Agents, paths: Paths, crossings: Crossings, x: Floats, step: float
+    road: RoadMap, agents: Agents, paths: Paths, on_foot: Ways, x: Floats, step: float
 ) -> Poses:
     """The agents at times `step` s apart, from their positions along the paths, x [T, N+1] m; its
     row 0 is the ego."""
@@ -48,7 +48,7 @@ def poses(
         valid=np.ones((times, n), np.bool_),
     )
     bodies = _Bodies(agents.x, agents.y, agents.heading, agents.length, agents.d)
-    _place(out, paths, bodies, ways_on_foot(agents, crossings), lines_of(road), x, step)
+    _place(out, paths, bodies, on_foot, lines_of(road), x, step)
     return out
 
 

@@ -62,7 +62,7 @@ def test_the_ego_passes_who_walks_at_the_edge_slowly(left: float, degrees: float
     plan = planned(left, degrees)
     beside = abs(plan.pose[:, 0] - (145.0 + 1.2 * math.cos(math.radians(degrees)) * plan.time)) < 2
     assert plan.pose[-1, 0] > 160.0 and beside.any()
-    assert 3.0 < plan.v[beside].max() < 9.0
+    assert 3.0 < plan.v[beside].max() < 11.0  # without a price 13.9
 
 
 def test_but_not_who_walks_in_its_way() -> None:

@@ -13,7 +13,15 @@ from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import AGENT, ENTERS, LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.occupancy import yielding_cost
-from sumo_mcts.scene import GREEN, PEOPLE_FIRST, PRIORITY, VEHICLE_CLASSES, Floats, RoadMap
+from sumo_mcts.scene import (
+    GREEN,
+    PEOPLE_FIRST,
+    PEOPLE_WAIT,
+    PRIORITY,
+    VEHICLE_CLASSES,
+    Floats,
+    RoadMap,
+)
 
 SOUTH, NORTH = -math.pi / 2, math.pi / 2
 ON_FOOT = 1 << VEHICLE_CLASSES.index("pedestrian")
@@ -40,9 +48,10 @@ def walker(x: float, y: float, heading: float, v: float = 1.2) -> Agent:
     return Agent("p", "", v=v, length=0.4, width=0.5, x=x, y=y, heading=heading)
 
 
-def walk(*who: Agent, on: RoadMap = ROAD) -> Floats:
-    """[T, 4] where the first is expected, ego on its way to the crossing."""
-    ego = ego_at(on, "w_0", 60.0, 5.0, route=edges(on, "w", "e"))
+def walk(*who: Agent, on: RoadMap = ROAD, at: tuple[float, float] = (60.0, 5.0)) -> Floats:
+    """[T, 4] where the first is expected. The ego is on its way to the crossing, `at` its s (m) and
+    v (m/s); the junction begins at 90 m."""
+    ego = ego_at(on, "w_0", *at, route=edges(on, "w", "e"))
     signals = lights(GREEN) if on.signal_ids else lights()
     return forecast_of(task_of(on, ego), scene_of(ego, on, *who, signals=signals)).pose[0, :, 0]
 
@@ -79,6 +88,32 @@ def test_but_not_where_a_signal_may_stop_it_or_where_it_is_no_crossing() -> None
     for other in (road(signal="t"), road(PRIORITY)):
         way = walk(corner, on=other)
         assert way[:, 1] == pytest.approx(4.0) and not crosses(way)
+
+
+@pytest.mark.parametrize(
+    ("s", "v", "waits"),
+    [
+        (85.0, 10.0, True),
+        (50.0, 10.0, True),  # it could be at the junction 1 s after the person
+        (0.0, 10.0, False),  # it is far away
+        (85.0, 2.0, False),  # who is slow may stop, and has to expect that people go
+        (85.0, 0.0, False),
+    ],
+)
+def test_people_who_have_to_let_vehicles_pass_wait_for_an_ego_that_is_near(
+    s: float, v: float, waits: bool
+) -> None:
+    corner, minor = walker(11.0, 4.0, math.pi), road(PEOPLE_WAIT)
+    way = walk(corner, on=minor, at=(s, v))
+    assert crosses(way) != waits
+    assert crosses(walk(corner, at=(s, v))), "on a zebra crossing they go"
+    if waits:
+        assert way[-1, 1] > HIGH and (way[-1] == way[-2]).all()
+
+
+def test_who_is_on_such_a_crossing_walks_on() -> None:
+    for y, heading in ((HIGH - 0.5, SOUTH), (LOW + 0.5, NORTH)):
+        assert crosses(walk(walker(MIDDLE, y, heading), on=road(PEOPLE_WAIT), at=(85.0, 10.0)))
 
 
 @settings(deadline=None, max_examples=50)

@@ -114,7 +114,7 @@ def test_what_is_recorded_passes(sets: tuple[str, ...]) -> None:
 MAP_DAMAGE = {
     "left": 999, "right": -2, "exit": 10**6, "successor": -1, "successor_offset": 7777,
     "point_offset": -3, "conflict_offset": 10**6, "conflict_lane": -1,
-    "edge": -1, "junction": 500, "signal": 99, "rule": 5, "direction": -1, "knot": -2,
+    "edge": -1, "junction": 500, "signal": 99, "rule": 7, "direction": -1, "knot": -2,
     "length": np.nan, "speed": np.inf, "points": np.nan, "point_s": -1.0,
     "width": -1.0, "scale": np.inf, "index": -1, "conflict_begin": np.nan,
 }  # fmt: skip

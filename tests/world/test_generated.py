@@ -121,8 +121,8 @@ def test_the_scenarios_own_options_and_routes_stay(tmp_path: Path) -> None:
 def test_what_netconvert_refuses_is_a_wrong_input(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(generated.dense, "plain_files", lambda _: {"node-files": "<nodes>"})
-    with pytest.raises(ConfigError, match=r"sumo\.dense: ramp: netconvert: Error"):
+    monkeypatch.setattr(generated.situations, "plain_files", lambda _: {"node-files": "<nodes>"})
+    with pytest.raises(ConfigError, match=r"situation ramp: netconvert: Error"):
         generated.standing(dense("ramp"), 1, tmp_path)
 
 
