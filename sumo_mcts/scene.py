@@ -27,15 +27,12 @@ REFEREE_RANGE = 100.0  # m about the ego within which the referee sees agents
 
 # --- the network ---
 
-
 # Bit i of RoadMap.classes, and index i of `vclass`, is this class.
 VEHICLE_CLASSES = (
     "passenger", "private", "emergency", "authority", "army", "vip", "hov", "taxi", "bus", "coach",
-    "delivery", "truck", "trailer",
-    "motorcycle", "moped", "bicycle", "evehicle", "pedestrian", "tram", "rail_urban", "rail",
-    "rail_electric", "rail_fast", "ship",
-    "custom1", "custom2", "subway", "cable_car", "container", "aircraft", "wheelchair", "scooter",
-    "drone",
+    "delivery", "truck", "trailer", "motorcycle", "moped", "bicycle", "evehicle", "pedestrian",
+    "tram", "rail_urban", "rail", "rail_electric", "rail_fast", "ship", "custom1", "custom2",
+    "subway", "cable_car", "container", "aircraft", "wheelchair", "scooter", "drone",
 )  # fmt: skip
 IGNORING = -1  # the class of vehicles that may drive anywhere
 
@@ -127,7 +124,6 @@ class RoadChanges(NamedTuple):
 
 # --- what a cycle knows ---
 
-
 # What a signal shows to a link (Signals.state). AFTER_STOP: red that a vehicle may pass that has
 # stood before it and lets all others pass, as for turning right on red.
 GREEN, YELLOW, RED, AFTER_STOP = range(4)
@@ -169,6 +165,19 @@ class Agents(NamedTuple):
     vclass: Ints
 
 
+class Stop(NamedTuple):
+    """The next place where a vehicle has to stand, or a waypoint, which it passes slowly."""
+
+    lane: int = -1  # -1: there is none
+    begin: float = 0.0  # lane position from which on a stand counts, m
+    place: float = 0.0  # where the front is to stand, m; the end of a waypoint
+    speed: float = 0.0  # m/s at most on a waypoint; 0: it has to stand
+    after: int = 0  # edges of the route after its own
+
+
+NO_STOP = Stop()
+
+
 class EgoState(NamedTuple):
     """The ego vehicle, from its own sensors and documents."""
 
@@ -199,6 +208,8 @@ class EgoState(NamedTuple):
     reroutes: int = 0  # how often it has left its route so far, since its lane did not lead on
     # what it did just now about a lane that does not lead on along its route, in words; "": nothing
     detour: str = ""
+    stop: Stop = NO_STOP  # the next one that it has to serve
+    held: bool = False  # SUMO has it stand at that stop
 
 
 class Scene(NamedTuple):
@@ -213,7 +224,6 @@ class Scene(NamedTuple):
 
 
 # --- forecasts ---
-
 
 # What an agent is taken to do (Intent.does).
 USUAL = 0  # what is likeliest
@@ -287,7 +297,6 @@ class Answers(NamedTuple):
 
 # --- decisions ---
 
-
 # Terms of the cost, in the order of RootChild.terms.
 SAFETY, COMFORT, PASSABILITY, OTHER, LOSS = range(5)
 TERMS = ("safety", "comfort", "passability", "other", "loss")
@@ -309,6 +318,7 @@ class Follow(NamedTuple):
     speeds: Floats  # [M] m/s
     lane_change: int  # -1 right, 0 none, 1 left, at once
     asks: int = 0  # side on which others are asked for room: -1 right, 0 none, 1 left
+    skips_stop: bool = False  # the next stop cannot be served any more and is given up
 
 
 class Release(NamedTuple):
@@ -371,6 +381,7 @@ class Memory(NamedTuple):
     edges: tuple[int, ...] = ()
     stood: tuple[int, ...] = ()  # nodes of the route at whose stop sign the ego has stood,
     stood_since: tuple[float, ...] = ()  # and since when, simulation time, s
+    stop: Stop = NO_STOP  # the one that the route was laid out for
     failures: int = 0  # of the planner, in a row
     ready: Manoeuvre | None = None  # the fail-safe's, verified last
     planner: PlannerMemory = PlannerMemory()

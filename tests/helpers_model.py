@@ -91,6 +91,7 @@ def task_of(
         ego.speed_factor,
         ego.max_speed,
         params.approach_decel,
+        stop=ego.stop,
     )
     return Task(road, route, params, cost_params(config))
 

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 from shapely.geometry import LineString, Point, Polygon
 
+from sumo_mcts.model.caps import END_GAP, SPACING
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.model.route import END_GAP, SPACING, RouteMap
+from sumo_mcts.model.route import RouteMap
 from sumo_mcts.scene import RoadMap, Signals
 
 

@@ -20,9 +20,11 @@ from sumo_mcts.driver.params import (
     ego_params,
     time_budget_s,
 )
+from sumo_mcts.driver.stops import NONE_MISSED, is_missed, without_stop
 from sumo_mcts.errors import in_one_line
+from sumo_mcts.model.caps import Pace
 from sumo_mcts.model.local_map import State, ego_state
-from sumo_mcts.model.route import Pace, RouteMap, eased, is_rest_of, moved_to, route_map
+from sumo_mcts.model.route import RouteMap, eased, is_rest_of, moved_to, route_map
 from sumo_mcts.numerics.kernel import Stopwatch
 from sumo_mcts.numerics.lanes import usable, with_changes
 from sumo_mcts.numerics.signals import shown
@@ -33,6 +35,7 @@ from sumo_mcts.planners.validity import why_invalid
 from sumo_mcts.prediction.interface import OracleRecorder, Oracles
 from sumo_mcts.scene import (
     AFTER_STOP,
+    NO_STOP,
     STANDING,
     Answers,
     Decision,
@@ -45,6 +48,7 @@ from sumo_mcts.scene import (
     RoadChanges,
     RoadMap,
     Scene,
+    Stop,
 )
 
 NEAR_STOP = 3.0  # m before a stop sign within which standing counts
@@ -100,6 +104,7 @@ class Driver:
         self._edges: tuple[int, ...] = ()
         self._vehicle: tuple[float, ...] = ()  # for which the route was laid out, see _laid_for
         self._stood: dict[int, float] = {}  # node at whose stop line the ego has stood -> when
+        self._stop, self._missed = NO_STOP, NONE_MISSED  # laid out for; given up last
         self._last = LastDecision()
         # what the planner was asked last; None where the ego is not on its route
         self.question: tuple[Task, Situation] | None = None
@@ -113,9 +118,11 @@ class Driver:
         until = self._timekeeper.until(watch.began)
         memory = self._memory()
         self._oracles.forget()
+        if scene.ego.held:
+            return self._held(scene, memory, watch)
         placed = self.placed(scene)
         if placed is None:
-            return self._released(memory, watch)
+            return self._released(memory, watch, "not on its route: SUMO drives")
         task, state = placed
         self._note_stop(task.route, state, scene)
         forecast, failure = (
@@ -138,6 +145,8 @@ class Driver:
                 situation = situation._replace(forecast=self._foresee(scene, state)[0])
             decision = self._fail_safe.fall_back(situation, why, decision)
         assert decision is not None, "whatever fails has a reason"
+        if scene.ego.stop == self._missed:
+            decision = without_stop(decision)
         self._last = LastDecision(decision.plan, decision.command, scene.time)
         self._timekeeper.note(until, watch.began + watch.seconds)
         return PlanningResult(
@@ -156,6 +165,10 @@ class Driver:
         """
         self._keep_route(scene)
         state = self._state(scene)
+        if state is not None and is_missed(self._task.route, self._stop, state, scene.ego):
+            self._missed = self._stop
+            self._lay_out(scene.ego, self._edges, NO_STOP)
+            state = self._state(scene)
         return None if state is None else (self._task, state)
 
     def forecast(self, scene: Scene, name: str, seconds: float) -> Forecast | None:
@@ -186,7 +199,7 @@ class Driver:
             self._last = LastDecision(last.plan, last.command, when)
         if not memory.edges:
             return
-        self._lay_out(ego, memory.edges)
+        self._lay_out(ego, memory.edges, memory.stop)
         self._stood = dict(zip(memory.stood, memory.stood_since, strict=True))
         self._go_on(memory)
 
@@ -199,6 +212,7 @@ class Driver:
             edges=self._edges,
             stood=tuple(self._stood),
             stood_since=tuple(self._stood.values()),
+            stop=self._stop,
             failures=self._failures,
             ready=self._fail_safe.ready,
             planner=planner.memory() if isinstance(planner, Remembering) else PlannerMemory(),
@@ -206,12 +220,23 @@ class Driver:
 
     # --- a cycle ---
 
-    def _released(self, memory: Memory, watch: Stopwatch) -> PlanningResult:
-        """SUMO drives an ego that is not on its route."""
+    def _released(self, memory: Memory, watch: Stopwatch, why: str) -> PlanningResult:
+        """SUMO drives an ego that is not on its route, or parked off the road."""
         self.question = None
         self._last = self._last._replace(plan=None, command=Release())
         self._fail_safe.forget()
-        decision = Decision(Release(), None, (), -1, "not on its route: SUMO drives", 0, 0)
+        decision = Decision(Release(), None, (), -1, why, 0, 0)
+        return PlanningResult(decision, None, watch.seconds * 1000.0, memory=memory)
+
+    def _held(self, scene: Scene, memory: Memory, watch: Stopwatch) -> PlanningResult:
+        """The ego stands at a stop until SUMO lets it go."""
+        if scene.ego.lane < 0:
+            return self._released(memory, watch, "parked at a stop")
+        self.question = None
+        self._fail_safe.forget()
+        stand = Follow(np.zeros(max(1, round(self._period / scene.step))), 0)
+        self._last = LastDecision(None, stand, scene.time)
+        decision = Decision(stand, None, (), -1, "stands at a stop", 0, 0)
         return PlanningResult(decision, None, watch.seconds * 1000.0, memory=memory)
 
     def _foresee(self, scene: Scene, state: State) -> tuple[Forecast, str]:
@@ -266,9 +291,11 @@ class Driver:
 
     def _keep_route(self, scene: Scene) -> None:
         """Lay the route out at the take-over, and again when SUMO changed it, the road or the
-        vehicle."""
+        vehicle, or the next stop is another one."""
         ego, other_road = scene.ego, self._note_changes(scene.changes)
-        if self._route is not None and is_rest_of(ego.route, self._edges):
+        stop = NO_STOP if ego.stop == self._missed else ego.stop
+        kept = self._route is not None and is_rest_of(ego.route, self._edges)
+        if kept and stop == self._stop:
             if other_road or self._vehicle != self._laid_for(ego):
                 self._renew(ego, self._laid_out(ego, self._edges))
             elif self._plain is not None and len(self._changes.lane):
@@ -276,7 +303,7 @@ class Driver:
         elif not ego.route or -1 in ego.route:
             self._route = None
         else:
-            self._lay_out(ego, ego.route)
+            self._lay_out(ego, ego.route, stop)
 
     def _note_changes(self, changes: RoadChanges) -> bool:
         """Drive by the map as it is now. Returns whether it is another one than before."""
@@ -308,7 +335,7 @@ class Driver:
         lowered = np.isin(plain.lane, self._changes.lane)
         params = ego_params(self._config, ego, self._physics)
         pace = Pace(state.node, state.s, state.v, state.a)
-        return eased(plain, lowered, pace, params.approach_decel, params.jerk)
+        return eased(plain, lowered, pace, params.approach_decel, params.jerk, self._stop)
 
     def _go_on(self, memory: Memory) -> None:
         """Planner and fail-safe remember this."""
@@ -317,10 +344,11 @@ class Driver:
         if isinstance(self._planner, Remembering) and remembers:
             self._planner.recall(memory.planner)
 
-    def _lay_out(self, ego: EgoState, edges: tuple[int, ...]) -> None:
-        """Start planner and fail-safe on a route, given by its edges. Raises PlannerError."""
+    def _lay_out(self, ego: EgoState, edges: tuple[int, ...], stop: Stop) -> None:
+        """Start planner and fail-safe on a route, given by its edges, up to a stop. Raises
+        PlannerError."""
+        self._edges, self._stood, self._stop = edges, {}, stop
         plain = self._laid_out(ego, edges)
-        self._edges, self._stood = edges, {}
         self._drive(ego, plain, self._eased(ego, plain))
 
     def _laid_out(self, ego: EgoState, edges: tuple[int, ...]) -> RouteMap:
@@ -335,6 +363,7 @@ class Driver:
             ego.max_speed,
             params.approach_decel,
             self._closed_under(ego),
+            self._stop,
         )
 
     def _closed_under(self, ego: EgoState) -> tuple[int, ...]:
@@ -375,5 +404,7 @@ class Driver:
         if state.v >= STANDING or to_line >= NEAR_STOP:
             return
         light = shown(scene.signals, int(route.signal[node]), int(route.link[node]))
+        if node == route.halt.node:
+            return  # SUMO says when a stop is served
         if route.sign[node] or light == AFTER_STOP:
             self._stood.setdefault(node, scene.time)

@@ -88,11 +88,29 @@ def lanes_beside(road: RoadMap, nodes: Nodes, vclass: int) -> tuple[Indices, Ind
     return found[0], found[1]
 
 
+class Halt(NamedTuple):
+    """The node of the next stop, or waypoint."""
+
+    node: int  # -1: there is none
+    place: float  # m: up to where the other lanes lead
+    ends: bool  # the route is laid out up to there only
+
+
+NO_HALT = Halt(-1, math.inf, False)
+
+
 def continuation(
-    road: RoadMap, nodes: Nodes, beside: tuple[Indices, Indices], legs: int
+    road: RoadMap,
+    nodes: Nodes,
+    beside: tuple[Indices, Indices],
+    legs: int,
+    halt: Halt = NO_HALT,
 ) -> Continuation:
     """How every node goes on, as SUMO continues: by the furthest path, then the fewest lane
-    changes, then the rightmost. `beside` as of lanes_beside."""
+    changes, then the rightmost. `beside` as of lanes_beside.
+
+    The lane of a stop is the goal of its edge, and the others lead no further than its place.
+    """
     w = len(nodes.lane)
     found = Continuation(
         np.full(w, -1, np.int64), np.zeros(w, np.int64), np.zeros(w), np.zeros(w, np.bool_)
@@ -100,9 +118,13 @@ def continuation(
     for k in range(legs - 1, -1, -1):
         here = np.flatnonzero((nodes.leg == k) & ~road.internal[nodes.lane]).tolist()
         onto = {i: _go_on(nodes, found, i, last=k == legs - 1) for i in here}
+        if halt.node in here:
+            _halt(found, nodes, here, halt)
         furthest = max((found.reach[i] for i in here), default=0.0)
         good = {i for i in here if found.reach[i] >= furthest - AS_FAR}
         goes_on = {i: found.reach[i] for i in here if onto[i] >= 0 and not found.lost[onto[i]]}
+        if halt.node in here:
+            good, goes_on = {halt.node}, {}
         for i in here:
             needed = nearest(good, i, beside)
             if needed is None:  # perhaps the ego can change on the next edge
@@ -134,6 +156,17 @@ def leads_onto(road: RoadMap, lane: int, vclass: int) -> dict[int, list[int]]:
         if not road.internal[path[-1]] and usable(road, np.array(path), vclass).all():
             onto.setdefault(int(road.edge[path[-1]]), []).append(first)
     return onto
+
+
+def _halt(found: Continuation, nodes: Nodes, here: list[int], halt: Halt) -> None:
+    """Let the nodes of a stop's edge lead to the stop, and where it is one end there."""
+    for i in here:
+        if i != halt.node:
+            found.reach[i] = min(float(found.reach[i]), halt.place)
+        elif halt.ends:
+            found.reach[i] = math.inf
+        if halt.ends:
+            found.next[i] = -1
 
 
 def _onward(

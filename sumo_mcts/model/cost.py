@@ -24,10 +24,8 @@ MOST_JERK = 10.0  # m/s3 from which more costs no more
 SLOW = 1.0  # m/s below which the ego counts as blocking others
 # rad between box and lane: beyond this the rear is still in the lane that the ego leaves
 STRADDLING = 0.2
-STANDS_BEFORE = 2.0  # m before the line of a stop sign: the place to stand
-NEAR_SIGN = 5.0  # m before that place over which the cost of lost time falls to 0
-ROLLS = 0.3  # m/s below which that cost falls to 0 too, at that place
-UP_TO_SIGN = 30.0  # m before that place within which the distance to it has a cost at the horizon:
+ROLLS = 0.3  # m/s below which the cost of the time before a stop falls to 0, at the place to stand
+UP_TO_STOP = 30.0  # m before that place within which the distance to it has a cost at the horizon:
 MOVE_UP = 4.0  # m/s, the time that driving up to it with this speed takes
 # Factor of an additional cost at the horizon, in a lane that the route leaves: for an ego that can
 # no longer reach the speed of the vehicles between which it has to move.
@@ -52,11 +50,11 @@ def step_comfort(p: EgoParams, c: CostParams, before: State, after: State) -> fl
 def step_passability(local: LocalMap, p: EgoParams, c: CostParams, after: State) -> float:
     """C_p of one simulation step.
 
-    It has terms for time lost against the limit or before a stop sign, for a lane that the route
+    It has terms for time lost against the limit or before a stop, for a lane that the route
     leaves, and for standing in a junction or across two lanes.
     """
     limit = local.node[after.node, LIMIT]
-    rate = c.progress * (1.0 - min(after.v, limit) / limit + _before_sign(local, after))
+    rate = c.progress * (1.0 - min(after.v, limit) / limit + _before_stop(local, after))
     urgent = abs(urgency_at(local, after))
     if urgent > 0.0:  # elsewhere the stream beside is not known
         rate += c.route * urgent * (1.0 + c.mismatch * _mismatch(local, after))
@@ -135,7 +133,7 @@ def terminal(
     waits = 0.0
     if c.beyond_s > 0.0:
         waits = c.beyond_s * (1.0 - math.exp(-waiting_s(local, state, time, picks_up) / c.beyond_s))
-    lost = picks_up + waits + c.tail_s * behind + min(_to_sign(local, state), UP_TO_SIGN) / MOVE_UP
+    lost = picks_up + waits + c.tail_s * behind + min(_to_stop(local, state), UP_TO_STOP) / MOVE_UP
     return c.progress * lost + c.route * abs(urgency_at(local, state)) * c.tail_s * (
         1.0 + RUN_UP * _too_slow(local, state)
     )
@@ -159,19 +157,19 @@ def _too_slow(local: LocalMap, state: State) -> float:
 
 
 @kernel
-def _before_sign(local: LocalMap, state: State) -> float:
-    """Share of the time that counts as lost before the ego stands at the stop sign ahead."""
+def _before_stop(local: LocalMap, state: State) -> float:
+    """Share of the time that counts as lost before the ego stands at the stop ahead."""
     if math.isinf(local.stop_at):
         return 0.0
-    return min(max(_to_sign(local, state) / NEAR_SIGN, state.v / ROLLS), 1.0)
+    return min(max(_to_stop(local, state) / local.near_stop, state.v / ROLLS), 1.0)
 
 
 @kernel
-def _to_sign(local: LocalMap, state: State) -> float:
+def _to_stop(local: LocalMap, state: State) -> float:
     """m to the place where the ego has to stand; 0 if it has stood there, or there is none."""
     if math.isinf(local.stop_at):
         return 0.0
-    return max(local.stop_at - local.node[state.node, STATION] - state.s - STANDS_BEFORE, 0.0)
+    return max(local.stop_at - local.node[state.node, STATION] - state.s - local.stands_before, 0.0)
 
 
 @kernel

@@ -113,6 +113,7 @@ def build_local(
     fill_sure(gate, to_gate, closed, route, first, scene.step)
     urgency = _urgency(needs, view, here)
     comes_to = np.where(node[0] <= UPSTREAM, UPSTREAM - node[0], node[0])
+    to_stop, stands_before, near_stop = stop_at(route, state, rules, here)
     return LocalMap(
         gate=gate,
         to_gate=to_gate,
@@ -142,7 +143,9 @@ def build_local(
         limit=limit,
         target_lane_speed=_target_lane_speed(needs, view, here, node[0], position[0], v[0]),
         open_ahead=is_open(route, closed, first, state, limit * times * forecast.dt + FREE_BEYOND),
-        stop_at=stop_at(route, state, rules.cleared, here),
+        stop_at=to_stop,
+        stands_before=stands_before,
+        near_stop=near_stop,
         followers=followers,
         stop_decel=rules.stop_decel,
         aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,

@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.model.caps import SPACING
 from sumo_mcts.model.route import (
     DRAWN,
     FIRST_ROW,
     LAST_ROW,
     LENGTH,
     REACH,
-    SPACING,
     RouteMap,
     lane_pose,
 )
@@ -72,8 +72,10 @@ class LocalMap(NamedTuple):
     # no light that stays red, and no end of the road, within the distance that the ego could drive
     open_ahead: bool
     # m along the route (STATION) of the next stop line, if it has a stop sign at which the ego has
-    # not stood yet; else inf
+    # not stood yet, or is that of a stop to be served; else inf
     stop_at: float
+    stands_before: float  # m before that line: the place to stand
+    near_stop: float  # m before that place over which the cost of lost time falls to 0
     # bit mask (trait BIT) of the agents that are behind the ego in its lane and react: their
     # contact is imposed braking
     followers: int

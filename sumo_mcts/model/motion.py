@@ -4,6 +4,7 @@ plays profiles into SUMO. It stops before closed lines (red, yellow, stop signs)
 import math
 from typing import NamedTuple
 
+from sumo_mcts.model.caps import SPACING
 from sumo_mcts.model.local_map import LocalMap, State, index_at
 from sumo_mcts.model.route import (
     CAP,
@@ -14,7 +15,6 @@ from sumo_mcts.model.route import (
     NEXT,
     REACH,
     RIGHT_NODE,
-    SPACING,
     STOP_LINE,
     lane_pose,
 )
@@ -66,10 +66,14 @@ def advance(
     """
     v, look = state.v, max(LOOK_AHEAD, p.step)
     line = _to_line(local, p, state, time)
-    allowed = (_cap(local, state.node, state.s + v * look) - v) / look
+    ahead = _cap(local, state.node, state.s + v * look)
+    allowed = (ahead - v) / look if ahead >= 0.0 or p.step < LOOK_AHEAD else math.inf
     speed = _next_speed(p, v, state.a, min(accel, allowed, _towards_line(p, v, line, look)))
     slowest = _next_speed(p, v, state.a, -p.max_decel)
-    speed = min(speed, max(_cap(local, state.node, state.s + _moved(p, v, speed)), slowest))
+    bound = _cap(local, state.node, state.s + _moved(p, v, speed))
+    if bound < 0.0:
+        bound = _up_to(p, speed, _cap(local, state.node, state.s), bound)
+    speed = min(speed, max(bound, slowest))
     if (
         line < math.inf
         and not _stops(p, speed, (speed - v) / p.step, line - _moved(p, v, speed) - SHORT_OF)
@@ -100,6 +104,22 @@ def _next_speed(p: EgoParams, v: float, a: float, wanted: float) -> float:
     wanted = min(max(wanted, -p.max_decel), p.max_accel)
     jerk = p.emergency_jerk if min(wanted, a) < -p.comfort_decel else p.jerk
     return max(0.0, v + min(max(wanted, a - jerk * p.step), a + jerk * p.step) * p.step)
+
+
+@kernel
+def _up_to(p: EgoParams, speed: float, here: float, beyond: float) -> float:
+    """The speed that leads up to the place of a stop, where `speed` leads behind it: RouteMap.cap
+    is `here` before the step, and `beyond` (negative) after it.
+
+    It is that of RouteMap.cap after the step, or that which leads to the place itself, if the ego
+    can comfortably stand after one more step.
+    """
+    if here <= 0.0:
+        return 0.0
+    return max(
+        speed / (1.0 + (speed - beyond) / here),
+        min(speed * here / (here - beyond), 0.5 * p.approach_decel * p.step),
+    )
 
 
 @kernel

@@ -7,14 +7,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.continuation import Nodes, changes_ahead, collect, continuation, lanes_beside
+from sumo_mcts.model.caps import SPACING, Pace, braking, fill_caps, slow_down
+from sumo_mcts.model.continuation import (
+    NO_HALT,
+    Halt,
+    Nodes,
+    changes_ahead,
+    collect,
+    continuation,
+    lanes_beside,
+)
+from sumo_mcts.model.halts import halt_of
 from sumo_mcts.numerics.drawn import Drawing, drawing, drawn_shares
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.lanes import limits
-from sumo_mcts.scene import ALLWAY, STOP, Bools, Floats, Indices, RoadMap
-
-SPACING = 1.0  # m between the rows of the pose and speed tables
+from sumo_mcts.scene import ALLWAY, NO_STOP, STOP, Bools, Floats, Indices, RoadMap, Stop
 
 # Columns of RouteMap.table: compiled code is handed one array, since every array in a tuple costs
 # at every call.
@@ -34,7 +42,6 @@ SPACING = 1.0  # m between the rows of the pose and speed tables
     NUMBER,
 ) = range(13)
 CAP, DRAWN = 4, 5  # columns of RouteMap.rows after those of the pose
-END_GAP = 1.5  # m kept to the end of a lane that leads nowhere
 UPSTREAM_VIEW = 200.0  # m before the route over which the lanes that lead into it are followed
 
 
@@ -89,6 +96,7 @@ class RouteMap(NamedTuple):
     rows: Floats
     upstream: Upstream
     drawing: Drawing  # of the whole network
+    halt: Halt = NO_HALT  # the next stop: what lies behind it is not reached before it is served
 
 
 def is_rest_of(route: tuple[int, ...], edges: tuple[int, ...]) -> bool:
@@ -132,26 +140,30 @@ def route_map(
     max_speed: float,
     decel: float,
     under: tuple[int, ...] = (),
+    stop: Stop = NO_STOP,
 ) -> RouteMap:
     """Lay out the route for a vehicle of this class, length (m), speed factor and top speed (m/s).
 
-    `decel` (m/s2) shapes `cap`; `under`: lanes that the vehicle is on, though they may be closed.
+    `decel` (m/s2) shapes `cap`; `under`: lanes that the vehicle is on, though they may be closed. A
+    `stop` closes its lane at its place, as a stop sign would; a waypoint bounds the speed there.
     """
     nodes = collect(road, edges, vclass, under)
+    halt = halt_of(road, nodes, len(edges), stop)
     lane, leg, node_length, w = nodes.lane, nodes.leg, nodes.length, len(nodes.lane)
     left, right = lanes_beside(road, nodes, vclass)
-    nxt, changes, reach, lost = continuation(road, nodes, (left, right), len(edges))
+    nxt, changes, reach, lost = continuation(road, nodes, (left, right), len(edges), halt)
     limit = np.minimum(limits(road, lane, vclass) * speed_factor, max_speed)
     has = nxt >= 0
     entered = np.where(has, lane[nxt], 0)
     signal = np.where(has, road.signal[entered], -1).astype(np.int64)
     sign = has & np.isin(road.rule[entered], (STOP, ALLWAY)) & (signal < 0)
+    if halt.ends:
+        sign[halt.node] = True
     row = np.zeros(w + 1, np.int64)
     row[1:] = np.cumsum(np.ceil(node_length / SPACING).astype(np.int64) + 1)
-    last = leg == len(edges) - 1
     previous = np.full(w, -1, np.int64)
     previous[nxt[nxt >= 0]] = np.flatnonzero(nxt >= 0)
-    station, stop, internal = (
+    station, line, internal = (
         _stations(road, edges, lane, leg, nxt),
         (signal >= 0) | sign,
         road.internal[lane].copy(),
@@ -160,55 +172,45 @@ def route_map(
     drawn = drawing(road)
     cap = np.zeros(row[-1])
     most = np.repeat(limit, np.diff(row))
-    _fill_caps(cap, nxt, row, node_length, most, last & ~internal, decel)
+    fill_caps(cap, nxt, row, node_length, most, (nxt < 0) & np.isinf(reach), decel)
+    if halt.node >= 0:
+        slow_down(cap, nxt, row, node_length, halt.node, stop, decel)
     return RouteMap(
         lane, leg, nxt, left, right, node_length, limit, station, changes,
-        changes_ahead(nxt, changes), reach, lost, stop, signal,
+        changes_ahead(nxt, changes), reach, lost, line, signal,
         np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
-        np.column_stack([nxt, left, right, node_length, limit, station, reach, stop, internal,
+        np.column_stack([nxt, left, right, node_length, limit, station, reach, line, internal,
         row[:-1], row[1:] - 1, road.junction[lane], _numbers(road, nodes)]).astype(np.float64),
         np.column_stack([pose, cap, _drawn(drawn, lane, row, length)]), _upstream(road, lane),
-        drawn,
+        drawn, halt,
     )  # fmt: skip
 
 
-class Pace(NamedTuple):
-    """Where the ego is on its route, and how it drives."""
-
-    node: int
-    s: float  # m
-    v: float  # m/s
-    a: float  # m/s2
-
-
-def eased(route: RouteMap, lowered: Bools, pace: Pace, decel: float, jerk: float) -> RouteMap:
+def eased(
+    route: RouteMap, lowered: Bools, pace: Pace, decel: float, jerk: float, stop: Stop = NO_STOP
+) -> RouteMap:
     """The route for an ego that drives too fast for a limit lowered before or under it: there the
     limit is what braking from now on, with `jerk` (m/s3) up to `decel` (m/s2), leads to.
 
-    lowered [W]: the nodes whose limits were changed. The same route where the ego is slow enough.
+    lowered [W]: the nodes whose limits were changed; `stop`: the one that the route was laid out
+    for. The same route where the ego is slow enough.
     """
     rows = np.diff(route.row)
     most = np.repeat(route.limit, rows)
-    along = np.concatenate([np.arange(n) * SPACING for n in rows])
-    ahead = np.repeat(route.station, rows) + along - float(route.station[pace.node]) - pace.s
+    at = np.concatenate([np.arange(n) * SPACING for n in rows])
+    ahead = np.repeat(route.station, rows) + at - float(route.station[pace.node]) - pace.s
     here = np.repeat(lowered, rows) & (ahead >= -SPACING)
-    braked = np.where(here, _braking(np.maximum(ahead, 0.0), pace, decel, jerk), 0.0)
+    braked = np.where(here, braking(np.maximum(ahead, 0.0), pace, decel, jerk), 0.0)
     if (braked <= most).all():
         return route
-    goal, cap = (route.leg == route.leg.max()) & ~route.internal, np.zeros(len(most))
-    most = np.maximum(most, braked)
-    _fill_caps(cap, route.next, route.row, route.length, most, goal, decel)
-    return route._replace(cap=cap, rows=np.column_stack([route.pose, cap]))
-
-
-def _braking(distance: Floats, pace: Pace, decel: float, jerk: float) -> Floats:
-    """[n] speed after so many metres of braking, m/s."""
-    begins = max(pace.a + decel, 0.0) / jerk  # s until it brakes with `decel`
-    time = np.linspace(0.0, begins, 21)
-    v = np.maximum(pace.v + pace.a * time - 0.5 * jerk * time**2, 0.0)
-    driven = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(time))])
-    later = np.sqrt(np.maximum(v[-1] ** 2 - 2.0 * decel * (distance - driven[-1]), 0.0))
-    return np.where(distance < driven[-1], np.interp(distance, driven, v), later)
+    cap, table = np.zeros(len(most)), route.rows.copy()
+    goal = (route.next < 0) & np.isinf(route.reach)
+    along = (cap, route.next, route.row, route.length)
+    fill_caps(*along, np.maximum(most, braked), goal, decel)
+    if route.halt.node >= 0:
+        slow_down(*along, route.halt.node, stop, decel)
+    table[:, CAP] = cap
+    return route._replace(cap=cap, rows=table)
 
 
 def _numbers(road: RoadMap, nodes: Nodes) -> Indices:
@@ -305,35 +307,6 @@ def _fill_poses(
             # its lane
             pose[k, X], pose[k, Y] = fx - 0.5 * vehicle * c, fy - 0.5 * vehicle * n
             pose[k, COS], pose[k, SIN] = c, n
-
-
-@entry
-def _fill_caps(
-    cap: Floats,
-    nxt: Indices,
-    row: Indices,
-    length: Floats,
-    most: Floats,
-    goal: Bools,
-    decel: float,
-) -> None:
-    """RouteMap.cap [R], backward over the nodes: v^2 = v_next^2 + 2 b d. `most` [R]: the limits,
-    m/s."""
-    for i in range(len(nxt) - 1, -1, -1):
-        beyond = row[i + 1] - 1
-        end = most[beyond] if goal[i] else 0.0
-        distance = -END_GAP
-        if nxt[i] >= 0:
-            end, distance = min(most[beyond], cap[row[nxt[i]]]), 0.0
-        elif goal[i]:
-            distance = 0.0
-        for k in range(row[i + 1] - 1, row[i] - 1, -1):
-            to_end = max(0.0, length[i] - (k - row[i]) * SPACING + distance)
-            cap[k] = min(most[k], math.sqrt(end * end + 2.0 * decel * to_end))
-        share = length[i] / SPACING - (beyond - 1 - row[i])
-        # between the last two rows `end` is to be read where the lane ends
-        if nxt[i] >= 0 and share > 1e-6:
-            cap[beyond] = max(0.0, cap[beyond - 1] + (end - cap[beyond - 1]) / share)
 
 
 @kernel

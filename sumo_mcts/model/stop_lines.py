@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.model.halts import LINE_BEYOND
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.route import RouteMap, stop_ahead
 from sumo_mcts.numerics.signals import signal_states
@@ -15,6 +16,10 @@ from sumo_mcts.scene import AFTER_STOP, GREEN, YELLOW, Floats, Forecast, Ints, S
 # m/s2 of braking beyond which the ego does not stop for red: yellow was short, or it departs right
 # before a red light
 RED_DECEL = 6.0
+
+BEFORE_SIGN = 2.0  # m before the line of a stop sign: the place to stand
+NEAR_SIGN = 5.0  # m before that place over which the cost of lost time falls to 0
+NEAR_PLACE = 0.2  # m likewise, of a stop: there SUMO takes a stand for one only at the very place
 
 
 class Rules(NamedTuple):
@@ -99,7 +104,11 @@ def is_open(
     return True
 
 
-def stop_at(route: RouteMap, state: State, cleared: frozenset[int], here: float) -> float:
-    """LocalMap.stop_at."""
+def stop_at(route: RouteMap, state: State, rules: Rules, here: float) -> tuple[float, float, float]:
+    """LocalMap.stop_at, stands_before and near_stop."""
     node, distance = stop_ahead(route, state.node, state.s)
-    return here + distance if node >= 0 and route.sign[node] and node not in cleared else math.inf
+    if node < 0 or not route.sign[node] or node in rules.cleared:
+        return math.inf, BEFORE_SIGN, NEAR_SIGN
+    if route.halt.ends and node == route.halt.node:
+        return here + distance, LINE_BEYOND, NEAR_PLACE
+    return here + distance, BEFORE_SIGN, NEAR_SIGN

@@ -129,6 +129,10 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "change_to": _index("lanes"), "change_from": _index("lanes"), "asks": _SIDE,
         "reroutes": _COUNT,
     },
+    "Stop": {
+        "lane": _index("lanes"), "begin": Rule(), "place": _positive(most=LONGEST),
+        "speed": _positive(), "after": _COUNT,
+    },
     "Agents": {
         "ids": Rule(("N",)), "x": _place("N"), "y": _place("N"), "heading": Rule(("N",)),
         "v": Rule(("N",)), "a": Rule(("N",)), "trend": Rule(("N",)),

@@ -72,6 +72,8 @@ class Commander:
         self._ask(0 if busy else command.asks)
         if command.lane_change != 0:
             self._begin_change(command.lane_change)
+        if command.skips_stop and self._get.getStops(self._vehicle, 1):
+            self._get.replaceStop(self._vehicle, 0, "")
 
     @property
     def asks(self) -> int:

@@ -27,6 +27,7 @@ from sumo_mcts.world.road_changes import RoadReader
 from sumo_mcts.world.roadmap import lane_index
 from sumo_mcts.world.signals import PHASES, SignalReader
 from sumo_mcts.world.simulation import step_length
+from sumo_mcts.world.stops import StopReader
 from sumo_mcts.world.surrogates import SurrogateReader, Surrogates
 from sumo_mcts.world.truth import TruthReader
 from sumo_mcts.world.vehicle_types import TypeReader
@@ -62,6 +63,7 @@ class Observer:
         self._bodies = BodyReader(self._libsumo, road, self.lanes, self._types)
         self._agents = AgentReader(self._libsumo, self._types, self._bodies, lefthand=road.lefthand)
         self._signals = SignalReader(self._libsumo, road)
+        self._stops = StopReader(self._libsumo, road, self.lanes)
         self._surrogates = SurrogateReader(self._libsumo)
         self._truth = TruthReader(self._libsumo, road, self.lanes)
         self._changes = RoadReader(self._libsumo, road)
@@ -129,7 +131,10 @@ class Observer:
         x, y = get.getPosition(vehicle)
         require_finite(vehicle, x, y, get.getSpeed(vehicle))
         heading = heading_of(get.getAngle(vehicle))
-        route = get.getRoute(vehicle)[max(get.getRouteIndex(vehicle), 0) :]
+        ahead = get.getRoute(vehicle)[max(get.getRouteIndex(vehicle), 0) :]
+        route = tuple(self._edges.get(edge, -1) for edge in ahead)
+        lane, s = self.lanes.get(get.getLaneID(vehicle), -1), float(get.getLanePosition(vehicle))
+        stop, held = self._stops.read(vehicle, route, lane, s)
         return EgoState(
             id=vehicle,
             x=x - 0.5 * kind.length * math.cos(heading),
@@ -137,8 +142,8 @@ class Observer:
             heading=heading,
             v=get.getSpeed(vehicle),
             a=get.getAcceleration(vehicle),
-            lane=self.lanes.get(get.getLaneID(vehicle), -1),
-            s=get.getLanePosition(vehicle),
+            lane=lane,
+            s=s,
             d=self._left * get.getLateralLanePosition(vehicle),
             length=kind.length,
             width=kind.width,
@@ -148,10 +153,12 @@ class Observer:
             max_speed=kind.max_speed,
             speed_factor=kind.speed_factor,
             vclass=kind.vclass,
-            route=tuple(self._edges.get(edge, -1) for edge in route),
+            route=route,
             changing=change.progress,
             change_to=change.target,
             change_from=change.source,
+            stop=stop,
+            held=held,
         )
 
     def timing(self, x: float, y: float) -> Signals:

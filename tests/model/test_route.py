@@ -28,11 +28,10 @@ from hypothesis import strategies as st
 
 from sumo_mcts.config import load
 from sumo_mcts.config.builtin import root, scenario_path
+from sumo_mcts.model.caps import SPACING, Pace
 from sumo_mcts.model.route import (
     NUMBER,
-    SPACING,
     UPSTREAM_VIEW,
-    Pace,
     RouteMap,
     eased,
     lane_pose,

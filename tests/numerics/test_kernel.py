@@ -456,7 +456,7 @@ NEEDED = {
     "actions": "action_at clear_line copy_line put_action",
     "cost_to_go": "_fill_to_gate waiting_s",
     "cost": """
-        _before_sign _behind _to_sign _too_slow leads_nowhere step_comfort step_own
+        _before_stop _behind _to_stop _too_slow leads_nowhere step_comfort step_own
         step_passability terminal
     """,
     "gaps": "gap_ahead gap_behind gap_to_leaving lane_left",
@@ -483,7 +483,8 @@ NEEDED = {
     "occupancy": "may_be_near",
     "poses": "_lane_at _place _place_on_path _point",
     "ply": "copy_pairs for_steps needed_side replay simulate",
-    "route": "_fill_caps _fill_poses lane_pose",
+    "caps": "fill_caps",
+    "route": "_fill_poses lane_pose",
     "search": "_continuation _expand _plant _rollout _select search",
     "tree": "_action_of _trace_back back_up is_known near_of spent store",
 }

@@ -1,0 +1,41 @@
+"""Stops that cannot be served any more."""
+
+import math
+
+from sumo_mcts.model.local_map import State
+from sumo_mcts.model.route import RouteMap
+from sumo_mcts.scene import NO_STOP, Decision, EgoState, Follow, Stop
+
+PAST = 1.0  # m behind its place at which a stop that does not count yet is missed
+SURELY_PAST_S = 2.0  # s of its speed behind a waypoint likewise
+NONE_MISSED = Stop(lane=-2)  # equal to no stop
+
+
+def is_missed(route: RouteMap, stop: Stop, state: State, ego: EgoState) -> bool:
+    """Whether the ego cannot serve the stop that its route was laid out for: it is behind it, too
+    fast to stand there with the braking of its vehicle type, or its lane is out of reach."""
+    if stop == NO_STOP:
+        return False
+    node = route.halt.node
+    if node < 0 or route.lost[state.node]:
+        return True
+    leg = route.leg[node]
+    if route.leg[state.node] != leg:
+        return bool(route.leg[state.node] > leg)
+    if route.internal[state.node]:
+        return True  # the junction behind the edge of the stop
+    if stop.speed > 0.0:
+        return state.s > stop.place + PAST + SURELY_PAST_S * stop.speed
+    left = stop.place - state.s
+    braking = state.v * state.v / (2.0 * max(ego.comfort_decel, math.ulp(1.0)))
+    return braking > left + PAST
+
+
+def without_stop(decision: Decision) -> Decision:
+    """The decision, and the next stop given up."""
+    if not isinstance(decision.command, Follow):
+        return decision
+    return decision._replace(
+        command=decision.command._replace(skips_stop=True),
+        reason=f"{decision.reason}; the stop ahead cannot be served any more: given up",
+    )
