@@ -21,7 +21,9 @@ from sumo_mcts.driver.vehicle import EgoVehicle, never_departed, running_world
 from sumo_mcts.driver.warmup import warm_up
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.prediction.interface import Oracles
+from sumo_mcts.prediction.told import Told, states_told, told_by
 from sumo_mcts.registry import asks, without
+from sumo_mcts.scene import Scripted
 from sumo_mcts.world import simulation
 from sumo_mcts.world.candidates import near_ids
 from sumo_mcts.world.observe import departure
@@ -74,7 +76,8 @@ class Controller:
 
         config: a scenario, without its sections sumo, egos, traffic and (but for depart_limit_s)
             episode; or its sections, as in {"planner": {"iterations": 2000}}; by default an empty
-            scenario
+            scenario; of `egos` it reads who is connected: controllers of connected vehicles tell
+            each other their plans
         seed: of the search and of the sensor's errors
         allow_plugins: whether a mapping may name code of your own as module:name
         """
@@ -119,13 +122,16 @@ class Controller:
         """Get ready for the simulation that runs now. Raises ConfigError."""
         self._config = _scenario(self._ego, self._asked, self._allow_plugins)
         self._world = running_world(self._config.planner.period_s)
-        oracles = Oracles(self._world.observer.coming_lanes, _no_script, _no_copy)
+        oracles = Oracles(
+            self._world.observer.coming_lanes, _no_script, _no_copy, self._plan_of_another
+        )
         self._driver = Driver(
             self._config, self._world.road, self._world.physics, streams(self._seed).search, oracles
         )
         self._noise = streams(self._seed).noise.spawn(1)[0]
         warm_up(self._config, self._world.road, self._world.physics)
         self.thought: PlanningResult | None = None  # the last decision, and what it rests on
+        self._told: Told | None = None  # what it tells of that decision
         self._over = False
         self._departure: float | None = None  # of the vehicle, s; None: it has not come so far
         self._time = -math.inf  # of the last step(), s
@@ -195,9 +201,20 @@ class Controller:
         if vehicle is None:
             return
         if vehicle.due():
-            self.thought = self._driver.decide(vehicle.scene())
+            scene = vehicle.scene()
+            self.thought = self._driver.decide(scene)
+            self._told = told_by(scene, self.thought.decision)
             vehicle.accept(self.thought.decision)
         vehicle.before_step()
+
+    def _plan_of_another(
+        self, vehicle: str, now: float, step: float, count: int
+    ) -> Scripted | None:
+        """The coming states of a vehicle by its last plan, if another controller drives it."""
+        other = _DRIVEN.get((self._hold.simulation, vehicle))
+        if other is None or not other.driving or other._told is None:
+            return None
+        return states_told(other._told, now, step, count)
 
     def _look(self) -> EgoVehicle | None:
         """The vehicle, if it can be driven now; None before the departure, during a teleport, and

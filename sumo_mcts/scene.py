@@ -265,7 +265,7 @@ class Forecast(NamedTuple):
 
 
 class Scripted(NamedTuple):
-    """The coming states of an agent, from its script or from a copy of the simulation.
+    """The coming states of an agent, from its script, its plan or a copy of the simulation.
 
     K times, those of the forecast.
     """
@@ -277,8 +277,23 @@ class Scripted(NamedTuple):
     valid: Bools  # [K] False: not there
 
 
+class ToldPlans(NamedTuple):
+    """What connected egos told one of them in one cycle.
+
+    K agents with T coming states.
+    """
+
+    agent: Ints = np.zeros(0, np.int32)  # [K] index
+    pose: Floats = np.zeros((0, 0, 4))  # [K, T, 4] poses, at the times asked for
+    v: Floats = np.zeros((0, 0))  # [K, T] m/s
+    lane: Ints = np.zeros((0, 0), np.int32)  # [K, T]
+    s: Floats = np.zeros((0, 0))  # [K, T] m
+    valid: Bools = np.zeros((0, 0), np.bool_)  # [K, T] False: beyond the end of the plan
+
+
 class Answers(NamedTuple):
-    """The answers of oracles in one cycle; empty unless a scenario names an oracle.
+    """The answers of oracles in one cycle; empty unless a scenario names an oracle. And what
+    connected egos told.
 
     N agents of the scene; K agents with T coming states.
     """
@@ -293,6 +308,7 @@ class Answers(NamedTuple):
     lane: Ints = np.zeros((0, 0), np.int32)  # [K, T]
     s: Floats = np.zeros((0, 0))  # [K, T] m
     valid: Bools = np.zeros((0, 0), np.bool_)  # [K, T]
+    told: ToldPlans = ToldPlans()
 
 
 # --- decisions ---

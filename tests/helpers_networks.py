@@ -8,6 +8,9 @@ from pathlib import Path
 import libsumo
 import sumo
 
+ENDS = {"w": (-1, 0), "s": (0, -1), "e": (1, 0), "n": (0, 1)}  # of a crossing, counterclockwise
+FAR = 120.0  # m to the ends
+
 
 def netconvert(folder: Path, nodes: str, edges: str, connections: str, *options: str) -> str:
     """Run netconvert on the XML elements of its three input files. Returns the network file."""
@@ -33,6 +36,24 @@ def netconvert(folder: Path, nodes: str, edges: str, connections: str, *options:
         capture_output=True,
     )
     return str(folder / "x.net.xml")
+
+
+def four_arms(folder: Path, control: str) -> None:
+    """Four arms of one lane each way; with `priority` the road from west to east has it."""
+    nodes, roads = f'<node id="c" x="0" y="0" type="{control}"/>', ""
+    for name, (x, y) in ENDS.items():
+        nodes += f'<node id="{name}" x="{FAR * x}" y="{FAR * y}"/>'
+        more = f'speed="13.9" priority="{3 if control == "priority" and name in "we" else 1}"'
+        roads += f'<edge id="{name}c" from="{name}" to="c" {more}/>'
+        roads += f'<edge id="c{name}" from="c" to="{name}" {more}/>'
+    netconvert(folder, nodes, roads, "")
+
+
+def car(route: str, place: float, stops: str = "") -> str:
+    """A vehicle, named after the arm that it comes from."""
+    way = f'<route edges="{route[0]}c c{route[1]}"/>'
+    begins = f'depart="0" departPos="{place}" departSpeed="8"'
+    return f'<vehicle id="{route[0]}" type="car" {begins}>{way}{stops}</vehicle>'
 
 
 @contextmanager

@@ -182,6 +182,28 @@ def test_a_state_of_the_same_moment_costs_no_control(tmp_path: Path) -> None:
 # --- several controllers ---
 
 
+@pytest.mark.parametrize("connected", [True, False])
+def test_controllers_of_connected_vehicles_tell_each_other_their_plans(connected: bool) -> None:
+    """The one whose step() comes later knows the new plan of the other."""
+    add("second", at=85.0)
+    egos = [{"id": name, "connected": connected} for name in ("ego", "second")]
+    with Controller("second", {**SETTINGS, "egos": egos}) as ahead:
+        with Controller("ego", {**SETTINGS, "egos": egos}) as behind:
+            for _ in range(20):
+                ahead.step()
+                behind.step()
+                libsumo.simulationStep()
+            first, then = ahead.thought, behind.thought
+        assert first is not None and then is not None and then.forecast is not None
+        plan, told = first.decision.plan, then.answers.told
+        assert plan is not None
+        assert len(told.agent) == connected
+        if connected:
+            rows = told.valid[0, 1:].sum()
+            assert told.v[0, 1 : rows + 1] == pytest.approx(plan.v[1::2][:rows])
+            assert (then.forecast.v[0, : rows + 1, 0] == told.v[0, : rows + 1]).all()
+
+
 def test_a_second_controller_is_refused_until_the_first_lets_go() -> None:
     first = taken_over()
     for _ in range(2):

@@ -11,13 +11,24 @@ from sumo_mcts.driver.sensor import room_m
 from sumo_mcts.errors import ConfigError, in_one_line
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.route import RouteMap
-from sumo_mcts.prediction.forecast import Question
+from sumo_mcts.prediction.forecast import Question, times_of
 from sumo_mcts.prediction.interface import Oracles, Predictor, checked
 from sumo_mcts.prediction.margins import inflate
 from sumo_mcts.prediction.paths import LANES
 from sumo_mcts.prediction.roadside import room_beside
+from sumo_mcts.prediction.told import with_plans
 from sumo_mcts.registry import PREDICTORS, asks
-from sumo_mcts.scene import Floats, Follow, Forecast, Ints, Plan, Release, RoadMap, Scene
+from sumo_mcts.scene import (
+    Floats,
+    Follow,
+    Forecast,
+    Ints,
+    Plan,
+    Release,
+    RoadMap,
+    Scene,
+    Scripted,
+)
 
 # s of the last plan that a forecast takes for granted; then the nominal ego follows its leader
 NOMINAL_S = 2.0
@@ -52,6 +63,7 @@ class Forecaster:
         self._step, self._traffic = physics.step, traffic_params(config, physics)
         self._forecast_s = forecast_s(config, physics.step, self._traffic.step)
         self._room_m = room_m(config.sensor)
+        self._connected = frozenset(ego.id for ego in config.egos if ego.connected)
         self._predictors: dict[str, Predictor] = {}
         self._predictor(config.prediction.name)
 
@@ -79,7 +91,7 @@ class Forecaster:
 
     def ask(self, name: str, cycle: Cycle, seconds: float, hypotheses: int = 1) -> Forecast:
         """What a predictor (a built-in one or the scenario's) says, with margins for the sensor's
-        errors and for pedestrians.
+        errors and for pedestrians; of connected egos what they tell.
 
         Raises what a plugin raises, and ValueError where its answer is no forecast.
         """
@@ -99,7 +111,21 @@ class Forecaster:
         # a copy of the simulation has the paths of pedestrians
         on_foot_m = 0.0 if asks(name, "clone") else self._config.prediction.room_on_foot_m
         room = room_beside(self._road, cycle.lanes, cycle.scene.ego, cycle.scene.agents)
-        return inflate(found, cycle.scene, self._room_m, on_foot_m, room)
+        found = inflate(found, cycle.scene, self._room_m, on_foot_m, room)
+        plans = self._told(cycle.scene, seconds)
+        return with_plans(found, self._road, cycle.scene.agents, cycle.lanes, plans)
+
+    def _told(self, scene: Scene, seconds: float) -> dict[int, Scripted]:
+        """What the connected egos in a scene tell one of them, by index of the agent."""
+        if self._oracles is None or scene.ego.id not in self._connected:
+            return {}
+        step = self._traffic.step
+        found = {
+            i: self._oracles.plan(vehicle, scene.time, step, times_of(seconds, step))
+            for i, vehicle in enumerate(scene.agents.ids)
+            if vehicle in self._connected
+        }
+        return {i: states for i, states in found.items() if states is not None}
 
     def nothing(self) -> Forecast:
         """In place of a forecast that is not needed."""

@@ -14,6 +14,7 @@ from sumo_mcts.prediction.interface import Oracles
 from sumo_mcts.records import CycleRecord, Setting, Trace, TraceError, require_fit, scenario_of
 from sumo_mcts.registry import SENSED, is_oracle
 from sumo_mcts.scene import (
+    Answers,
     Follow,
     Ints,
     PlannerMemory,
@@ -22,6 +23,7 @@ from sumo_mcts.scene import (
     RoadMap,
     Scene,
     Scripted,
+    ToldPlans,
 )
 
 # sections that a decision reads; what the others decide has happened before
@@ -81,6 +83,14 @@ def replan(trace: Trace, road: RoadMap, cycle: int, config: ScenarioConfig) -> P
     return driver.decide(Scene(now.time, now.step, now.ego, now.agents, now.signals, now.changes))
 
 
+def _states(recorded: Answers | ToldPlans) -> dict[int, Scripted]:
+    """The coming states that are recorded, by index of the agent."""
+    return {
+        i: Scripted(*(getattr(recorded, name)[k] for name in Scripted._fields))
+        for k, i in enumerate(recorded.agent.tolist())
+    }
+
+
 def _recorded_oracles(now: CycleRecord, recorded: str, config: ScenarioConfig) -> Oracles:
     """Oracles that answer as they did in the episode. Raises ConfigError where they were not
     asked; `recorded`: the name of the episode's predictor."""
@@ -92,11 +102,9 @@ def _recorded_oracles(now: CycleRecord, recorded: str, config: ScenarioConfig) -
             f"{allowed}"
         )
     answers = now.answers
-    states = [
-        Scripted(answers.pose[k], answers.v[k], answers.lane[k], answers.s[k], answers.valid[k])
-        for k in range(len(answers.agent))
-    ]
-    row = {now.agents.ids[i]: k for k, i in enumerate(answers.agent.tolist())}
+    states, told = _states(answers), _states(answers.told)
+    index = {vehicle: i for i, vehicle in enumerate(now.agents.ids)}
+    scripted = set(answers.agent[answers.scripted].tolist())
 
     def lanes(vehicle: str, lane: int) -> Ints:
         if not answers.ways:
@@ -107,20 +115,19 @@ def _recorded_oracles(now: CycleRecord, recorded: str, config: ScenarioConfig) -
         return answers.ways[now.agents.ids.index(vehicle)]
 
     def script(vehicle: str, time: float, step: float, count: int) -> Scripted | None:
-        k = row.get(vehicle)
-        if k is None or not answers.scripted[k]:
-            return None
-        return _first(states[k], now.forecast.dt, step, count)
+        i = index.get(vehicle, -1)
+        return _first(states[i], now.forecast.dt, step, count) if i in scripted else None
 
     def clone(
         scene: Scene, command: Follow | Release, step: float, count: int
     ) -> dict[int, Scripted]:
-        return {
-            int(i): _first(states[k], now.forecast.dt, step, count)
-            for k, i in enumerate(answers.agent)
-        }
+        return {i: _first(each, now.forecast.dt, step, count) for i, each in states.items()}
 
-    return Oracles(lanes, script, clone)
+    def plan(vehicle: str, time: float, step: float, count: int) -> Scripted | None:
+        i = index.get(vehicle, -1)
+        return _first(told[i], now.forecast.dt, step, count) if i in told else None
+
+    return Oracles(lanes, script, clone, plan)
 
 
 def _first(states: Scripted, recorded_step: float, step: float, count: int) -> Scripted:

@@ -56,6 +56,10 @@ class Loop:
             self._step()
         return {}
 
+    def tell(self, scene: Scene, decision: Decision) -> None:
+        """An ego has decided: connected egos that decide after it know its plan."""
+        self._oracles.tell(scene, decision)
+
     def apply(self, decisions: Mapping[str, Decision]) -> None:
         """Command what was decided for the coming period."""
         for ego in self._egos:

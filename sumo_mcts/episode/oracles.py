@@ -13,6 +13,7 @@ from sumo_mcts.episode.launch import Running
 from sumo_mcts.evaluation.hindsight import Future
 from sumo_mcts.prediction.interface import Oracles
 from sumo_mcts.prediction.script_poses import script_poses
+from sumo_mcts.prediction.told import Told, states_told, told_by
 from sumo_mcts.scene import Decision, Floats, Follow, Ints, Release, Scene, Scripted
 from sumo_mcts.world import clone
 
@@ -29,10 +30,21 @@ class SimulationOracles:
         """Answer from this draw of the traffic from now on."""
         self._running = running
         self._script_poses: dict[str, Floats] = {}  # by vehicle: [steps, 4]
+        self._told: dict[str, Told | None] = {}  # by ego, of its last decision
 
     def oracles(self) -> Oracles:
         """The questions that predictors may ask."""
-        return Oracles(self.lanes, self.scripted, self.copied)
+        return Oracles(self.lanes, self.scripted, self.copied, self.planned)
+
+    def tell(self, scene: Scene, decision: Decision) -> None:
+        """An ego has decided: egos that are connected with it know its plan from now on."""
+        self._told[scene.ego.id] = told_by(scene, decision)
+
+    def planned(self, vehicle: str, now: float, dt: float, count: int) -> Scripted | None:
+        """The coming `count` states of an ego by its last plan, `dt` s apart; None where it has
+        none, or is not under control."""
+        told = self._told.get(vehicle)
+        return states_told(told, now, dt, count) if told and vehicle in self._driven() else None
 
     def lanes(self, vehicle: str, lane: int) -> Ints:
         """[K] the lanes that a vehicle on this lane is really going to take, this one first."""

@@ -157,7 +157,8 @@ def _decide(
     drivers: Mapping[str, Driver],
     recorders: Mapping[str, Recorder],
 ) -> dict[str, Decision]:
-    """A decision of every driver; one that raises is an outcome, not the end of a batch."""
+    """A decision of every driver, one after the other in the order of the scenario: connected egos
+    know the plans of those before them. One that raises is an outcome, not the end of a batch."""
     decisions = {}
     for ego, scene in scenes.items():
         try:
@@ -169,6 +170,7 @@ def _decide(
             continue
         recorders[ego].note(scene, planned)
         decisions[ego] = planned.decision
+        loop.tell(scene, planned.decision)
     return decisions
 
 

@@ -15,11 +15,17 @@ from sumo_mcts.scene import (
     RoadMap,
     Scene,
     Scripted,
+    ToldPlans,
 )
 
 
+def no_plan(*_: object) -> None:
+    """No vehicle tells its plan."""
+
+
 class Oracles(NamedTuple):
-    """Questions about the future that no sensor can answer. Only oracles ask them."""
+    """Questions about the future that no sensor can answer. Only oracles ask them, but for the last
+    one: connected egos ask each other."""
 
     # vehicle, its lane: the lanes that it is really going to take
     lanes: Callable[[str, int], Ints]
@@ -28,6 +34,9 @@ class Oracles(NamedTuple):
     # scene, command of its ego, step (s), count: the coming states of its agents (by index), in a
     # copy of the simulation
     clone: Callable[[Scene, Follow | Release, float, int], Mapping[int, Scripted]]
+    # vehicle, time (s), step (s), count: its coming states by its last plan, if it is a connected
+    # ego that has one; not valid beyond the end of the plan
+    plan: Callable[[str, float, float, int], Scripted | None] = no_plan
 
 
 class Predictor(Protocol):
@@ -58,10 +67,13 @@ class OracleRecorder:
         self._lanes: dict[str, Ints] = {}
         self._scripts: dict[str, Scripted] = {}
         self._copies: dict[int, Scripted] = {}
+        self._told: dict[str, Scripted] = {}
 
     def oracles(self) -> Oracles | None:
         """The oracles that are recorded; None where there are none."""
-        return None if self._ask is None else Oracles(self._lanes_of, self._script, self._clone)
+        if self._ask is None:
+            return None
+        return Oracles(self._lanes_of, self._script, self._clone, self._plan)
 
     def answers(self, ids: Sequence[str]) -> Answers:
         """The answers of this cycle, about the agents with these ids."""
@@ -71,19 +83,16 @@ class OracleRecorder:
             else ()
         )
         scripts = {i: self._scripts[name] for i, name in enumerate(ids) if name in self._scripts}
+        plans = {i: self._told[name] for i, name in enumerate(ids) if name in self._told}
+        told = ToldPlans(**_stacked(plans)) if plans else ToldPlans()
         states = {**scripts, **self._copies}
         if not states:
-            return Answers(lanes)
-        count = min(len(each.v) for each in states.values())
-        columns = {
-            name: np.stack([getattr(each, name)[:count] for each in states.values()])
-            for name in Scripted._fields
-        }
+            return Answers(lanes, told=told)
         return Answers(
             ways=lanes,
-            agent=np.array(list(states), np.int32),
             scripted=np.array([ids[i] in self._scripts for i in states], np.bool_),
-            **columns,
+            told=told,
+            **_stacked(states),
         )
 
     def _lanes_of(self, vehicle: str, lane: int) -> Ints:
@@ -105,6 +114,25 @@ class OracleRecorder:
         found = self._ask.clone(scene, command, step, count)
         self._copies.update(found)
         return found
+
+    def _plan(self, vehicle: str, time: float, step: float, count: int) -> Scripted | None:
+        assert self._ask is not None
+        found = self._ask.plan(vehicle, time, step, count)
+        if found is not None:
+            self._told[vehicle] = found
+        return found
+
+
+def _stacked(states: Mapping[int, Scripted]) -> dict[str, Any]:
+    """The columns `agent` and those of Scripted, as far as there are states of all agents."""
+    count = min(len(each.v) for each in states.values())
+    return {
+        "agent": np.array(list(states), np.int32),
+        **{
+            name: np.stack([getattr(each, name)[:count] for each in states.values()])
+            for name in Scripted._fields
+        },
+    }
 
 
 def checked(forecast: object, road: RoadMap, question: Question) -> Forecast:

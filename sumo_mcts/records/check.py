@@ -175,6 +175,10 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "pose": _place("a", "t", 4), "v": Rule(("a", "t")),
         "lane": _index("lanes", "a", "t"), "s": Rule(("a", "t")), "valid": Rule(("a", "t")),
     },
+    "ToldPlans": {
+        "agent": _index("N", "p", least=0), "pose": _place("p", "u", 4), "v": Rule(("p", "u")),
+        "lane": _index("lanes", "p", "u"), "s": Rule(("p", "u")), "valid": Rule(("p", "u")),
+    },
 }  # fmt: skip
 ANSWERED = _index("lanes", "w")  # one of Answers.ways
 

@@ -76,6 +76,7 @@ def test_every_number_has_bounds(model: Any) -> None:
         ('egos=[{id: "a\\u001b[31m"}]', ("egos.0.id: has to be a text of 1 to 500 characters "
                                         "without spaces")),
         ("egos=[{id: []}]", "egos.0.id: has to be a text"),
+        ("egos=[{id: a, connected: 1}]", "egos.0.connected: has to be true or false, got 1"),
         ("sumo.routes=[1]", "sumo.routes.0: has to be a text, got 1"),
         (".".join(["planner", "options", *"a" * 50]) + "=1", "a key of more than 40 parts"),
         ("name=2001-01-01", "the value is not valid YAML: line 1, column 1: a date"),
@@ -110,6 +111,11 @@ def test_a_value_that_is_long_is_shortened() -> None:
     with pytest.raises(ConfigError) as refused:
         build({**fine(), "description": ["x" * 100_000]}, "x.yaml")
     assert len(str(refused.value)) < 300
+
+
+def test_egos_plan_by_themselves_unless_they_are_connected() -> None:
+    alone, told = build(fine(), "x.yaml", ("egos=[{id: a}, {id: b, connected: true}]",)).egos
+    assert (alone.connected, told.connected) == (False, True)
 
 
 def test_base_by_name(tmp_path: Path) -> None:

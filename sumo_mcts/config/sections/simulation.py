@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from sumo_mcts import situations
 from sumo_mcts.config.sections.section import Section
-from sumo_mcts.config.values import FileName, FileNames, Float, Id, Positive, SumoValue
+from sumo_mcts.config.values import FileName, FileNames, Flag, Float, Id, Positive, SumoValue
 
 
 def _one_of(kind: str, kinds: Mapping[str, object]) -> str:
@@ -87,6 +87,9 @@ class EgoConfig(Section):
     id: Id = Field(description="vehicle id")
     until: Id | None = Field(
         None, description="the goal: the end of this edge; default the last of its route"
+    )
+    connected: Flag = Field(
+        False, description="whether it and the other connected egos tell each other their plans"
     )
 
 
