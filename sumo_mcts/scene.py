@@ -111,6 +111,10 @@ class RoadMap(NamedTuple):
     conflict_merge: Bools  # [C] both lanes lead into the same lane
     conflict_yields: Bools  # [C] traffic on this lane must let the other pass
 
+    # The last V lanes are lanes of oncoming traffic, as who overtakes there drives them: beside the
+    # leftmost lane, of its edge, and leading nowhere. [V] which lanes those are for the oncoming.
+    oncoming: Ints = np.zeros(0, np.int32)
+
 
 class RoadChanges(NamedTuple):
     """What the simulation has changed of C lanes of a RoadMap: its columns as they are now."""

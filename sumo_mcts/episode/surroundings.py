@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from sumo_mcts.numerics.geometry import nearest
-from sumo_mcts.numerics.lanes import successors
+from sumo_mcts.numerics.lanes import against_traffic, successors
 from sumo_mcts.records import Lanes
 from sumo_mcts.scene import YIELD, Bools, Floats, RoadMap
 
@@ -29,6 +29,7 @@ def lanes_around(
     for route in routes:
         on_route |= np.isin(road.edge, np.asarray(route, dtype=np.int32)) & ~road.internal
         on_route |= _between(road, route)
+    on_route &= ~against_traffic(road)
     return Lanes(
         lane_ids=tuple(road.lane_ids[i] for i in chosen),
         points=np.concatenate(shapes) if shapes else np.zeros((0, 2)),

@@ -9,6 +9,7 @@ import numpy as np
 from sumo_mcts.evaluation.contact import Contact, ahead_of, touch_point
 from sumo_mcts.evaluation.imposed import Stretch
 from sumo_mcts.evaluation.reachability import spread
+from sumo_mcts.numerics.lanes import against_traffic
 from sumo_mcts.scene import STANDING, Agents, EgoState, Floats, Frame, RoadMap
 
 TOUCHING = 0.1  # m: a contact this close to the plane of a bumper is on it
@@ -48,6 +49,9 @@ def is_at_fault(
         return True
     if not _moves(before.agents, j, agents, i, step):
         return True
+    head_on = _overtook_into(road, conduct.body, frame, i)
+    if head_on is not None:
+        return head_on
     if frame.time - conduct.change_began < CHANGE_COUNTS_S - _EPS:
         return True
     if _violates_right_of_way(road, conduct, step, frame, i):
@@ -127,6 +131,18 @@ def _violates_right_of_way(
             ):
                 return True
     return False
+
+
+def _overtook_into(road: RoadMap, body: list[Stretch], frame: Frame, i: int) -> bool | None:
+    """Whether it was the ego that met agent i in a lane of oncoming traffic, or the agent; None:
+    neither."""
+    ego, agents = frame.ego, frame.agents
+    if np.cos(agents.heading[i] - ego.heading) >= 0.0:
+        return None
+    against = against_traffic(road)
+    if any(against[part.lane] for part in body):
+        return True
+    return False if agents.lane[i] >= 0 and against[agents.lane[i]] else None
 
 
 def _stands_on_junction(road: RoadMap, body: list[Stretch], frame: Frame, i: int) -> bool:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.numerics.lanes import successors, usable
+from sumo_mcts.numerics.lanes import facing, successors, usable
 from sumo_mcts.scene import Bools, RoadMap
 
 # m along the road by which two boxes may miss each other's stretch and still meet: rounded corners,
@@ -68,6 +68,7 @@ def can_meet(
         return True
     if second[0] in _conflicting(road, first[0]) or first[0] in _conflicting(road, second[0]):
         return True
+    turned_round = facing(road) if len(road.oncoming) else None
     stretches: list[dict[int, tuple[float, float]]] = []
     junctions: list[set[int]] = []
     for lane, s, length in (first, second):
@@ -75,8 +76,11 @@ def can_meet(
         edges: dict[int, tuple[float, float]] = {}
         inside: set[int] = set()
         for there, start in spread(road, lane, s, back, ahead).items():
-            low, high = edges.get(int(road.edge[there]), (inf, -inf))
-            edges[int(road.edge[there])] = (min(low, -back - start), max(high, ahead - start))
+            _widen(edges, int(road.edge[there]), -back - start, ahead - start)
+            over = -1 if turned_round is None else int(turned_round[there])
+            if over >= 0:
+                end = float(road.length[there]) + start
+                _widen(edges, int(road.edge[over]), end - ahead, end + back)
             if road.junction[there] >= 0:
                 inside.add(int(road.junction[there]))
         stretches.append(edges)
@@ -88,6 +92,12 @@ def can_meet(
         stretches[0][e][0] <= stretches[1][e][1] and stretches[1][e][0] <= stretches[0][e][1]
         for e in stretches[0].keys() & stretches[1].keys()
     )
+
+
+def _widen(edges: dict[int, tuple[float, float]], edge: int, low: float, high: float) -> None:
+    """Let the stretch of an edge reach from `low` to `high` too, m."""
+    before = edges.get(edge, (inf, -inf))
+    edges[edge] = (min(before[0], low), max(before[1], high))
 
 
 def goal_reaching_edges(road: RoadMap, goal_edge: int, vclass: int) -> Bools:

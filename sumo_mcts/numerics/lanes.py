@@ -51,6 +51,32 @@ def usable(road: RoadMap, lanes: Ints | NDArray[np.int64] | slice, vclass: int) 
     )
 
 
+def against_traffic(road: RoadMap) -> Bools:
+    """[L] lanes of oncoming traffic as who overtakes there drives them (RoadMap.oncoming)."""
+    lanes = len(road.lane_ids)
+    return np.arange(lanes) >= lanes - len(road.oncoming)
+
+
+def facing(road: RoadMap) -> Ints:
+    """[L] the lane in which the same place is driven the other way round, -1: none."""
+    found = np.full(len(road.lane_ids), -1, np.int32)
+    against = np.flatnonzero(against_traffic(road))
+    found[against] = road.oncoming
+    found[road.oncoming] = against
+    return found
+
+
+def opposed(road: RoadMap, one: NDArray[Any], other: NDArray[Any]) -> Bools:
+    """Whether lanes belong to two edges whose traffic drives side by side in opposite directions,
+    with a lane to overtake in between; the shapes are broadcast."""
+    against = np.flatnonzero(against_traffic(road))
+    pairs = np.zeros((2, len(road.edge_ids)), np.int64) - 1
+    edges, facing_edges = road.edge[against], road.edge[road.oncoming]
+    pairs[0, edges], pairs[1, facing_edges] = facing_edges, edges
+    a, b = road.edge[one], road.edge[other]
+    return np.asarray((pairs[0][a] == b) | (pairs[1][a] == b), dtype=np.bool_)
+
+
 def limits(
     road: RoadMap, lanes: Ints | NDArray[np.int64], vclass: Ints | NDArray[np.int64] | int
 ) -> Floats:

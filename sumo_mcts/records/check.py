@@ -97,6 +97,7 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "conflict_begin": Rule(("C",)), "conflict_end": Rule(("C",)),
         "conflict_other_begin": Rule(("C",)), "conflict_other_end": Rule(("C",)),
         "conflict_merge": Rule(("C",)), "conflict_yields": Rule(("C",)),
+        "oncoming": _index("lanes", "V", least=0),
     },
     "RoadChanges": {
         "lane": _index("lanes", "r", least=0), "speed": Rule(("r",), LEAST_SPEED),

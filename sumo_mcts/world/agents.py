@@ -46,13 +46,9 @@ _TYPES = {"lane": np.int32, "blinker": np.int32, "person": np.bool_, "vclass": n
 class AgentReader:
     """Reads agents, and remembers for how long each has stood and how it accelerated."""
 
-    def __init__(
-        self, libsumo: Any, types: TypeReader, bodies: BodyReader, *, lefthand: bool
-    ) -> None:
+    def __init__(self, libsumo: Any, types: TypeReader, bodies: BodyReader) -> None:
         self._cars, self._persons = libsumo.vehicle, libsumo.person
         self._types, self._bodies = types, bodies
-        # SUMO's lateral positions grow in the order of its lanes
-        self._left = -1.0 if lefthand else 1.0
         self._standing: dict[str, float] = {}  # since when each stands, s
         self._trend: dict[str, tuple[float, float]] = {}  # time, s, and smoothed acceleration, m/s2
 
@@ -93,7 +89,7 @@ class AgentReader:
             width=kind.width,
             lane=body.lane,
             s=body.s,
-            d=self._left * get.getLateralLanePosition(vehicle),
+            d=body.d,
             blinker=-1 if signals & _BLINKER_RIGHT else 1 if signals & _BLINKER_LEFT else 0,
             standing_s=self._stood(vehicle, v, time),
             person=False,

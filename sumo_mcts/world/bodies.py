@@ -9,6 +9,7 @@ import numpy as np
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.numerics.drawn import MOST_UNDER
 from sumo_mcts.scene import RoadMap
+from sumo_mcts.world.places import Places
 from sumo_mcts.world.vehicle_types import TypeReader
 
 
@@ -20,6 +21,7 @@ class Body(NamedTuple):
     heading: float  # rad
     lane: int  # of the front
     s: float  # lane position of the front, m
+    d: float  # offset from the lane's centre line, m, left positive
 
 
 class BodyReader:
@@ -29,15 +31,15 @@ class BodyReader:
         self, libsumo: Any, road: RoadMap, lanes: Mapping[str, int], types: TypeReader
     ) -> None:
         """`lanes`: lane id -> index."""
-        self._get, self._road, self._lanes, self._types = libsumo.vehicle, road, lanes, types
+        self._get, self._road, self._types = libsumo.vehicle, road, types
+        self._places = Places(libsumo, road, lanes)
         # the lanes under each articulated vehicle, the present one last
         self._driven: dict[str, tuple[int, ...]] = {}
 
     def read(self, vehicle: str, px: float, py: float) -> Body:
         """The body of a vehicle whose front is at (px, py), m."""
         kind = self._types.of(vehicle)
-        lane = self._lanes.get(self._get.getLaneID(vehicle), -1)
-        s = self._get.getLanePosition(vehicle)
+        lane, s, d = self._places.of(vehicle)
         if kind.articulated and lane >= 0:
             heading = self._chord(vehicle, lane, s - kind.length, px, py)
         else:
@@ -48,6 +50,7 @@ class BodyReader:
             heading=heading,
             lane=lane,
             s=s,
+            d=d,
         )
 
     def _chord(self, vehicle: str, lane: int, rear: float, px: float, py: float) -> float:

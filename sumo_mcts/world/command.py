@@ -7,9 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.numerics.lanes import against_traffic
 from sumo_mcts.scene import Floats, Follow, Release, RoadMap
 from sumo_mcts.world.library import import_libsumo
 from sumo_mcts.world.observe import Change, departure
+from sumo_mcts.world.places import Places
 from sumo_mcts.world.roadmap import sumo_lane
 from sumo_mcts.world.wish import Wish
 
@@ -48,7 +50,9 @@ class Commander:
     ) -> None:
         """`lanes`: lane id -> index in `road`."""
         self._get: Any = import_libsumo().vehicle
-        self._vehicle, self._road, self._lanes, self._bounds = vehicle, road, lanes, bounds
+        self._vehicle, self._road, self._bounds = vehicle, road, bounds
+        self._places = Places(import_libsumo(), road, lanes)
+        self._against = against_traffic(road)
         self._profile: Floats = np.zeros(0)
         self._at = 0
         self._own: _Own | None = None  # to be given back; None: SUMO drives
@@ -187,10 +191,11 @@ class Commander:
         takes_time = self._bounds.change_duration > 0.0
         # SUMO drops the wish where the change before, begun at a stand, takes one step more than
         # its duration: then it is held for a step.
-        still_moving = self._is_aside()
-        self._get.changeLane(
-            self._vehicle, sumo_lane(self._road, target), self._bounds.step if still_moving else 0.0
-        )
+        held = self._bounds.step if self._is_aside() else 0.0
+        if self._against[source] or self._against[target]:  # SUMO has no number for that lane
+            self._get.changeLaneRelative(self._vehicle, side, held)
+        else:
+            self._get.changeLane(self._vehicle, sumo_lane(self._road, target), held)
         if takes_time:
             self.change = Change(0.0, source, target)
 
@@ -208,7 +213,7 @@ class Commander:
 
     def _here(self) -> int:
         """The lane that the vehicle is on, -1: none that is known."""
-        return self._lanes.get(self._get.getLaneID(self._vehicle), -1)
+        return self._places.of(self._vehicle).lane
 
     def _beside(self, lane: int, side: int) -> int:
         """The lane to the left (1) or right (-1) of a lane, -1: none."""

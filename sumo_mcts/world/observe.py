@@ -23,6 +23,7 @@ from sumo_mcts.scene import (
 from sumo_mcts.world.agents import AgentReader
 from sumo_mcts.world.bodies import BodyReader, heading_of, require_finite
 from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.places import Places
 from sumo_mcts.world.road_changes import RoadReader
 from sumo_mcts.world.roadmap import lane_index
 from sumo_mcts.world.signals import PHASES, SignalReader
@@ -57,11 +58,11 @@ class Observer:
         self._libsumo: Any = import_libsumo()
         self.lanes = lane_index(road)
         self.step = step_length()
-        self._left = -1.0 if road.lefthand else 1.0  # SUMO's lateral positions grow with its lanes
+        self._places = Places(self._libsumo, road, self.lanes)
         self._edges = {edge: i for i, edge in enumerate(road.edge_ids)}
         self._types = TypeReader(self._libsumo)
         self._bodies = BodyReader(self._libsumo, road, self.lanes, self._types)
-        self._agents = AgentReader(self._libsumo, self._types, self._bodies, lefthand=road.lefthand)
+        self._agents = AgentReader(self._libsumo, self._types, self._bodies)
         self._signals = SignalReader(self._libsumo, road)
         self._stops = StopReader(self._libsumo, road, self.lanes)
         self._surrogates = SurrogateReader(self._libsumo)
@@ -130,11 +131,10 @@ class Observer:
         get, kind = self._libsumo.vehicle, self._types.of(vehicle, 0.0)
         x, y = get.getPosition(vehicle)
         require_finite(vehicle, x, y, get.getSpeed(vehicle))
-        heading = heading_of(get.getAngle(vehicle))
+        heading, place = heading_of(get.getAngle(vehicle)), self._places.of(vehicle)
         ahead = get.getRoute(vehicle)[max(get.getRouteIndex(vehicle), 0) :]
         route = tuple(self._edges.get(edge, -1) for edge in ahead)
-        lane, s = self.lanes.get(get.getLaneID(vehicle), -1), float(get.getLanePosition(vehicle))
-        stop, held = self._stops.read(vehicle, route, lane, s)
+        stop, held = self._stops.read(vehicle, route, place.lane, place.s)
         return EgoState(
             id=vehicle,
             x=x - 0.5 * kind.length * math.cos(heading),
@@ -142,9 +142,9 @@ class Observer:
             heading=heading,
             v=get.getSpeed(vehicle),
             a=get.getAcceleration(vehicle),
-            lane=lane,
-            s=s,
-            d=self._left * get.getLateralLanePosition(vehicle),
+            lane=place.lane,
+            s=place.s,
+            d=place.d,
             length=kind.length,
             width=kind.width,
             max_accel=kind.max_accel,

@@ -48,6 +48,7 @@ from sumo_mcts.world.net_file import (
     read_net,
     require_within,
 )
+from sumo_mcts.world.oncoming import with_oncoming
 
 NAMED = 6  # edges that a message names
 MOST_KEPT = 16  # networks in one process: a batch may make one for each episode
@@ -154,7 +155,7 @@ def _convert(file: NetFile) -> RoadMap:
         for link in links
         for lane in link.chain
     ]
-    return RoadMap(
+    road = RoadMap(
         lane_ids=tuple(ids),
         edge_ids=tuple(edge.getID() for edge in edges),
         junction_ids=tuple(junctions),
@@ -174,6 +175,12 @@ def _convert(file: NetFile) -> RoadMap:
             **_conflict_fields(paths, len(lanes)),
         },
     )
+    beside = {
+        number[name]: number[lane.getNeigh()]
+        for name, lane in zip(ids, lanes, strict=True)
+        if lane.getNeigh() in number
+    }
+    return with_oncoming(road, beside)
 
 
 def _shapes(lanes: Sequence[Any], following: Sequence[Sequence[int]]) -> list[Floats]:

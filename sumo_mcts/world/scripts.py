@@ -10,8 +10,8 @@ import numpy as np
 
 from sumo_mcts.config import Actor, Depart, Event
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.numerics.lanes import successors
-from sumo_mcts.scene import Floats, Ints, RoadMap
+from sumo_mcts.numerics.lanes import against_traffic, successors
+from sumo_mcts.scene import Floats, Indices, Ints, RoadMap
 from sumo_mcts.world.roadmap import has_edge
 
 ARRIVAL_SLACK = 0.1  # m before the end of its route at which SUMO takes a vehicle out
@@ -81,7 +81,7 @@ class _State(NamedTuple):
 
 
 def _start(actor: Actor, road: RoadMap) -> _State:
-    lane = int(np.flatnonzero(road.edge == road.edge_ids.index(actor.route[0]))[actor.depart.lane])
+    lane = int(_lanes(road, actor.route[0])[actor.depart.lane])
     speed = actor.depart.speed_mps
     return _State(
         v=speed,
@@ -194,7 +194,7 @@ def _shifted(
 def _beside(road: RoadMap, lane: int, side: int, actor: Actor) -> int:
     """The lane to the left (1) or right (-1)."""
     lane_there = int((road.left if side > 0 else road.right)[lane])
-    if lane_there < 0:
+    if lane_there < 0 or against_traffic(road)[lane_there]:
         raise ConfigError(
             f"traffic.actors: {actor.id}: change_lane: no lane {'left' if side > 0 else 'right'} "
             f"of {road.lane_ids[lane]}"
@@ -264,7 +264,7 @@ def check_path(where: str, route: Sequence[str], depart: Depart, road: RoadMap) 
     for edge, following in pairwise(route):
         if not _connected(road, edge, following):
             raise ConfigError(f"{where}: route: no connection leads from {edge} to {following}")
-    lanes = np.flatnonzero(road.edge == road.edge_ids.index(route[0]))
+    lanes = _lanes(road, route[0])
     if depart.lane >= len(lanes):
         raise ConfigError(
             f"{where}: depart.lane: {route[0]} has lanes 0 to {len(lanes) - 1}, got {depart.lane}"
@@ -284,8 +284,13 @@ def check_path(where: str, route: Sequence[str], depart: Depart, road: RoadMap) 
 
 def _connected(road: RoadMap, edge: str, following: str) -> bool:
     """Whether a lane of an edge leads onto another edge."""
-    lanes = np.flatnonzero(road.edge == road.edge_ids.index(edge))
+    lanes = _lanes(road, edge)
     onto = road.edge_ids.index(following)
     return any(
         road.edge[road.exit[i]] == onto for lane in lanes for i in successors(road, int(lane))
     )
+
+
+def _lanes(road: RoadMap, edge: str) -> Indices:
+    """The lanes of an edge, in SUMO's order."""
+    return np.flatnonzero((road.edge == road.edge_ids.index(edge)) & ~against_traffic(road))

@@ -23,7 +23,7 @@ def _grid() -> RoadMap:
         "edge": [0, 0, 1, 1, 2], "exit": [0, 1, 4, 4, 4], "rule": [0, 0, 0, 0, 0],
         "signal": [-1, -1, -1, 0, -1],
         "point_offset": [0, 2, 4, 6, 9, 11], "successor_offset": [0, 1, 2, 3, 4, 4],
-        "successor": [2, 3, 4, 4],
+        "successor": [2, 3, 4, 4], "oncoming": [],
     }  # fmt: skip
     given: dict[str, Any] = {
         "lane_ids": ("a_0", "a_1", ":j_0_0", ":j_0_1", "b_0"),

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from helpers import (
     Agent,
+    Lane,
+    build,
     edges,
     ego_at,
     frame_of,
@@ -17,6 +19,7 @@ from sumo_mcts.evaluation.contact import (
     boxes_overlap,
 )
 from sumo_mcts.scene import GREEN, RED, RoadMap
+from sumo_mcts.world.oncoming import with_oncoming
 
 
 def crash(
@@ -340,3 +343,19 @@ def test_what_sumo_reports_counts_and_unclear_is_at_fault() -> None:
     assert step(Agent("x", "a_1", 44.9)) == ("collision", 1, False)
     assert step(Agent("x", "a_1", 46.0)) == ("collision", 1, False)  # the same pair is counted once
     assert step(Agent("x", "a_1", 46.0), Agent("y", "a_1", 53.0)) == ("collision", 2, True)
+
+
+def test_who_overtakes_into_the_other_is_to_blame() -> None:
+    """The fronts of both are where they meet."""
+    lanes = [Lane("a", 0, ((0, 0), (400, 0))), Lane("b", 0, ((400, 3.2), (0, 3.2)))]
+    road = with_oncoming(build(lanes), {0: 1, 1: 0})
+    for mine, other, s, fault in (
+        ("a_1", "b_0", 296.0, True),
+        ("a_0", "b_1", 296.0, False),
+        ("a_1", "a_1", 109.0, True),
+    ):
+        before, after = (
+            (ego_at(road, mine, 105.0 - x, 10.0), Agent("x", other, s - 0.4 * x, 4.0))
+            for x in (5.0, 0.0)
+        )
+        assert crash(road, before, after, ("a",)) == ("collision", fault)

@@ -11,6 +11,7 @@ from helpers_referee import CROSSING, STRAIGHT
 
 from sumo_mcts.evaluation.reachability import can_meet, driven, goal_reaching_edges
 from sumo_mcts.scene import RoadMap
+from sumo_mcts.world.oncoming import with_oncoming
 
 
 def test_lanes_on_which_two_can_meet() -> None:
@@ -39,6 +40,17 @@ def test_a_ramp_over_the_road_that_it_comes_from_is_another_level() -> None:
     crossing_s = float(road.length[1]) - 60.0
     assert not can_meet(road, (0, 52.0, 5.0), (1, crossing_s + 2.0, 5.0))
     assert can_meet(road, (0, 99.0, 5.0), (1, 4.0, 5.0))
+
+
+def test_two_meet_in_a_lane_of_oncoming_traffic() -> None:
+    """Where one of them overtakes, and where it only moves over."""
+    lanes = [Lane("a", 0, ((0, 0), (400, 0))), Lane("b", 0, ((400, 3.2), (0, 3.2)))]
+    road = with_oncoming(build(lanes), {0: 1, 1: 0})
+    own, theirs, out, opposed = (lane(road, name) for name in ("a_0", "b_0", "a_1", "b_1"))
+    for ego, other in ((own, theirs), (out, theirs), (own, opposed)):
+        assert can_meet(road, (ego, 100.0, 5.0), (other, 300.0, 5.0))
+        assert can_meet(road, (other, 300.0, 5.0), (ego, 100.0, 5.0))
+        assert not can_meet(road, (ego, 100.0, 5.0), (other, 200.0, 5.0))
 
 
 def test_driven_finds_skipped_lanes_and_lane_changes() -> None:

@@ -12,7 +12,7 @@ from helpers_networks import netconvert, simulation
 from sumo_mcts.scene import Follow, Release
 from sumo_mcts.world.command import Bounds, Commander
 from sumo_mcts.world.observe import Observer
-from sumo_mcts.world.roadmap import read_roadmap
+from sumo_mcts.world.roadmap import lane_index, read_roadmap
 
 STEP, CHANGE_S = 0.1, 3.0
 OWN = {"lcStrategic": "0.50", "lcAssertive": "1.25"}  # of the ego's type
@@ -171,7 +171,7 @@ def test_a_change_that_is_past_its_middle_when_it_is_noticed_leads_to_the_lane_a
             ego.go(STEP, asks=1)
             change = ego.commander.change
             changes |= {(change.source, change.target)} if change.target >= 0 else set()
-        lanes = [ego.commander._lanes[name] for name in ("in_0", "in_1")]
+        lanes = [lane_index(ego.commander._road)[name] for name in ("in_0", "in_1")]
         assert changes <= {tuple(lanes)}
         assert libsumo.vehicle.getLaneID("ego") == "in_1"
 
