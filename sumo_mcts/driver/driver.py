@@ -18,6 +18,8 @@ from sumo_mcts.driver.params import (
     cost_params,
     deadline_s,
     ego_params,
+    overtakes,
+    sight,
     time_budget_s,
 )
 from sumo_mcts.driver.stops import NONE_MISSED, is_missed, without_stop
@@ -92,6 +94,7 @@ class Driver:
         self._changes = RoadChanges()
         self._oracles = OracleRecorder(oracles)
         self._planner = make_planner(config) if planner is None else planner
+        self._overtakes = planner is None and overtakes(config)
         self._cost = cost_params(config)
         self._forecaster = Forecaster(config, road, physics, self._oracles.oracles())
         self._period = max(1, round(config.planner.period_s / physics.step)) * physics.step
@@ -364,6 +367,7 @@ class Driver:
             params.approach_decel,
             self._closed_under(ego),
             self._stop,
+            self._overtakes,
         )
 
     def _closed_under(self, ego: EgoState) -> tuple[int, ...]:
@@ -389,7 +393,7 @@ class Driver:
         """Start planner and fail-safe on a route. Raises PlannerError."""
         self._vehicle, self._plain, self._route = self._laid_for(ego), plain, route
         params = ego_params(self._config, ego, self._physics)
-        self._task = Task(self._road, route, params, self._cost)
+        self._task = Task(self._road, route, params, self._cost, sight(self._config))
         self._fail_safe.start(self._task)
         try:
             self._planner.start(self._task, self._seed)

@@ -13,6 +13,7 @@ from sumo_mcts.driver.sensor import aside_m
 from sumo_mcts.errors import ConfigError, in_one_line
 from sumo_mcts.model.cost_params import CostParams, Term, compiled_term
 from sumo_mcts.model.motion import EgoParams
+from sumo_mcts.model.oncoming import Sight
 from sumo_mcts.planners.failsafe_reach import Assumed
 from sumo_mcts.prediction.drivers import TrafficParams
 from sumo_mcts.scene import EgoState
@@ -83,6 +84,16 @@ def _term(name: str, weight: float) -> Term:
         raise
     except Exception as error:  # numba's errors share no useful base class
         raise ConfigError(f"cost.term: {name}: cannot be compiled: {in_one_line(error)}") from None
+
+
+def overtakes(config: ScenarioConfig) -> bool:
+    """Whether the ego may overtake through oncoming traffic: only `mcts` knows what that takes."""
+    return config.ego_model.overtakes and config.planner.name == "mcts"
+
+
+def sight(config: ScenarioConfig) -> Sight:
+    """How far the ego sees."""
+    return Sight(config.sensor.range_m, config.sensor.occlusion)
 
 
 def traffic_params(config: ScenarioConfig, physics: Physics) -> TrafficParams:

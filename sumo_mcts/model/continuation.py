@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.numerics.lanes import connection, of_class, successors, usable
+from sumo_mcts.numerics.lanes import against_traffic, connection, of_class, successors, usable
 from sumo_mcts.scene import Bools, Floats, Indices, RoadMap
 
 AS_FAR = 1e-6  # m within which lanes count as leading equally far
@@ -33,15 +33,20 @@ class Continuation(NamedTuple):
     lost: Bools
 
 
-def _edge_lanes(road: RoadMap, edge: int, vclass: int) -> list[int]:
-    lanes = np.flatnonzero(road.edge == edge)
+def _edge_lanes(road: RoadMap, edge: int, vclass: int, oncoming: bool = False) -> list[int]:
+    lanes = np.flatnonzero((road.edge == edge) & (oncoming | ~against_traffic(road)))
     return [int(i) for i in lanes[usable(road, lanes, vclass)]]
 
 
 def collect(
-    road: RoadMap, edges: tuple[int, ...], vclass: int, under: tuple[int, ...] = ()
+    road: RoadMap,
+    edges: tuple[int, ...],
+    vclass: int,
+    under: tuple[int, ...] = (),
+    oncoming: bool = False,
 ) -> Nodes:
-    """All lanes of the route on which a vehicle of this class may drive, and those `under` it.
+    """All lanes of the route on which a vehicle of this class may drive, and those `under` it; with
+    `oncoming` those of oncoming traffic beside them too.
 
     A lane that was closed under the ego ends, unless all beside it are closed too.
     """
@@ -49,7 +54,7 @@ def collect(
     legs: list[int] = []
     following: dict[tuple[int, int], list[list[int]]] = {}
     for leg, edge in enumerate(edges):
-        here = _edge_lanes(road, edge, vclass)
+        here = _edge_lanes(road, edge, vclass, oncoming)
         shut = [lane for lane in under if road.edge[lane] == edge and lane not in here]
         lanes += sorted([*here, *shut])
         legs += [leg] * len([*here, *shut])
@@ -115,9 +120,10 @@ def continuation(
     found = Continuation(
         np.full(w, -1, np.int64), np.zeros(w, np.int64), np.zeros(w), np.zeros(w, np.bool_)
     )
+    against = against_traffic(road)[nodes.lane]
     for k in range(legs - 1, -1, -1):
         here = np.flatnonzero((nodes.leg == k) & ~road.internal[nodes.lane]).tolist()
-        onto = {i: _go_on(nodes, found, i, last=k == legs - 1) for i in here}
+        onto = {i: _go_on(nodes, found, i, last=k == legs - 1 and not against[i]) for i in here}
         if halt.node in here:
             _halt(found, nodes, here, halt)
         furthest = max((found.reach[i] for i in here), default=0.0)

@@ -11,9 +11,17 @@ import math
 from sumo_mcts.model.cost_params import CostParams, Term
 from sumo_mcts.model.cost_to_go import PICK_UP, waiting_s
 from sumo_mcts.model.leaving import MAKES_ROOM
-from sumo_mcts.model.local_map import DENSITY, STREAM, LocalMap, State, to_end, urgency_at
+from sumo_mcts.model.local_map import (
+    DENSITY,
+    ONCOMING,
+    STREAM,
+    LocalMap,
+    State,
+    to_end,
+    urgency_at,
+)
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.model.route import INTERNAL, LIMIT, NEXT, NUMBER, REACH, STATION
+from sumo_mcts.model.route import INTERNAL, LIMIT, NEXT, NUMBER, REACH, RIGHT_NODE, STATION
 from sumo_mcts.numerics.kernel import kernel
 
 # m/s2: by so much / limit for each metre of gap the ego's useful speed is above its leader's. Up to
@@ -123,6 +131,8 @@ def terminal(
     red light or the end of the road it has none (LocalMap.open_ahead). The limit is that of the
     lane where the ego is now, in all states.
     """
+    if is_against(local, state) > 0.0:
+        state = _back(local, state)
     useful = min(state.v, leader_v + CLOSING * gap / local.limit)
     missing = max(0.0, local.limit - useful) if local.open_ahead else 0.0
     behind = max(
@@ -137,6 +147,26 @@ def terminal(
     return c.progress * lost + c.route * abs(urgency_at(local, state)) * c.tail_s * (
         1.0 + RUN_UP * _too_slow(local, state)
     )
+
+
+@kernel
+def _back(local: LocalMap, state: State) -> State:
+    """The ego at its place in the lane that it left to overtake (see model/completing.py)."""
+    node = int(local.node[state.node, RIGHT_NODE])
+    if local.to_leave[state.node - local.first, ONCOMING] == 0.0:
+        node = state.node
+    return State(node, state.s, state.v, state.a, 0.0, -1, 0.0)
+
+
+@kernel
+def is_against(local: LocalMap, state: State) -> float:
+    """1 where the ego is in a lane of oncoming traffic, or changes to one; else 0."""
+    i = state.node - local.first
+    if not 0 <= i < local.to_leave.shape[0]:
+        return 0.0
+    j = state.other - local.first
+    comes = state.progress <= 0.5 and 0 <= j < local.to_leave.shape[0]
+    return max(local.to_leave[i, ONCOMING], local.to_leave[j, ONCOMING] if comes else 0.0)
 
 
 @kernel

@@ -38,10 +38,16 @@ from sumo_mcts.model.local_map import (
     upstream_of,
 )
 from sumo_mcts.model.motion import EgoParams, pose_of
-from sumo_mcts.model.occupancy import late_cost, may_be_near, occupancy_cost, yielding_cost
+from sumo_mcts.model.occupancy import (
+    late_cost,
+    may_be_near,
+    occupancy_cost,
+    someone_comes,
+    yielding_cost,
+)
 from sumo_mcts.model.passing import passing_cost
 from sumo_mcts.model.reactions import seen
-from sumo_mcts.model.route import INTERNAL
+from sumo_mcts.model.route import OWES
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.scene import Floats
@@ -153,7 +159,7 @@ def meet(  # noqa: PLR0915
         rate += nearness
     if gap > LOOKS_FURTHER:
         gap, leader_v = _distant_leader(local, state, x, y, others, followers, t, gap, leader_v)
-    if local.node[state.node, INTERNAL] > 0.0:
+    if local.node[state.node, OWES] > 0.0 or (changing and local.node[state.other, OWES] > 0.0):
         rate += yielding_cost(local, p, c, state, t)
     rate += _headway(c, gap, state.v)
     return Meeting(False, rate, once, Neighbours(gap, leader_v, followers))
@@ -281,6 +287,8 @@ def place_is_free(
     """
     t = min(index, local.agent.shape[0] - 1)
     target = changed.other if changed.other >= 0 else changed.node
+    if local.node[target, OWES] > 0.0 and someone_comes(local, p, target, changed.s, t):
+        return False
     for i in range(local.agent.shape[1]):
         node, comes_to = node_of(local, t, i), upstream_of(local, t, i)
         if (node < 0 and comes_to < 0) or local.trait[i, REACTS] == 0.0:

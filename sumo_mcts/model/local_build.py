@@ -16,13 +16,15 @@ from sumo_mcts.model.local_map import (
     LocalMap,
     State,
 )
-from sumo_mcts.model.obligations import Coming, junction_nodes, obligations, to_people
+from sumo_mcts.model.obligations import Coming, junction_nodes, obligations, to_oncoming, to_people
+from sumo_mcts.model.oncoming import KEEPS_RIGHT, closed_table, may_overtake, with_unseen
 from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap, Upstream
 from sumo_mcts.model.standing import past_standing, standing
 from sumo_mcts.model.stop_lines import Rules, closed_lines, is_open, stop_at
 from sumo_mcts.numerics.drawn import drawn_shares
 from sumo_mcts.numerics.geometry import Y
 from sumo_mcts.numerics.kernel import entry
+from sumo_mcts.numerics.lanes import opposed
 from sumo_mcts.prediction.poses import SIDEWAYS
 from sumo_mcts.scene import (
     STARTS,
@@ -79,6 +81,8 @@ def build_local(
     here = float(route.station[state.node] + state.s)
     first, last = window(route, here)
     view = slice(first, last)
+    seen = len(forecast.reacts)
+    scene, forecast = with_unseen(road, route, view, here, scene, forecast, rules.sight)
     lane, s, v = forecast.lane[hypothesis], forecast.s[hypothesis], forecast.v[hypothesis]
     lane_node = np.full(len(road.lane_ids), -1, np.int64)
     lane_node[route.lane[view][::-1]] = np.arange(last - 1, first - 1, -1, dtype=np.int64)
@@ -94,7 +98,8 @@ def build_local(
     # an agent that follows the ego cannot come before the ego has gone on
     starts = _starts(forecast, hypothesis)
     lets_pass = forecast.yields[hypothesis] | behind | (np.arange(len(behind)) == starts)
-    coming = Coming(lane, s, driven, forecast.valid[hypothesis], lets_pass)
+    unseen = np.arange(len(behind)) >= seen
+    coming = Coming(lane, s, driven, forecast.valid[hypothesis], lets_pass, unseen)
     limit, times = float(route.limit[state.node]), forecast.pose.shape[1]
     beside, until = _reaching_in(
         road, scene.agents, lane, forecast.half_width, lane_node, forecast.dt
@@ -112,12 +117,13 @@ def build_local(
     gate, to_gate = gates(road, needs, first, last, scene.signals, gap_s)
     fill_sure(gate, to_gate, closed, route, first, scene.step)
     urgency = _urgency(needs, view, here)
+    open_to_it = may_overtake(route, state, scene.agents, node[0])
     comes_to = np.where(node[0] <= UPSTREAM, UPSTREAM - node[0], node[0])
     to_stop, stands_before, near_stop = stop_at(route, state, rules, here)
     return LocalMap(
         gate=gate,
         to_gate=to_gate,
-        node=route.table,
+        node=route.table if open_to_it else closed_table(route),
         row=route.rows,
         closed=closed,
         yellow=yellow,
@@ -125,7 +131,10 @@ def build_local(
         place=place,
         ahead=ahead,
         urgency=urgency,
-        to_leave=leaving(needs, view, here, urgency, (comes_to, position[0], v[0])),
+        to_leave=np.column_stack([
+            leaving(needs, view, here, urgency, (comes_to, position[0], v[0])),
+            route.oncoming[view],
+        ]),
         agent=np.dstack([forecast.pose[hypothesis], v, node, position, driven]),
         drawn=_drawn(route, view, lane, s, 2.0 * forecast.half_length),
         trait=np.column_stack([
@@ -138,7 +147,7 @@ def build_local(
             forecast.pose[hypothesis, :, :, : Y + 1], v,
             forecast.half_length + forecast.half_width, forecast.dt, rules.claim_s,
         ),
-        obligation=owed,
+        obligation=np.concatenate([owed, to_oncoming(road, route, view, coming)]),
         first=first,
         limit=limit,
         target_lane_speed=_target_lane_speed(needs, view, here, node[0], position[0], v[0]),
@@ -231,6 +240,8 @@ def _levels(
         np.stack([road.knot[lanes], road.ends[lanes], road.begins[lanes]]) for lanes in (own, those)
     )
     level = (road.edge[own][:, None] == road.edge[those]).astype(np.int64)
+    if len(road.oncoming):
+        level |= opposed(road, own[:, None], those)
     for i in range(KINDS):
         for j in range(KINDS):
             meet = (mine[i][:, None] == theirs[j]) & (theirs[j] >= 0)
@@ -377,12 +388,13 @@ def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
     needed = np.clip(route.needed[view], -3, 3)
     # one speed for all nodes, or going on could cost more than standing
     seconds = distance / max(route.limit[view][needed != 0].max(initial=0.0), URBAN)
-    return np.where(
+    weight = np.where(
         needed != 0,
         np.clip((AHEAD_S - seconds / np.maximum(np.abs(route.needed[view]), 1)) / GROWS_S, 0.0, 1.0)
         * needed,
         0.0,
     )
+    return np.where(route.oncoming[view], np.minimum(weight, -KEEPS_RIGHT), weight)
 
 
 def _target_lane_speed(

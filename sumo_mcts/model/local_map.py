@@ -58,12 +58,12 @@ class LocalMap(NamedTuple):
     # predicted occupancy
     bounds: Floats
     # [K, 6] OWN_NODE .. MERGES below: stretches of a junction that an agent is going to use and
-    # that the ego has to leave to it
+    # that the ego has to leave to it, and lanes of oncoming traffic likewise
     obligation: Floats
     # [G, .] NEXT_GATE .. CLOSES below: places ahead where the ego may have to wait
     gate: Floats
     to_gate: Floats  # [W, 7] GATE .. SPREAD below
-    to_leave: Floats  # [W, 3] STREAM .. END below
+    to_leave: Floats  # [W, 4] STREAM .. ONCOMING below
     first: int  # first node of the window
     limit: float  # speed limit where the ego is now, m/s
     # mean speed of the others near the ego in the lanes in which the route goes on, m/s; without
@@ -117,8 +117,10 @@ HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, ON_FOOT, GOES
 
 # Columns of LocalMap.obligation: the ego's node; from where on it the ego's front is in the way, m;
 # where the stretch ends, m; the agent; m that it drives or walks until it enters the stretch; 1
-# where both lead into the same lane.
+# where both lead into the same lane, HEAD_ON where the agent comes towards the ego on the node, and
+# then drives so far until it leaves it; UNSEEN likewise.
 OWN_NODE, OWED_FROM, STRETCH_END, AGENT, ENTERS, MERGES = range(6)
+HEAD_ON, UNSEEN = 2, 3
 
 # Columns of LocalMap.gate (model/cost_to_go.py): the gate after it, -1: none; s of free driving
 # there; its node, counted from `first`; the sure gate after it, likewise SURE .. SPREAD below; s
@@ -136,9 +138,9 @@ OPENINGS = 4
 GATE, FREE_S, AWAY, QUEUE, SURE, LATEST, SPREAD = range(7)
 
 # Columns of LocalMap.to_leave (model/leaving.py), of a lane that the route leaves: m/s of the
-# stream in the next lane, and vehicles a metre there, 0 of other lanes; and m from the start of the
-# node to where the ego has to have left it, inf: never.
-STREAM, DENSITY, END = range(3)
+# stream in the next lane, and vehicles a metre there, 0 of other lanes; m from the start of the
+# node to where the ego has to have left it, inf: never; and 1 of a lane of oncoming traffic.
+STREAM, DENSITY, END, ONCOMING = range(4)
 
 # Columns of LocalMap.bounds, m.
 WEST, EAST, SOUTH, NORTH = range(4)

@@ -6,10 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.local_map import AGENT, ENTERS, MERGES, OWED_FROM, OWN_NODE, STRETCH_END
+from sumo_mcts.model.local_map import (
+    AGENT,
+    ENTERS,
+    HEAD_ON,
+    MERGES,
+    OWED_FROM,
+    OWN_NODE,
+    STRETCH_END,
+    UNSEEN,
+)
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.numerics.lanes import Ahead, Areas, ahead_of, areas_of, leads_to
+from sumo_mcts.numerics.lanes import Ahead, Areas, ahead_of, areas_of, facing, leads_to
 from sumo_mcts.prediction.on_foot import crossings_on, entering_m
 from sumo_mcts.scene import Bools, Floats, Indices, Ints, RoadMap
 
@@ -27,6 +36,7 @@ class Coming(NamedTuple):
     driven: Floats  # [T, N] m from now on
     valid: Bools  # [T, N]
     lets_pass: Bools  # [N] it lets the ego pass, or follows it
+    unseen: Bools  # [N] it is taken to come, where the ego does not see
 
 
 def obligations(
@@ -41,6 +51,22 @@ def obligations(
     rows = np.zeros((MOST, MERGES + 1))
     used = _find_obligations(rows, nodes, route.lane, areas_of(road), ahead_of(road), coming)
     return rows[:used]
+
+
+def to_oncoming(road: RoadMap, route: RouteMap, view: slice, coming: Coming) -> Floats:
+    """[K, 6] LocalMap.obligation: what an ego that overtakes owes to those that come towards it."""
+    rows = [np.zeros((0, MERGES + 1))]
+    for n in (view.start + np.flatnonzero(route.oncoming[view])).tolist():
+        on_it = (coming.lane == facing(road)[route.lane[n]]) & coming.valid
+        those = np.flatnonzero(on_it.any(axis=0))
+        at = np.argmax(on_it[:, those], axis=0)
+        row = np.zeros((len(those), MERGES + 1))
+        row[:, OWN_NODE], row[:, AGENT] = n, those
+        row[:, MERGES] = np.where(coming.unseen[those], UNSEEN, HEAD_ON)
+        row[:, STRETCH_END] = math.inf
+        row[:, ENTERS] = route.length[n] - coming.s[at, those] + coming.driven[at, those]
+        rows.append(row)
+    return np.concatenate(rows)
 
 
 def junction_nodes(route: RouteMap, first: int, last: int, here: float) -> Indices:

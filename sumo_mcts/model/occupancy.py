@@ -9,6 +9,7 @@ from sumo_mcts.model.local_map import (
     ENTERS,
     HALF_LENGTH,
     HALF_WIDTH,
+    HEAD_ON,
     LATE,
     MERGES,
     NORTH,
@@ -19,6 +20,7 @@ from sumo_mcts.model.local_map import (
     REACTS,
     SOUTH,
     STRETCH_END,
+    UNSEEN,
     WEST,
     LocalMap,
     State,
@@ -96,29 +98,50 @@ def _meets(local: LocalMap, state: State, box: Box, at: int, i: int) -> bool:
 
 @kernel
 def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, t: int) -> float:
-    """Cost per second of being inside a junction while an agent with the right of way comes near.
-    Drivers brake for any vehicle in a junction."""
+    """Cost per second of being inside a junction while an agent with the right of way comes near,
+    or in the lane of one that comes towards the ego. Drivers brake for any vehicle there."""
     rate = 0.0
     for k in range(local.obligation.shape[0]):
         node, i = int(local.obligation[k, OWN_NODE]), int(local.obligation[k, AGENT])
         # Where a turn has a place to wait, its path through the junction is two lanes: those that
         # it yields to on the second pass a vehicle that waits on the first.
-        if node != state.node or state.s < local.obligation[k, OWED_FROM]:
+        head_on = local.obligation[k, MERGES] == HEAD_ON
+        if local.obligation[k, MERGES] == UNSEEN:  # it may have to brake
+            continue
+        here = node == state.node or (head_on and node == state.other)
+        if not here or state.s < local.obligation[k, OWED_FROM]:
             continue
         if local.obligation[k, STRETCH_END] - state.s + 2.0 * p.half_length < 0.0:
             continue
         distance = local.obligation[k, ENTERS] - local.agent[t, i, DRIVEN]
+        if head_on:
+            distance -= state.s
         # To a driver in SUMO, a vehicle that crosses its path is as good as standing there; one
         # that merges drives ahead of it.
         needed = STANDSTILL + safe_gap(
-            local.agent[t, i, V], state.v if local.obligation[k, MERGES] > 0.0 else 0.0, USUAL_S
+            local.agent[t, i, V], state.v if local.obligation[k, MERGES] == 1.0 else 0.0, USUAL_S
         )
         if 0.0 < distance < needed:
             v = local.agent[t, i, V]
             # an agent that can stop in comfort may have to for an ego that has waited long
             copes = v * v < 2.0 * c.cut_in_decel_mps2 * max(distance - STANDSTILL, 0.0)
             reacts = local.trait[i, REACTS] > 0.0  # who is on foot does not wait for it
-            share = local.patience if copes and reacts else 1.0
+            share = local.patience if copes and reacts and not head_on else 1.0
             price = min(1.0, BRAKES_SHARE + GROWTH * (1.0 - distance / needed))
             rate = max(rate, share * c.claim * price)
     return rate
+
+
+@kernel
+def someone_comes(local: LocalMap, p: EgoParams, node: int, s: float, t: int) -> bool:
+    """Whether an agent in a lane of oncoming traffic is too near to stop for an ego at s on `node`,
+    or is beside it. SUMO's drivers brake for an ego as soon as it begins to move over."""
+    for k in range(local.obligation.shape[0]):
+        if int(local.obligation[k, OWN_NODE]) != node or local.obligation[k, MERGES] != HEAD_ON:
+            continue
+        i = int(local.obligation[k, AGENT])
+        distance = local.obligation[k, ENTERS] - local.agent[t, i, DRIVEN] - s
+        beside = -2.0 * (p.half_length + local.trait[i, HALF_LENGTH])
+        if beside < distance < STANDSTILL + safe_gap(local.agent[t, i, V], 0.0, USUAL_S):
+            return True
+    return False

@@ -21,7 +21,7 @@ from sumo_mcts.model.halts import halt_of
 from sumo_mcts.numerics.drawn import Drawing, drawing, drawn_shares
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.numerics.lanes import limits
+from sumo_mcts.numerics.lanes import against_traffic, limits
 from sumo_mcts.scene import ALLWAY, NO_STOP, STOP, Bools, Floats, Indices, RoadMap, Stop
 
 # Columns of RouteMap.table: compiled code is handed one array, since every array in a tuple costs
@@ -40,7 +40,8 @@ from sumo_mcts.scene import ALLWAY, NO_STOP, STOP, Bools, Floats, Indices, RoadM
     LAST_ROW,
     JUNCTION,
     NUMBER,
-) = range(13)
+    OWES,
+) = range(14)
 CAP, DRAWN = 4, 5  # columns of RouteMap.rows after those of the pose
 UPSTREAM_VIEW = 200.0  # m before the route over which the lanes that lead into it are followed
 
@@ -87,14 +88,15 @@ class RouteMap(NamedTuple):
     pose: Floats  # [R, 4] centre x, y, cos, sin of the ego's box with its front there
     # [R] highest speed from which approach_decel is enough for all lower limits and lane ends ahead
     cap: Floats
-    # [W, 13] next .. station, reach, stop, internal, first and last row, and junction, once more,
+    # [W, 14] next .. station, reach, stop, internal, first and last row, and junction, once more,
     # for compiled code; and which lane it is, counted from the right among those that the ego may
-    # use, inside junctions 0
+    # use, inside junctions 0; and 1 where it may owe something to others (LocalMap.obligation)
     table: Floats
     # [R, 6] X .. SIN of the pose and CAP, likewise, and the share of the ego's length to which it
     # is drawn there
     rows: Floats
     upstream: Upstream
+    oncoming: Bools  # [W] a lane of oncoming traffic, on which the ego may overtake
     drawing: Drawing  # of the whole network
     halt: Halt = NO_HALT  # the next stop: what lies behind it is not reached before it is served
 
@@ -141,13 +143,15 @@ def route_map(
     decel: float,
     under: tuple[int, ...] = (),
     stop: Stop = NO_STOP,
+    oncoming: bool = False,
 ) -> RouteMap:
     """Lay out the route for a vehicle of this class, length (m), speed factor and top speed (m/s).
 
-    `decel` (m/s2) shapes `cap`; `under`: lanes that the vehicle is on, though they may be closed. A
-    `stop` closes its lane at its place, as a stop sign would; a waypoint bounds the speed there.
+    `decel` (m/s2) shapes `cap`; `under`: lanes that the vehicle is on, though they may be closed;
+    `oncoming`: lanes of oncoming traffic beside the route count too. A `stop` closes its lane at
+    its place, as a stop sign would; a waypoint bounds the speed there.
     """
-    nodes = collect(road, edges, vclass, under)
+    nodes = collect(road, edges, vclass, under, oncoming)
     halt = halt_of(road, nodes, len(edges), stop)
     lane, leg, node_length, w = nodes.lane, nodes.leg, nodes.length, len(nodes.lane)
     left, right = lanes_beside(road, nodes, vclass)
@@ -161,6 +165,7 @@ def route_map(
         sign[halt.node] = True
     row = np.zeros(w + 1, np.int64)
     row[1:] = np.cumsum(np.ceil(node_length / SPACING).astype(np.int64) + 1)
+    against = against_traffic(road)[lane]
     previous = np.full(w, -1, np.int64)
     previous[nxt[nxt >= 0]] = np.flatnonzero(nxt >= 0)
     station, line, internal = (
@@ -180,9 +185,10 @@ def route_map(
         changes_ahead(nxt, changes), reach, lost, line, signal,
         np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
         np.column_stack([nxt, left, right, node_length, limit, station, reach, line, internal,
-        row[:-1], row[1:] - 1, road.junction[lane], _numbers(road, nodes)]).astype(np.float64),
+        row[:-1], row[1:] - 1, road.junction[lane], _numbers(road, nodes),
+        internal | against]).astype(np.float64),
         np.column_stack([pose, cap, _drawn(drawn, lane, row, length)]), _upstream(road, lane),
-        drawn, halt,
+        against, drawn, halt,
     )  # fmt: skip
 
 

@@ -84,7 +84,8 @@ def past_standing(route: RouteMap, view: slice, here: float, those: Standing) ->
     ends = np.zeros(len(reach), np.bool_)
     for i in affected[::-1].tolist():
         to, after = rear[i - view.start], int(route.next[i])
-        past = set(np.flatnonzero(leads >= front[i - view.start] + PASSED).tolist())
+        leads_past = (leads >= front[i - view.start] + PASSED) & ~route.oncoming
+        past = set(np.flatnonzero(leads_past).tolist())
         side = nearest(past, i, (route.left, route.right))
         ends[i] = to < reach[i] and (side is not None or (after >= 0 and ends[after]))
         if ends[i]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sumo_mcts.model.halts import LINE_BEYOND
 from sumo_mcts.model.local_map import State
+from sumo_mcts.model.oncoming import Sight
 from sumo_mcts.model.route import RouteMap, stop_ahead
 from sumo_mcts.numerics.signals import signal_states
 from sumo_mcts.scene import AFTER_STOP, GREEN, YELLOW, Floats, Forecast, Ints, Scene
@@ -31,6 +32,7 @@ class Rules(NamedTuple):
     asked: int = 0  # the side on which the ego asks for room: 1 left, -1 right, 0 neither
     patience: float = 1.0  # LocalMap.patience
     reactive: int = 0  # agents at most that the search is to move
+    sight: Sight = Sight()  # how far the lanes of oncoming traffic are seen
 
 
 def closed_lines(

@@ -9,6 +9,7 @@ from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_build import build_local
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import EgoParams
+from sumo_mcts.model.oncoming import Sight
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.model.stop_lines import Rules
 from sumo_mcts.scene import Decision, Forecast, PlannerMemory, RoadMap, Scene, Words
@@ -24,6 +25,7 @@ class Task(NamedTuple):
     route: RouteMap
     ego: EgoParams
     cost: CostParams
+    sight: Sight = Sight()
 
 
 class Situation(NamedTuple):
@@ -57,6 +59,7 @@ def local_of(
         asked=asked,
         patience=patience,
         reactive=reactive,
+        sight=task.sight,
     )
     return build_local(
         task.road, task.route, situation.state, situation.scene, situation.forecast, rules,

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.model.local_map import LocalMap
+from sumo_mcts.model.local_map import LocalMap, V
 from sumo_mcts.numerics.lanes import limits
 from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.planners.failsafe_reach import (
@@ -113,7 +113,7 @@ class FailSafe:
         period = max(1, round(self._period / ego.step)) if len(speeds) else 0
         nodes, motion, pose = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4))
         used, agent, when = drive(
-            local, ego, self._assumed, self._top_speeds(situation), situation.state, speeds,
+            local, ego, self._assumed, self._top_speeds(situation, local), situation.state, speeds,
             command.lane_change, period, begin, decel,
             nodes, motion, pose,
         )  # fmt: skip
@@ -126,14 +126,15 @@ class FailSafe:
         )
         return plan, Obstacle(agent, when)
 
-    def _top_speeds(self, situation: Situation) -> Floats:
+    def _top_speeds(self, situation: Situation, local: LocalMap) -> Floats:
         """[N] what each agent may reach, m/s: somewhat more than the limits of its path, at least
-        what it drives already."""
+        what it drives already. Who is not seen drives as fast as it may."""
         agents, lane = situation.scene.agents, situation.forecast.lane
         allowed = np.where(lane >= 0, limits(self._task.road, lane, agents.vclass), 0.0)
-        return np.maximum(
+        seen = np.maximum(
             self._assumed.over_limit * allowed.max(axis=(0, 1), initial=0.0), agents.v
         )
+        return np.append(seen, local.agent[0, len(seen) :, V])
 
 
 def _rest(manoeuvre: Manoeuvre, now: float) -> Plan:
@@ -151,6 +152,8 @@ def _in_words(situation: Situation, obstacle: Obstacle) -> str:
     if obstacle.agent == NO_END:
         return "the ego would not come to a stop"
     ego, agents, i = situation.scene.ego, situation.scene.agents, obstacle.agent
+    if i >= len(agents.ids):
+        return f"no way back before somebody could come that is not seen, in {obstacle.time:.1f} s"
     away = math.hypot(agents.x[i] - ego.x, agents.y[i] - ego.y)
     return (
         f"no stop and no way out that {agents.ids[i]} ({coming(ego, agents, i)}, {away:.0f} m "

@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+from sumo_mcts.model.completing import unfinished
 from sumo_mcts.model.cost import (
     contact_cost,
     leads_nowhere,
@@ -237,4 +238,5 @@ def replay(
             return at + 1, ply.end
     if (len(line) + 0.5) * p.step > q.horizon:
         terms[PASSABILITY] += terminal(local, c, state, near.gap, near.leader_v, q.horizon)
+        terms[PASSABILITY] += unfinished(local, p, c, state, q.horizon)
     return len(line), ALIVE

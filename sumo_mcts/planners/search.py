@@ -7,7 +7,8 @@ import math
 
 from numpy.random import Generator
 
-from sumo_mcts.model.cost import LEAST_LOSS, terminal
+from sumo_mcts.model.completing import unfinished
+from sumo_mcts.model.cost import LEAST_LOSS, is_against, terminal
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.interaction import meet
 from sumo_mcts.model.least_cost import least_cost
@@ -240,7 +241,11 @@ def _rollout(
             accel = -p.approach_decel
         elif policy == SLOWS_DOWN and k == level:
             accel = -0.5 * p.approach_decel
-        elif (policy == PUSHES and k <= turn) or (policy == CHANGES and turn <= k < turn + 2):
+        elif (
+            (policy == PUSHES and k <= turn)
+            or (policy == CHANGES and turn <= k < turn + 2)
+            or (policy == FOLLOWS and is_against(local, state) > 0.0)
+        ):
             accel = p.max_accel
         # The tree's own changes may cost others something; what the route needs waits for a gap.
         own = k == turn and to_side != 0
@@ -260,7 +265,8 @@ def _rollout(
         if ply.end == ARRIVED:
             return j
         state, near = ply.state, ply.near
-    return j + terminal(local, c, state, near.gap, near.leader_v, q.horizon)
+    j += terminal(local, c, state, near.gap, near.leader_v, q.horizon)
+    return j + unfinished(local, p, c, state, q.horizon)
 
 
 @kernel
@@ -268,9 +274,10 @@ def _continuation(tree: Tree, q: SearchParams, node: int, rng: Generator) -> tup
     """The next rollout from a node: its policy, the level at which another one takes over, and the
     side of a lane change there.
 
-    The first FOLLOWS, the second BRAKES. Later ones are drawn, or taken one after the other where
-    the search is adaptive: SLOWS_DOWN first, follows and THEN_BRAKES, PUSHES and then follows,
-    CHANGES lanes. Only nodes on the last level have later ones.
+    The first FOLLOWS, and pushes on in a lane of oncoming traffic. The second BRAKES. Later ones
+    are drawn, or taken one after the other where the search is adaptive: SLOWS_DOWN first, follows
+    and THEN_BRAKES, PUSHES and then follows, CHANGES lanes. Only nodes on the last level have later
+    ones.
     """
     level, last, visits = tree.level[node], q.look_ahead + q.rollout, tree.visits[node]
     if visits < SLOWS_DOWN:

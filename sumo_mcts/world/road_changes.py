@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.numerics.lanes import against_traffic
 from sumo_mcts.scene import LEAST_SPEED, EgoState, Indices, RoadChanges, RoadMap
 from sumo_mcts.world.links import mask_of
 from sumo_mcts.world.net_file import MOST_SPEED
@@ -50,6 +51,7 @@ class RoadReader:
         first = np.searchsorted(road.edge[order], np.arange(len(road.edge_ids) + 1))
         self._of_edge = [order[begin:end] for begin, end in pairwise(first)]
         self._driven = road.classes != _ON_FOOT
+        self._against = against_traffic(road)  # SUMO does not know these lanes
         self._read: dict[int, _Read] = {}
         self._changed: dict[int, _Lane] = {}
         self.changes = RoadChanges()  # of all lanes, as they were when they were read last
@@ -90,7 +92,7 @@ class RoadReader:
     def _note(self, lanes: Indices, *, changing: bool) -> None:
         """Read these lanes; with `changing` also who may change from them."""
         stale = False
-        for lane in lanes.tolist():
+        for lane in lanes[~self._against[lanes]].tolist():
             known = self._read.get(lane)
             found = self._asked(lane, known, changing=changing)
             if found != known:

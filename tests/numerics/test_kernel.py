@@ -454,9 +454,11 @@ warm_up(scenario, read_roadmap(str(scenario.sumo.net)), Physics(0.1, False, 3.0)
 # of the trial does not come to it.
 NEEDED = {
     "actions": "action_at clear_line copy_line put_action",
+    "completing": "unfinished",
     "cost_to_go": "_fill_to_gate waiting_s",
     "cost": """
-        _before_stop _behind _to_stop _too_slow leads_nowhere step_comfort step_own
+        _before_stop _behind _to_stop _too_slow is_against leads_nowhere step_comfort
+        step_own
         step_passability terminal
     """,
     "gaps": "gap_ahead gap_behind gap_to_leaving lane_left",

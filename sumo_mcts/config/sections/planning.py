@@ -58,6 +58,11 @@ class EgoModelConfig(Section):
         "after standing there so long as the first in the lane, or at once where no lane change is "
         "left; null: wait for a gap for ever (not with planner `sumo`)",
     )
+    overtakes: Flag = Field(
+        True,
+        description="overtake a slow or standing vehicle in the lane of oncoming traffic, where "
+        "the network has such a lane (`neigh`) and it is seen far enough (planner `mcts`)",
+    )
 
 
 class PlannerConfig(Section):

@@ -1,0 +1,93 @@
+"""Overtaking through oncoming traffic, in SUMO; its own driver says how long it may take."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers_networks import netconvert
+
+from sumo_mcts import config
+from sumo_mcts.episode import run_episode
+
+NODES = (
+    '<node id="w" x="-150" y="0"/><node id="a" x="0" y="0"/><node id="b" x="600" y="0"/>'
+    '<node id="e" x="1000" y="0"/>'
+)
+EDGES = "".join(
+    f'<edge id="{name}" from="{name[0]}" to="{name[1]}" numLanes="1" speed="13.9"/>'
+    for name in ("wa", "aw", "ab", "ba", "be", "eb")
+)
+PARKED = (
+    '<vehicle id="s" type="car" depart="0" departPos="200" departSpeed="0"><route edges="ab be"/>'
+    '<stop lane="ab_0" startPos="190" endPos="210" duration="3600"/></vehicle>'
+)
+SLOW = (
+    '<vehicle id="s" type="slow" depart="0" departPos="60" departSpeed="max">'
+    '<route edges="wa ab be"/></vehicle>'
+)
+FLOW = (
+    '<flow id="o" type="car" begin="0" end="300" period="exp(0.08)" departSpeed="max">'
+    '<route edges="eb ba aw"/></flow>'
+)
+STREAM = (  # so dense that nobody gets past
+    '<flow id="o" type="car" begin="0" end="300" period="2.5" departSpeed="max">'
+    '<route edges="eb ba aw"/></flow>'
+)
+
+
+def driven(
+    folder: Path, others: str, *sets: str, planner: str = "mcts", seed: int = 1
+) -> dict[str, Any]:
+    """The row of an episode among these others, on a road of one lane each way."""
+    if not (folder / "x.net.xml").exists():
+        netconvert(folder, NODES, EDGES, "", "--opposites.guess")
+    ego = (
+        '<vehicle id="ego" type="car" depart="20" departSpeed="max"><route edges="wa ab be"/>'
+        "</vehicle>"
+    )
+    cars = others + ego if "<flow" not in others else others.replace("<flow", ego + "<flow", 1)
+    (folder / "x.rou.xml").write_text(
+        f'<routes><vType id="car" speedDev="0.1"/><vType id="slow" maxSpeed="4"/>{cars}</routes>'
+    )
+    scene = {
+        "name": "overtakes",
+        "sumo": {
+            "net": str(folder / "x.net.xml"),
+            "routes": [str(folder / "x.rou.xml")],
+            "options": {"lanechange.duration": 3},
+        },
+        "egos": [{"id": "ego"}],
+        "planner": {"name": planner},
+        "episode": {"time_limit_s": 260},
+    }
+    (row,) = run_episode(config.build(scene, "test", sets), seed).rows
+    return dict(row)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("others", [PARKED, SLOW, PARKED + FLOW, SLOW + FLOW])
+def test_the_ego_overtakes_about_as_soon_as_sumos_driver(others: str, tmp_path: Path) -> None:
+    twin = driven(tmp_path, others, planner="sumo")
+    row = driven(tmp_path, others, "sensor.range_m=300")
+    assert row["outcome"] == "arrived" and row["imposed_brakes_4"] == 0
+    assert row["travel_time_s"] < 1.25 * twin["travel_time_s"]
+    assert row["lane_changes"] >= 2
+
+
+@pytest.mark.slow
+def test_it_may_be_told_not_to(tmp_path: Path) -> None:
+    row = driven(tmp_path, SLOW, "ego_model.overtakes=false")
+    assert row["outcome"] == "arrived" and row["lane_changes"] == 0
+    assert row["travel_time_s"] > 200.0
+
+
+@pytest.mark.slow
+def test_it_waits_where_somebody_always_comes(tmp_path: Path) -> None:
+    row = driven(tmp_path, SLOW + STREAM)
+    assert row["outcome"] == "arrived" and row["lane_changes"] == 0
+
+
+@pytest.mark.slow
+def test_it_waits_where_it_does_not_see_far_enough(tmp_path: Path) -> None:
+    row = driven(tmp_path, SLOW, "sensor.range_m=80")
+    assert row["outcome"] == "arrived" and row["lane_changes"] == 0

@@ -1,0 +1,220 @@
+"""Overtaking through oncoming traffic: the reason for it, the sight, and what it costs to be
+there."""
+
+import numpy as np
+import pytest
+from helpers import Agent, Lane, build, edges, ego_at, lane
+from helpers_model import PHYSICS, compiled, forecast_of, scenario, scene_of
+from numpy.typing import NDArray
+
+from sumo_mcts.driver.params import cost_params, ego_params
+from sumo_mcts.model import completing, cost, interaction, occupancy
+from sumo_mcts.model.local_map import (
+    AGENT,
+    GONE,
+    HEAD_ON,
+    MERGES,
+    NODE,
+    UNSEEN,
+    LocalMap,
+    State,
+    ego_state,
+)
+from sumo_mcts.model.motion import begin_change, can_change
+from sumo_mcts.model.oncoming import OVER_LIMIT, Sight
+from sumo_mcts.model.route import route_map
+from sumo_mcts.numerics.geometry import COS, X, Y
+from sumo_mcts.planners.base import Situation, Task, local_of
+from sumo_mcts.planners.ply import needed_side
+from sumo_mcts.scene import RoadMap
+from sumo_mcts.world.oncoming import with_oncoming
+
+LONG, LIMIT = 600.0, 15.0
+at_end, step = compiled(completing.unfinished), compiled(cost.step_passability)
+owing, may_begin, begun = (
+    compiled(occupancy.yielding_cost), compiled(can_change), compiled(begin_change)
+)  # fmt: skip
+
+
+def two_way(before: bool = True) -> RoadMap:
+    """Edge a eastward at y = 0 and b westward at y = 3.2, side by side; `before`: edge c leads into
+    b, else the map ends there."""
+    lanes = [
+        Lane("a", 0, ((0.0, 0.0), (LONG, 0.0)), speed=LIMIT),
+        Lane("b", 0, ((LONG, 3.2), (0.0, 3.2)), speed=LIMIT),
+    ]
+    if before:
+        lanes.append(Lane("c", 0, ((LONG + 300.0, 3.2), (LONG, 3.2)), ("b_0",), speed=LIMIT))
+    return with_oncoming(build(lanes), {0: 1})
+
+
+ROAD, FAR = two_way(), Sight(200.0)
+
+
+def seen(
+    *agents: Agent, ego: str = "a_0", s: float = 50.0, v: float = 10.0, sight: Sight = FAR,
+    road: RoadMap = ROAD, oncoming: bool = True,
+) -> tuple[Task, LocalMap, State]:  # fmt: skip
+    """What the ego reads there."""
+    state = ego_at(road, ego, s, v, route=edges(road, "a"))
+    params = ego_params(scenario(), state, PHYSICS)
+    route = route_map(road, state.route, 0, 5.0, 1.0, 50.0, params.approach_decel, oncoming=oncoming)
+    task = Task(road, route, params, cost_params(scenario()), sight)
+    scene = scene_of(state, road, *agents)
+    where = ego_state(route, state)
+    assert where is not None
+    forecast = forecast_of(task, scene)
+    return task, local_of(task, Situation(scene, where, forecast, frozenset())), where
+
+
+SLOW = Agent("x", "a_0", 90.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("agents", "there"),
+    [
+        ((), False),
+        ((SLOW,), True),
+        ((SLOW._replace(v=0.0),), True),
+        ((SLOW._replace(v=14.0),), False),  # fast enough
+        ((SLOW._replace(s=40.0),), False),  # behind
+        ((SLOW._replace(s=300.0),), False),  # far
+        ((SLOW._replace(on="b_0"),), False),
+    ],
+)
+def test_only_a_slow_leader_opens_the_lane_of_the_oncoming(
+    agents: tuple[Agent, ...], there: bool
+) -> None:
+    task, local, state = seen(*agents)
+    assert may_begin(local, task.ego, state, 1) == there
+
+
+def test_who_stands_near_the_end_is_not_overtaken() -> None:
+    task, local, state = seen(SLOW._replace(s=LONG - 20.0), s=LONG - 60.0)
+    assert not may_begin(local, task.ego, state, 1)
+
+
+def test_without_leave_there_is_no_such_lane() -> None:
+    task, local, state = seen(SLOW, oncoming=False)
+    assert not may_begin(local, task.ego, state, 1) and len(local.node) == 1
+    assert local.agent.shape[1] == 1  # nor anybody unseen
+
+
+def test_the_ego_wants_back_and_must_not_end_there() -> None:
+    task, local, _ = seen(SLOW, ego="a_1")
+    there = State(1, 50.0, 10.0, 0.0, 0.0, -1, 0.0)
+    own = there._replace(node=0)
+    assert may_begin(local, task.ego, there, -1) and compiled(needed_side)(local, there) == -1
+    assert step(local, task.ego, task.cost, there) > step(local, task.ego, task.cost, own)
+    assert at_end(local, task.ego, task.cost, there, 8.0) == 0.5 * task.cost.contact
+    assert at_end(local, task.ego, task.cost, own, 8.0) == 0.0
+    # out of it, and on the way back past the middle, it is over; on the way there it counts
+    out, back = (
+        own._replace(other=1, progress=0.3), own._replace(other=1, progress=0.7)
+    )  # fmt: skip
+    assert at_end(local, task.ego, task.cost, out, 8.0) > 0.0
+    assert at_end(local, task.ego, task.cost, back, 8.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("s", "v", "comes", "in_time"),
+    [
+        (115.0, 12.0, 0.0, True),  # nearly past it, at 90 + 8 * 4 = 122 m
+        (115.0, 12.0, 450.0, True),
+        (115.0, 12.0, 330.0, False),  # at the horizon it has come 8 * 14 m nearer
+        (115.0, 4.5, 0.0, False),  # too slow ever to be past
+        (60.0, 12.0, 0.0, True),  # far behind it, where the own lane is free
+    ],
+)
+def test_what_the_horizon_cuts_may_be_completed_in_time(
+    s: float, v: float, comes: float, in_time: bool
+) -> None:
+    others = (Agent("o", "b_0", LONG - comes, 14.0),) if comes else ()
+    task, local, _ = seen(SLOW, *others, ego="a_1", sight=Sight(500.0))
+    there = State(1, s, v, 0.0, 0.0, -1, 0.0)
+    price = at_end(local, task.ego, task.cost, there, 8.0)
+    assert price < 6.0 if in_time else price == 0.5 * task.cost.contact
+
+
+def unseen(local: LocalMap) -> NDArray[np.float64]:
+    """[T, .] the agent that was added."""
+    return local.agent[:, -1]
+
+
+def test_beyond_sight_somebody_comes_faster_than_the_limit() -> None:
+    _, local, _ = seen(SLOW)
+    rows = unseen(local)
+    assert local.agent.shape[1] == 2
+    # the middle of the ego is at 47.5 m; a vehicle is seen where its front is
+    assert rows[0, X] - 2.5 == pytest.approx(247.5, abs=0.6)
+    assert rows[0, Y] == pytest.approx(3.2) and rows[0, COS] == pytest.approx(-1.0)
+    speed = (rows[0, X] - rows[10, X]) / (10 * local.dt)
+    assert speed == pytest.approx(OVER_LIMIT * LIMIT, abs=0.3)
+
+
+def test_it_is_there_only_from_when_it_comes_to_the_lane() -> None:
+    _, local, _ = seen(SLOW._replace(s=480.0), s=450.0)
+    rows = unseen(local)
+    comes = int(np.argmax(rows[:, NODE] != GONE))
+    assert comes * local.dt == pytest.approx((450.0 - 2.5 + 200.0 - LONG) / 18.0, abs=local.dt)
+
+
+def test_where_the_map_ends_nobody_is_seen_coming() -> None:
+    _, local, _ = seen(SLOW._replace(s=480.0), s=450.0, road=two_way(before=False))
+    assert unseen(local)[0, X] - 2.5 == pytest.approx(LONG, abs=4.0)
+
+
+@pytest.mark.parametrize(("gap", "view"), [(10.0, 60.0), (40.0, 160.0)])
+def test_a_leader_hides_the_lane_beside_it(gap: float, view: float) -> None:
+    """The nearer it is, the less is seen past it."""
+    leader = Agent("x", "a_0", 50.0 + gap + 5.0, 4.0)
+    _, local, _ = seen(leader, sight=Sight(300.0, hidden=True))
+    hidden = unseen(local)[0, X] - 50.0
+    _, local, _ = seen(leader, sight=Sight(300.0))
+    assert hidden < view < 250.0 < unseen(local)[0, X] - 50.0
+
+
+def test_whoever_comes_has_room_to_stop() -> None:
+    """As SUMO's drivers take it: for an ego in their lane they brake as for one that stands."""
+    task, local, _ = seen(SLOW, Agent("o", "b_0", 300.0, 14.0))
+    rows = local.obligation
+    assert rows[:, AGENT].tolist() == [0.0, 2.0]
+    assert rows[:, MERGES].tolist() == [HEAD_ON, UNSEEN]
+    for s, owes in ((150.0, False), (265.0, True), (320.0, False)):
+        there = State(1, s, 10.0, 0.0, 0.0, -1, 0.0)
+        assert (owing(local, task.ego, task.cost, there, 0) > 0.0) == owes
+    later = round(10.0 / 14.0 / local.dt)  # it has come 10 m nearer
+    there = State(1, 262.0, 10.0, 0.0, 0.0, -1, 0.0)
+    assert owing(local, task.ego, task.cost, there, later) > owing(
+        local, task.ego, task.cost, there, 0
+    )
+
+
+def test_its_box_counts_though_it_is_on_another_edge() -> None:
+    task, local, state = seen(SLOW, Agent("o", "b_0", LONG - 47.0, 14.0))
+    assert lane(ROAD, "b_0") == 1
+    there = begun(local, task.ego, state, 1)._replace(progress=0.49)
+    meets = compiled(interaction.meet)
+    nobody_moves = np.zeros((0, 2))
+    assert meets(local, task.ego, task.cost, there, nobody_moves, 0, 0).contact
+    assert not meets(local, task.ego, task.cost, state, nobody_moves, 0, 0).contact
+
+
+def test_nobody_moves_over_in_front_of_who_comes() -> None:
+    """SUMO's driver would brake as hard as it can, and stand in the ego's way."""
+    free, near, beside = (
+        seen(SLOW, Agent("o", "b_0", LONG - x, 14.0)) for x in (130.0, 85.0, 43.0)
+    )  # fmt: skip
+    is_free, nobody_moves = compiled(interaction.place_is_free), np.zeros((0, 2))
+    for (task, local, state), may in ((free, True), (near, False), (beside, False)):
+        out = begun(local, task.ego, state, 1)
+        assert is_free(local, task.ego, task.cost, out, nobody_moves, 0) == may
+
+
+def test_the_room_is_owed_from_the_beginning_of_the_change() -> None:
+    task, local, state = seen(SLOW, Agent("o", "b_0", LONG - 80.0, 14.0))
+    rates = [
+        compiled(interaction.meet)(local, task.ego, task.cost, each, np.zeros((0, 2)), 0, 0).rate
+        for each in (state, begun(local, task.ego, state, 1))
+    ]
+    assert rates[1] > rates[0] + 4.0
