@@ -68,7 +68,9 @@ class Forecaster:
         self._predictor(config.prediction.name)
 
     def follow(self, road: RoadMap) -> None:
-        """The map is another one now."""
+        """Predict on this map."""
+        if road is self._road:
+            return
         self._road = road
         for name, predictor in self._predictors.items():
             self._start(name, predictor)
