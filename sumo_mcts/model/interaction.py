@@ -157,12 +157,13 @@ def meet(  # noqa: PLR0915
         if math.isinf(nearness):
             return Meeting(True, rate, once, Neighbours(gap, leader_v, followers))
         rate += nearness
+    neighbours = Neighbours(gap, leader_v, followers)
     if gap > LOOKS_FURTHER:
-        gap, leader_v = _distant_leader(local, state, x, y, others, followers, t, gap, leader_v)
+        neighbours = _with_distant_leader(local, state, x, y, others, neighbours, t)
     if local.node[state.node, OWES] > 0.0 or (changing and local.node[state.other, OWES] > 0.0):
         rate += yielding_cost(local, p, c, state, t)
-    rate += _headway(c, gap, state.v)
-    return Meeting(False, rate, once, Neighbours(gap, leader_v, followers))
+    rate += _headway(c, neighbours.gap, state.v)
+    return Meeting(False, rate, once, neighbours)
 
 
 @inlined
@@ -172,12 +173,12 @@ def _is_distant(local: LocalMap, x: float, y: float, t: int, i: int) -> bool:
 
 
 @kernel
-def _distant_leader(
-    local: LocalMap, state: State, x: float, y: float, others: Floats, followers: int, t: int,
-    gap: float, leader_v: float,
-) -> tuple[float, float]:  # fmt: skip
-    """The gap (m) and speed (m/s) of the leader, which may be out of sight from (x, y); the nearest
-    one in sight is at `gap` and drives at leader_v."""
+def _with_distant_leader(
+    local: LocalMap, state: State, x: float, y: float, others: Floats, near: Neighbours, t: int
+) -> Neighbours:
+    """The neighbours `near`, which are in sight from (x, y), but with a leader out of sight where
+    that is the nearest."""
+    gap, leader_v, followers = near
     for i in range(local.agent.shape[1]):
         node = node_of(local, t, i)
         if node < 0 or not _is_distant(local, x, y, t, i):
@@ -195,7 +196,7 @@ def _distant_leader(
         )
         if to_rear < gap and (moved or not follows(local, followers, i)):
             gap, leader_v = to_rear, v
-    return gap, leader_v
+    return Neighbours(gap, leader_v, followers)
 
 
 @inlined

@@ -42,7 +42,7 @@ class LocalMap(NamedTuple):
     # inf: it does not, as far as known
     yellow: Floats
     # [W, K] how the ego's lanes meet those that agents drive: bits by INSIDE, ENDS, BEGINS below
-    # (see local_build._levels)
+    # (see local_agents.levels)
     level: Indices
     # [T, N] the agent's column of level, shifted by KINDS, and KINDS bits: near which junction
     # clusters of its lane it is; negative off the road

@@ -18,7 +18,7 @@ from sumo_mcts.evaluation.reachability import can_meet
 from sumo_mcts.model.cost import RUN_UP, step_passability, terminal
 from sumo_mcts.model.gaps import TAKEN
 from sumo_mcts.model.interaction import ROUND_SHARE, meet, place_is_free
-from sumo_mcts.model.local_build import _fill_upstream, _levels
+from sumo_mcts.model.local_agents import _fill_upstream, levels
 from sumo_mcts.model.local_map import (
     AGENT,
     ENTERS,
@@ -232,7 +232,7 @@ def test_whoever_the_referee_would_count_is_never_on_another_level(name: str) ->
         node, lane = rng.integers(len(route.lane)), int(rng.integers(len(road.lane_ids)))
         s, other_s = (float(rng.uniform(0.0, road.length[k])) for k in (route.lane[node], lane))
         own = np.array([route.lane[node]], np.int64)
-        level, place = _levels(
+        level, place = levels(
             road, own, np.array([[lane]], np.int32), np.array([[other_s]]), np.array([5.0])
         )
         local = SimpleNamespace(first=node, level=level, place=place, node=route.table)

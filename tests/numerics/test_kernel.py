@@ -463,10 +463,13 @@ NEEDED = {
     """,
     "gaps": "gap_ahead gap_behind gap_to_leaving lane_left",
     "geometry": "boxes_touch chord point_at point_on swung",
-    "interaction": "_distant_leader _headway _is_distant _nearness _swept _touch meet",
+    "interaction": """
+        _headway _is_distant _nearness _swept _touch _with_distant_leader meet
+    """,
     "krauss": "safe_speed",
     "least_cost": "_fill_sure _merged least_cost",
-    "local_build": "_fill_ahead _fill_upstream _followers",
+    "local_agents": "_fill_upstream followers_of",
+    "local_build": "_fill_ahead",
     "local_map": """
         boxes_meet chain_gap follows index_at keep_state kept_state node_of
         on_other_level to_end urgency_at
