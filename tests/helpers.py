@@ -7,18 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import (
-    GREEN,
-    PRIORITY,
-    STRAIGHT,
-    VEHICLE_CLASSES,
-    Agents,
-    EgoState,
-    Frame,
-    Ints,
-    RoadMap,
-    Signals,
-)
+from sumo_mcts.arrays import Ints
+from sumo_mcts.road import PRIORITY, STRAIGHT, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.scene import GREEN, Agents, EgoState, Frame, Signals
 from sumo_mcts.world.links import junction_clusters
 
 ALL_CLASSES = 2**33 - 1

@@ -18,7 +18,8 @@ from sumo_mcts.planners import base
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.prediction.drivers import TrafficParams
 from sumo_mcts.prediction.forecast import OracleData, Question, predict
-from sumo_mcts.scene import EgoState, Forecast, RoadMap, Scene, Signals
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import EgoState, Forecast, Scene, Signals
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -13,7 +13,8 @@ from helpers import (
 
 from sumo_mcts.evaluation.goal import Goal
 from sumo_mcts.evaluation.referee import Referee
-from sumo_mcts.scene import Frame, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Frame
 
 ROUTE = ("a", "b", "c")
 STRAIGHT = straight_road()

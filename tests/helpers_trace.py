@@ -5,12 +5,12 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.records import CycleRecord, Lanes, Trace
 from sumo_mcts.scene import (
     Agents,
     Decision,
     EgoState,
-    Floats,
     Follow,
     Forecast,
     Plan,

@@ -22,6 +22,7 @@ from helpers_model import (
     task_of,
 )
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.reactions import undisturbed
@@ -30,7 +31,8 @@ from sumo_mcts.planners.mcts import actions_of, in_steps, mcts_params
 from sumo_mcts.planners.ply import SearchParams
 from sumo_mcts.planners.search import search
 from sumo_mcts.planners.tree import Tree, new_tree
-from sumo_mcts.scene import RED, Decision, EgoState, Floats, RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import RED, Decision, EgoState, Scene
 
 GOLDEN = Path(__file__).parent / "planners" / "golden_tree.json"
 

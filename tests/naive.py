@@ -10,7 +10,8 @@ from shapely.geometry import LineString, Point, Polygon
 from sumo_mcts.model.caps import END_GAP, SPACING
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import RouteMap
-from sumo_mcts.scene import RoadMap, Signals
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Signals
 
 
 class Box(NamedTuple):

@@ -19,7 +19,7 @@ from sumo_mcts.records import (
     require_fit,
     scenario_of,
 )
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 
 PICTURES, TABLES = ("png", "gif", "mp4"), ("csv", "fcd")
 SUFFIXES = {"fcd": ".fcd.xml"}  # of files, where it is not the format's name

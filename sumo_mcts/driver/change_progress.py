@@ -6,7 +6,8 @@ It is decided in planners/ and commanded in world/command.py.
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.motion import HALF
 from sumo_mcts.model.route import RouteMap
-from sumo_mcts.scene import EgoState, Follow, Release, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import EgoState, Follow, Release
 
 CENTRED = 0.02  # m from the middle of its lane within which no lane change is under way
 

@@ -30,6 +30,7 @@ from sumo_mcts.planners.budget import Timekeeper
 from sumo_mcts.planners.failsafe import FailSafe
 from sumo_mcts.planners.validity import why_invalid
 from sumo_mcts.prediction.interface import OracleRecorder, Oracles
+from sumo_mcts.road import RoadChanges, RoadMap
 from sumo_mcts.scene import (
     Answers,
     Decision,
@@ -39,8 +40,6 @@ from sumo_mcts.scene import (
     Memory,
     PlannerMemory,
     Release,
-    RoadChanges,
-    RoadMap,
     Scene,
 )
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.factories import forecast_s, make_predictor
 from sumo_mcts.driver.params import Physics, traffic_params
@@ -18,17 +19,8 @@ from sumo_mcts.prediction.paths import LANES
 from sumo_mcts.prediction.roadside import room_beside
 from sumo_mcts.prediction.told import with_plans
 from sumo_mcts.registry import PREDICTORS, asks
-from sumo_mcts.scene import (
-    Floats,
-    Follow,
-    Forecast,
-    Ints,
-    Plan,
-    Release,
-    RoadMap,
-    Scene,
-    Scripted,
-)
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Follow, Forecast, Plan, Release, Scene, Scripted
 
 # s of the last plan that a forecast takes for granted; then the nominal ego follows its leader
 NOMINAL_S = 2.0

@@ -9,7 +9,8 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.continuation import changes_onward, leads_onto
 from sumo_mcts.numerics.lanes import with_changes
 from sumo_mcts.numerics.signals import shows
-from sumo_mcts.scene import RED, STANDING, EgoState, RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import RED, STANDING, EgoState, Scene
 from sumo_mcts.world import detour
 
 NAMED = 3  # edges of a new way that are named, beside its last

@@ -11,24 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.route import RouteMap, lane_pose, stop_ahead
 from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.planners.baselines import plan_of
 from sumo_mcts.planners.mcts import actions_of, mcts_params
-from sumo_mcts.scene import (
-    AFTER_STOP,
-    GREEN,
-    RED,
-    YELLOW,
-    Agents,
-    Decision,
-    Floats,
-    Follow,
-    Scene,
-    Signals,
-)
+from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, Agents, Decision, Follow, Scene, Signals
 
 POINT_M = 10.0  # m between the points of the route
 FAR_M = 300.0  # m: larger distances count as this much

@@ -4,6 +4,7 @@ recorded settings or others."""
 import math
 from collections.abc import Sequence
 
+from sumo_mcts.arrays import Ints
 from sumo_mcts.config import ScenarioConfig, build
 from sumo_mcts.driver.driver import Driver, PlanningResult
 from sumo_mcts.driver.factories import prediction_label
@@ -13,18 +14,8 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.prediction.interface import Oracles
 from sumo_mcts.records import CycleRecord, Setting, Trace, TraceError, require_fit, scenario_of
 from sumo_mcts.registry import SENSED, is_oracle
-from sumo_mcts.scene import (
-    Answers,
-    Follow,
-    Ints,
-    PlannerMemory,
-    Release,
-    RoadChanges,
-    RoadMap,
-    Scene,
-    Scripted,
-    ToldPlans,
-)
+from sumo_mcts.road import RoadChanges, RoadMap
+from sumo_mcts.scene import Answers, Follow, PlannerMemory, Release, Scene, Scripted, ToldPlans
 
 # sections that a decision reads; what the others decide has happened before
 READ = ("planner", "prediction", "ego_model", "cost", "paper", "idm", "failsafe")

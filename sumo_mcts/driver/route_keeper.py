@@ -19,17 +19,8 @@ from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import RouteMap, eased, is_rest_of, moved_to, route_map
 from sumo_mcts.numerics.lanes import usable, with_changes
 from sumo_mcts.numerics.signals import shown
-from sumo_mcts.scene import (
-    AFTER_STOP,
-    NO_STOP,
-    STANDING,
-    EgoState,
-    Memory,
-    RoadChanges,
-    RoadMap,
-    Scene,
-    Stop,
-)
+from sumo_mcts.road import RoadChanges, RoadMap
+from sumo_mcts.scene import AFTER_STOP, NO_STOP, STANDING, EgoState, Memory, Scene, Stop
 
 NEAR_STOP = 3.0  # m before a stop sign within which standing counts
 

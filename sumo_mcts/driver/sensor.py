@@ -11,12 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats
 from sumo_mcts.config import SensorConfig
 from sumo_mcts.numerics.geometry import nearest
 from sumo_mcts.prediction.drivers import TrafficParams
 from sumo_mcts.prediction.forecast import Question, predict
 from sumo_mcts.prediction.paths import LEAVES_FROM
-from sumo_mcts.scene import STANDING, Agents, Bools, EgoState, Floats, RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import STANDING, Agents, EgoState, Scene
 
 SMOOTHING_S = 1.0  # of the error of an acceleration, which is derived from speeds
 PLAIN_VIEW = 0.5  # share of an agent in view from which on it should be seen

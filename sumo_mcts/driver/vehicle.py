@@ -10,7 +10,8 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.missed_lane import MissedLane
 from sumo_mcts.driver.params import Physics, ego_params
 from sumo_mcts.driver.sensor import Sensor
-from sumo_mcts.scene import Decision, EgoState, Follow, Frame, RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Decision, EgoState, Follow, Frame, Scene
 from sumo_mcts.world.command import Bounds, Commander
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap

@@ -11,7 +11,8 @@ from sumo_mcts.driver.params import Physics
 from sumo_mcts.numerics.prepare import prepare
 from sumo_mcts.prediction.script_poses import script_poses
 from sumo_mcts.registry import asks
-from sumo_mcts.scene import GREEN, IGNORING, Agents, EgoState, RoadMap, Scene, Signals
+from sumo_mcts.road import IGNORING, RoadMap
+from sumo_mcts.scene import GREEN, Agents, EgoState, Scene, Signals
 
 
 def warm_up(config: ScenarioConfig, road: RoadMap, physics: Physics) -> None:

@@ -6,7 +6,8 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.evaluation.goal import Goal
 from sumo_mcts.evaluation.metrics import free_flow_time
-from sumo_mcts.scene import EgoState, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import EgoState
 from sumo_mcts.world.roadmap import has_edge
 
 FREE_FLOWS = 3.0  # the default time limit in free-flow times, and

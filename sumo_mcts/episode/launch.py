@@ -12,7 +12,7 @@ from sumo_mcts.driver.params import streams
 from sumo_mcts.driver.vehicle import World, running_world
 from sumo_mcts.episode.goals import check_edges
 from sumo_mcts.registry import asks
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 from sumo_mcts.world import clone
 from sumo_mcts.world.actors import Actors
 from sumo_mcts.world.arguments import network_of, sumo_arguments, window_delay_ms

@@ -8,13 +8,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.driver.vehicle import EgoVehicle
 from sumo_mcts.episode.launch import Running
 from sumo_mcts.evaluation.hindsight import Future
 from sumo_mcts.prediction.interface import Oracles
 from sumo_mcts.prediction.script_poses import script_poses
 from sumo_mcts.prediction.told import Told, states_told, told_by
-from sumo_mcts.scene import Decision, Floats, Follow, Ints, Release, Scene, Scripted
+from sumo_mcts.scene import Decision, Follow, Release, Scene, Scripted
 from sumo_mcts.world import clone
 
 

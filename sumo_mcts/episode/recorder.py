@@ -13,7 +13,8 @@ from sumo_mcts.driver.params import deadline_s
 from sumo_mcts.episode.surroundings import lanes_around
 from sumo_mcts.model.route import is_rest_of
 from sumo_mcts.records import CycleRecord, Setting, Trace
-from sumo_mcts.scene import Plan, RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Plan, Scene
 
 DRAWN = 90.0  # m around the ego's trajectory within which lanes go into the trace
 SPEED_DEVIATION = 0.05  # m/s between commanded and executed speed that is noted

@@ -19,7 +19,8 @@ from sumo_mcts.errors import of_machine
 from sumo_mcts.numerics.announce import announced
 from sumo_mcts.records import Row, Setting, Trace
 from sumo_mcts.registry import searches
-from sumo_mcts.scene import Decision, RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Decision, Scene
 from sumo_mcts.world.arguments import REFEREE_OPTIONS
 
 Watch = Callable[

@@ -5,10 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats
 from sumo_mcts.numerics.geometry import nearest
 from sumo_mcts.numerics.lanes import against_traffic, successors
 from sumo_mcts.records import Lanes
-from sumo_mcts.scene import YIELD, Bools, Floats, RoadMap
+from sumo_mcts.road import YIELD, RoadMap
 
 
 def lanes_around(

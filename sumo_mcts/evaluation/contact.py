@@ -9,9 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.evaluation.reachability import can_meet, driven
 from sumo_mcts.numerics.drawn import Drawing, drawn_shares
-from sumo_mcts.scene import Agents, Bools, EgoState, Floats, Frame, Indices, Ints, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Agents, EgoState, Frame
 
 SUBSTEP = 0.4  # m of relative motion between two box tests
 LOOK = 50.0  # m along lanes drawn shorter within which boxes may seem to touch

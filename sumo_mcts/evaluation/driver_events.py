@@ -5,18 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import (
-    BRAKES,
-    FORCES,
-    STANDING,
-    STARTS,
-    Bools,
-    Floats,
-    Forecast,
-    Intent,
-    Ints,
-    RoadMap,
-)
+from sumo_mcts.arrays import Bools, Floats, Ints
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import BRAKES, FORCES, STANDING, STARTS, Forecast, Intent
 
 MOVES = 1.0  # m/s from which on a vehicle moves
 FAST = 4.0  # m/s from which on it can brake hard

@@ -6,11 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.evaluation.contact import Contact, ahead_of, touch_point
 from sumo_mcts.evaluation.imposed import Stretch
 from sumo_mcts.evaluation.reachability import spread
 from sumo_mcts.numerics.lanes import against_traffic
-from sumo_mcts.scene import STANDING, Agents, EgoState, Floats, Frame, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import STANDING, Agents, EgoState, Frame
 
 TOUCHING = 0.1  # m: a contact this close to the plane of a bumper is on it
 CHANGE_COUNTS_S = 3.0  # s after its beginning during which a lane change makes the ego at fault

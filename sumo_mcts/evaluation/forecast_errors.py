@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import Bools, Floats, Forecast, Ints
+from sumo_mcts.arrays import Bools, Floats, Ints
+from sumo_mcts.scene import Forecast
 
 
 class Errors(NamedTuple):

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from sumo_mcts.evaluation.metrics import crossing_time, free_flow_time
 from sumo_mcts.evaluation.reachability import REACH
-from sumo_mcts.scene import EgoState, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import EgoState
 
 
 class Goal(NamedTuple):

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.evaluation.goal import Goal
 from sumo_mcts.model.local_build import build_local
 from sumo_mcts.model.local_map import (
@@ -38,17 +39,8 @@ from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.model.stop_lines import Rules
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import kernel, lengthy
-from sumo_mcts.scene import (
-    Agents,
-    Bools,
-    EgoState,
-    Floats,
-    Forecast,
-    Indices,
-    RoadMap,
-    Scene,
-    Scripted,
-)
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Agents, EgoState, Forecast, Scene, Scripted
 
 BEFORE_S = 3.0  # s before the contact from which an escape is looked for
 HORIZON_S = 8.0  # s that an escape has to last: as far as planners look

@@ -4,9 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Ints
 from sumo_mcts.numerics.lanes import successors
 from sumo_mcts.numerics.signals import shows
-from sumo_mcts.scene import RED, EgoState, Frame, Ints, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import RED, EgoState, Frame
 
 IMPOSED = (2.0, 3.0, 4.0)  # m/s2
 PATH_S, MIN_PATH = 4.0, 10.0  # s, m of an agent's path on which an ego is in its way

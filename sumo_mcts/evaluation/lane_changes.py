@@ -10,10 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.krauss import USUAL_S, safe_gap
 from sumo_mcts.numerics.lanes import Ahead, ahead_of, of_class
-from sumo_mcts.scene import LEFT, RIGHT, Agents, EgoState, Floats, Ints, RoadMap
+from sumo_mcts.road import LEFT, RIGHT, RoadMap
+from sumo_mcts.scene import Agents, EgoState
 
 WITHIN_S = 3.0  # s within which the change begins
 VIEW = 100.0  # m from front to front, ahead and behind, within which others matter

@@ -8,9 +8,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Ints
 from sumo_mcts.evaluation.reachability import spread
 from sumo_mcts.numerics.signals import shows
-from sumo_mcts.scene import AFTER_STOP, GREEN, RED, STANDING, Agents, Frame, Ints, RoadMap, Signals
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import AFTER_STOP, GREEN, RED, STANDING, Agents, Frame, Signals
 
 # m/s2: an ego that needed more to stop could not be asked to
 STOPPABLE_RED, STOPPABLE_YELLOW = 4.5, 3.0

@@ -6,8 +6,10 @@ from math import inf
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.numerics.lanes import connection, limits
-from sumo_mcts.scene import EgoState, Floats, Indices, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import EgoState
 
 ACCEL_RANGE = (-4.05, 2.40)  # m/s2, longitudinal
 LATERAL_MAX = 4.89  # m/s2

@@ -7,7 +7,8 @@ ego goes.
 from math import atan2, cos
 
 from sumo_mcts.evaluation.reachability import REACH, driven
-from sumo_mcts.scene import EgoState, Frame, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import EgoState, Frame
 
 
 class OwnSide:

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Bools
 from sumo_mcts.numerics.lanes import facing, successors, usable
-from sumo_mcts.scene import Bools, RoadMap
+from sumo_mcts.road import RoadMap
 
 # m along the road by which two boxes may miss each other's stretch and still meet: rounded corners,
 # lanes of unequal length

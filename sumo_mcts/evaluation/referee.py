@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Ints
 from sumo_mcts.evaluation.contact import Contact, contacts
 from sumo_mcts.evaluation.fault import Conduct, is_at_fault
 from sumo_mcts.evaluation.goal import Goal, RouteProgress
@@ -20,7 +21,8 @@ from sumo_mcts.evaluation.reachability import REACH, Drive, driven, goal_reachin
 from sumo_mcts.evaluation.standing import GreenRecord, longest_run
 from sumo_mcts.numerics.drawn import drawing
 from sumo_mcts.numerics.lanes import limit, with_changes
-from sumo_mcts.scene import STANDING, Bools, EgoState, Frame, Ints, RoadChanges, RoadMap
+from sumo_mcts.road import RoadChanges, RoadMap
+from sumo_mcts.scene import STANDING, EgoState, Frame
 
 ARRIVED, COLLISION, TELEPORTED, OFF_ROUTE, TIMEOUT, ERROR = (
     "arrived",

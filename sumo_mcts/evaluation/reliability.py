@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats
 from sumo_mcts.records.statistics import wilson
-from sumo_mcts.scene import Bools, Floats
 
 # Bounds of the bins of predicted probabilities: finer near 0, where rare events lie.
 BINS = (0.0, 0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0)

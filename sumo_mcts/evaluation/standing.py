@@ -5,8 +5,10 @@ Definitions: docs/measures.md, `longest_stop_s` and `stopped_at_green_s`.
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools
 from sumo_mcts.numerics.lanes import connection, successors
-from sumo_mcts.scene import STANDING, Bools, Frame, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import STANDING, Frame
 
 AT_LINE = 50.0  # m before a stop line from which on a standing ego stands at its light
 

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.numerics.kernel import entry
-from sumo_mcts.scene import Bools, Floats, Indices, Stop
+from sumo_mcts.scene import Stop
 
 SPACING = 1.0  # m between the rows of the pose and speed tables
 END_GAP = 1.5  # m kept to the end of a lane that leads nowhere

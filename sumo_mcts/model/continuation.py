@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.numerics.lanes import against_traffic, connection, of_class, successors, usable
-from sumo_mcts.scene import Bools, Floats, Indices, RoadMap
+from sumo_mcts.road import RoadMap
 
 AS_FAR = 1e-6  # m within which lanes count as leading equally far
 

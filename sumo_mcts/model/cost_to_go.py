@@ -11,6 +11,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.local_map import (
     AGENT,
     AWAY,
@@ -38,7 +39,8 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.model.route import LEFT_NODE, LENGTH, LIMIT, NEXT, RIGHT_NODE, RouteMap
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.scene import AFTER_STOP, GREEN, Floats, Indices, RoadMap, Signals
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import AFTER_STOP, GREEN, Signals
 
 DISCHARGE_S = 2.0  # s between two vehicles of a queue that starts
 UNKNOWN_S = 20.0  # s expected at a light of which no coming green is known

@@ -3,7 +3,8 @@
 import numpy as np
 
 from sumo_mcts.model.continuation import NO_HALT, Halt, Nodes
-from sumo_mcts.scene import RoadMap, Stop
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Stop
 
 CUT = 0.1  # m: the least length of a lane that is cut at a stop
 LINE_BEYOND = 2.0  # m from the place of a stop to a line that closes the lane behind it

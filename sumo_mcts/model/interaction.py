@@ -6,6 +6,7 @@ These are the inputs of the cost of safety, C_s in equation 1 of the paper.
 import math
 from typing import NamedTuple
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.gaps import (
     cut_in_cost,
@@ -50,7 +51,6 @@ from sumo_mcts.model.reactions import seen
 from sumo_mcts.model.route import OWES
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import inlined, kernel
-from sumo_mcts.scene import Floats
 
 # m beyond which agents are ignored, but for those ahead in the ego's lane: a leader that came into
 # sight only there would cost the ego so much at once that it would rather wait out of sight.

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.cost_to_go import passes_at
 from sumo_mcts.model.local_map import (
@@ -32,7 +33,6 @@ from sumo_mcts.model.local_map import (
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, RouteMap
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.scene import Floats, Indices
 
 NONE_YET = -2  # no gate so far
 FASTER = 0.02  # share of the limit by which the ego may be faster now: else nothing is certain

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.model.local_map import END
 from sumo_mcts.model.route import RouteMap
-from sumo_mcts.scene import Bools, Floats, Indices
 
 VIEW_BACK, VIEW_AHEAD = 200.0, 100.0  # m of the next lane in which its stream is measured
 MAKES_ROOM = 3.0  # m/s2 with which a driver brakes to make room

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.model.local_map import (
     ELSEWHERE,
     GONE,
@@ -22,17 +23,8 @@ from sumo_mcts.numerics.geometry import Y
 from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.numerics.lanes import opposed
 from sumo_mcts.prediction.poses import SIDEWAYS
-from sumo_mcts.scene import (
-    STARTS,
-    Agents,
-    Bools,
-    EgoState,
-    Floats,
-    Forecast,
-    Indices,
-    Ints,
-    RoadMap,
-)
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import STARTS, Agents, EgoState, Forecast
 
 MOST_ASKED = 4  # agents behind the ego that may make room in one cycle
 MOST_FOLLOWERS = 63  # bits of a mask

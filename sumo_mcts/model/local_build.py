@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.cost_to_go import gap_times, gates
 from sumo_mcts.model.least_cost import fill_sure
 from sumo_mcts.model.leaving import Stream, leaving
@@ -27,7 +28,8 @@ from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap
 from sumo_mcts.model.standing import past_standing, standing
 from sumo_mcts.model.stop_lines import Rules, closed_lines, is_open, stop_at
 from sumo_mcts.numerics.kernel import entry
-from sumo_mcts.scene import Floats, Forecast, Indices, RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Forecast, Scene
 
 # m of the route behind the ego where followers are seen: as far as on the lanes that lead into it
 BACK = UPSTREAM_VIEW

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.caps import SPACING
 from sumo_mcts.model.route import (
     DRAWN,
@@ -20,7 +21,7 @@ from sumo_mcts.model.route import (
 from sumo_mcts.numerics.drawn import as_drawn
 from sumo_mcts.numerics.geometry import Box, boxes_touch
 from sumo_mcts.numerics.kernel import inlined, kernel
-from sumo_mcts.scene import EgoState, Floats, Indices
+from sumo_mcts.scene import EgoState
 
 # What column NODE of LocalMap.agent holds beside nodes; node_of, upstream_of and is_gone read it.
 ELSEWHERE = -1  # off the ego's route

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.model.local_map import (
     AGENT,
     ENTERS,
@@ -20,7 +21,7 @@ from sumo_mcts.model.route import RouteMap
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.lanes import Ahead, Areas, ahead_of, areas_of, facing, leads_to
 from sumo_mcts.prediction.on_foot import crossings_on, entering_m
-from sumo_mcts.scene import Bools, Floats, Indices, Ints, RoadMap
+from sumo_mcts.road import RoadMap
 
 JUNCTION_VIEW = 120.0  # m of the route ahead within which junctions count
 # obligations in one cycle; further ones, those on the junctions furthest ahead, are left out

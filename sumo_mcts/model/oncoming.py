@@ -6,12 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.model.caps import SPACING
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, RouteMap
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.lanes import facing, limits
-from sumo_mcts.scene import Agents, Bools, EgoState, Floats, Forecast, Indices, RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Agents, EgoState, Forecast, Scene
 
 # Urgency (LocalMap.urgency) of leaving the lane of the oncoming, wherever the ego is on it.
 KEEPS_RIGHT = 0.3

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.model.local_map import (
     DRIVEN,
     HALF_LENGTH,
@@ -30,7 +31,6 @@ from sumo_mcts.model.route import LEFT_NODE, RIGHT_NODE
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_speed
-from sumo_mcts.scene import Floats
 
 PANIC = 9.0  # m/s2 of emergency braking, as SUMO's cars have it by default,
 NEAR = 1.0  # m to the ego up to which they brake like that

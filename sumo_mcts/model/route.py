@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.model.caps import SPACING, Pace, braking, fill_caps, slow_down
 from sumo_mcts.model.continuation import (
     NO_HALT,
@@ -22,7 +23,8 @@ from sumo_mcts.numerics.drawn import Drawing, drawing, drawn_shares
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.lanes import against_traffic, limits
-from sumo_mcts.scene import ALLWAY, NO_STOP, STOP, Bools, Floats, Indices, RoadMap, Stop
+from sumo_mcts.road import ALLWAY, STOP, RoadMap
+from sumo_mcts.scene import NO_STOP, Stop
 
 # Columns of RouteMap.table: compiled code is handed one array, since every array in a tuple costs
 # at every call.

@@ -3,11 +3,13 @@ leads past it, the ego's lane ends there."""
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.continuation import nearest
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.numerics.lanes import successors
 from sumo_mcts.prediction.on_foot import crossings_on
-from sumo_mcts.scene import STANDING, Agents, Floats, Indices, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import STANDING, Agents
 
 STOOD_S = 2.0  # s for which it has stood
 QUEUE_GAP = 10.0  # m: a vehicle within it ahead is why one stands

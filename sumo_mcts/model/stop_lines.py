@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.model.halts import LINE_BEYOND
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.oncoming import Sight
 from sumo_mcts.model.route import RouteMap, stop_ahead
 from sumo_mcts.numerics.signals import signal_states
-from sumo_mcts.scene import AFTER_STOP, GREEN, YELLOW, Floats, Forecast, Ints, Scene
+from sumo_mcts.scene import AFTER_STOP, GREEN, YELLOW, Forecast, Scene
 
 # m/s2 of braking beyond which the ego does not stop for red: yellow was short, or it departs right
 # before a red light

@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.numerics.geometry import Box
 from sumo_mcts.numerics.kernel import inlined
-from sumo_mcts.scene import Bools, Floats, Indices, Ints, RoadMap
+from sumo_mcts.road import RoadMap
 
 LONGEST = 25.0  # m of a body
 SEEN = 0.1  # m by which a body has to be drawn shorter for it to matter

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.numerics.kernel import kernel
-from sumo_mcts.scene import Floats, Ints, RoadMap
+from sumo_mcts.road import RoadMap
 
 # Columns of poses: centre (m), cosine and sine of the heading.
 X, Y, COS, SIN = range(4)

@@ -30,7 +30,7 @@ _SETTINGS: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED = ("numerics", "prediction", "model", "planners", "evaluation")  # packages with kernels
 # fields of tuples that kernels read, beside the tuples in those packages
-_TUPLES = ("scene.py", "config/sections/cost.py")
+_TUPLES = ("road.py", "scene.py", "config/sections/cost.py")
 
 
 # --- how functions become kernels ---

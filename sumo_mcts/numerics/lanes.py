@@ -6,17 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.numerics.kernel import kernel
-from sumo_mcts.scene import (
-    ALLWAY,
-    IGNORING,
-    ZIPPER,
-    Bools,
-    Floats,
-    Ints,
-    RoadChanges,
-    RoadMap,
-)
+from sumo_mcts.road import ALLWAY, IGNORING, ZIPPER, RoadChanges, RoadMap
 
 
 def successors(road: RoadMap, lane: int) -> list[int]:

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from sumo_mcts.scene import GREEN, Floats, Indices, Ints, RoadMap, Signals
+from sumo_mcts.arrays import Floats, Indices, Ints
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import GREEN, Signals
 
 
 def signal_states(

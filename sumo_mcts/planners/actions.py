@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.numerics.kernel import kernel
-from sumo_mcts.scene import Floats, Indices
 
 # Columns of sequences and of tables of actions: acceleration (m/s2, or FOLLOW); lane change (-1
 # right, 0 none, 1 left).

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from sumo_mcts.arrays import Words
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_build import build_local
 from sumo_mcts.model.local_map import LocalMap, State
@@ -12,7 +13,8 @@ from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.oncoming import Sight
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.model.stop_lines import Rules
-from sumo_mcts.scene import Decision, Forecast, PlannerMemory, RoadMap, Scene, Words
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Decision, Forecast, PlannerMemory, Scene
 
 STOP_DECEL = 3.0  # m/s2 beyond which no driver has to stop for yellow (measures: yellow_run)
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.interaction import place_is_free
 from sumo_mcts.model.local_map import (
@@ -42,7 +43,7 @@ from sumo_mcts.planners.base import STOP_DECEL, SeededPlanner, Situation, Task, 
 from sumo_mcts.planners.candidates import follow_line
 from sumo_mcts.planners.mcts import MctsParams, actions_of, in_steps, mcts_params
 from sumo_mcts.planners.ply import DRIVEN_S, DRIVEN_V
-from sumo_mcts.scene import Decision, Floats, Follow, Indices, Plan, PlannerMemory, Release
+from sumo_mcts.scene import Decision, Follow, Plan, PlannerMemory, Release
 
 LOOK = 1.0  # m between the places on the path ahead at which others are looked for
 VIEW_S = 6.0  # s of driving ahead for which they are

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.model.local_map import MOTION_V, LocalMap, State
 from sumo_mcts.model.route import LEFT_NODE, RIGHT_NODE
 from sumo_mcts.planners.actions import ACCEL, FOLLOW, SIDE, to_steps
@@ -20,7 +21,7 @@ from sumo_mcts.planners.ply import (
     replay,
 )
 from sumo_mcts.planners.tree import Tree
-from sumo_mcts.scene import LOSS, Floats, Plan, RootChild
+from sumo_mcts.scene import LOSS, Plan, RootChild
 
 # s within which a planned change needs no help: a car that was asked would wait for an ego that
 # waits for it to pass

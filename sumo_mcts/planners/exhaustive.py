@@ -4,6 +4,7 @@ the closed loop."""
 from collections.abc import Mapping
 from typing import Any
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.planners import reference
 from sumo_mcts.planners.actions import SIDE
@@ -11,7 +12,7 @@ from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.candidates import follow_line
 from sumo_mcts.planners.reference import Problem, problem_of, root_lines, steps_of
 from sumo_mcts.planners.reference_solver import Solution, best_root, solve
-from sumo_mcts.scene import Decision, Floats, Follow, Plan, RootChild
+from sumo_mcts.scene import Decision, Follow, Plan, RootChild
 
 
 def forecast_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.model.local_map import LocalMap, V
 from sumo_mcts.numerics.lanes import limits
 from sumo_mcts.planners.base import Situation, Task, local_of
@@ -32,7 +33,7 @@ from sumo_mcts.planners.failsafe_reach import (
     drive,
 )
 from sumo_mcts.planners.ply import DRIVEN_S, DRIVEN_V
-from sumo_mcts.scene import Agents, Decision, EgoState, Floats, Follow, Manoeuvre, Plan
+from sumo_mcts.scene import Agents, Decision, EgoState, Follow, Manoeuvre, Plan
 
 LONGEST_S = 30.0  # longest duration of a manoeuvre
 REASON = "fail-safe"

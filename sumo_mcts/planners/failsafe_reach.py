@@ -6,6 +6,7 @@ Compiled; failsafe.py asks.
 import math
 from typing import NamedTuple
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.local_map import (
     DRIVEN,
     HALF_LENGTH,
@@ -34,7 +35,6 @@ from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.planners.ply import DRIVEN_S, DRIVEN_V
-from sumo_mcts.scene import Floats, Indices
 
 CHECK_S = 0.25  # longest time between two checks
 ALONG = 0.8  # cosine of the angle between two headings up to which one vehicle follows the other

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.cost import LEAST_LOSS
 from sumo_mcts.model.local_map import LocalMap
@@ -30,7 +31,7 @@ from sumo_mcts.planners.ply import SearchParams, search_params
 from sumo_mcts.planners.risk import risk, shares
 from sumo_mcts.planners.search import search
 from sumo_mcts.planners.tree import GAP, Tree, new_tree
-from sumo_mcts.scene import LOSS, Decision, Floats, Follow, PlannerMemory
+from sumo_mcts.scene import LOSS, Decision, Follow, PlannerMemory
 
 
 class MctsParams(NamedTuple):

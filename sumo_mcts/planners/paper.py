@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import GOAL, advance, begin_change, pose_of
@@ -18,7 +19,8 @@ from sumo_mcts.planners.base import SeededPlanner, Situation, Task, local_of
 from sumo_mcts.planners.budget import SLICE, passes_within
 from sumo_mcts.planners.paper_search import Guide, PaperTree, Weights, new_tree, search
 from sumo_mcts.planners.ply import LOST
-from sumo_mcts.scene import LEFT, RIGHT, Decision, Floats, Follow, Plan, RootChild
+from sumo_mcts.road import LEFT, RIGHT
+from sumo_mcts.scene import Decision, Follow, Plan, RootChild
 
 EMERGENCY = -8.0  # m/s2, when every action was discarded
 TIMED_SLICE = 20  # iterations between looks at the clock

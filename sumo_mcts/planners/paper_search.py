@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
+from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.model.local_map import (
     HALF_LENGTH,
     HALF_WIDTH,
@@ -40,16 +41,7 @@ from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, box_distance
 from sumo_mcts.numerics.kernel import kernel, making_arrays
 from sumo_mcts.planners.actions import ACCEL, SIDE
 from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
-from sumo_mcts.scene import (
-    COMFORT,
-    OTHER,
-    PASSABILITY,
-    SAFETY,
-    STANDING,
-    Bools,
-    Floats,
-    Indices,
-)
+from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY, STANDING
 
 SIGHT = 40.0  # m beyond which agents are ignored
 # Accelerations of the rollout are drawn from LEAST on, m/s2: braking up to 5, accelerating up to 3.

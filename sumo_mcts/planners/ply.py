@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.completing import unfinished
 from sumo_mcts.model.cost import (
     contact_cost,
@@ -33,7 +34,7 @@ from sumo_mcts.model.route import LIMIT
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import entry, inlined, kernel
 from sumo_mcts.planners.actions import FOLLOW, NO_SPEED, Action, action_at
-from sumo_mcts.scene import COMFORT, LOSS, OTHER, PASSABILITY, SAFETY, Floats, Indices
+from sumo_mcts.scene import COMFORT, LOSS, OTHER, PASSABILITY, SAFETY
 
 NONE = -1  # no child, no parent
 # an action that cannot be taken there, leads to the same state as another, or (adaptive) costs too

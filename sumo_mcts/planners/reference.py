@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.cost import step_comfort
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import LocalMap, State
@@ -20,7 +21,7 @@ from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.actions import ACCEL, FOLLOW, SIDE, commanded, lasting, to_steps
 from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.planners.ply import SearchParams, may_change, search_params
-from sumo_mcts.scene import Floats, Follow, Indices
+from sumo_mcts.scene import Follow
 
 # by the names of when they were frozen, which the digest is of too
 _COST = {

@@ -4,6 +4,7 @@ cells and ranked by kind. Compiled."""
 import math
 from typing import NamedTuple
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.interaction import Neighbours
 from sumo_mcts.model.local_map import MOTION_TURN, WHERE_NODE, WHERE_OTHER, State, keep_state
 from sumo_mcts.model.reactions import CLOCK, SPEED
@@ -11,7 +12,6 @@ from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.planners.actions import copy_line
 from sumo_mcts.planners.ply import copy_pairs
 from sumo_mcts.planners.tree import GAP, LEADER_V
-from sumo_mcts.scene import Floats, Indices
 
 REACTING = 4  # columns of a cell from which on it has those of agents that react, see CELL
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.model.cost import terminal
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.cost_to_go import PICK_UP
@@ -47,7 +48,6 @@ from sumo_mcts.planners.ply import (
 from sumo_mcts.planners.reference import CELL, KIND, LABELS, Problem
 from sumo_mcts.planners.reference_labels import Labels, copy_label, merge, rank, write_label
 from sumo_mcts.planners.tree import GAP, LEADER_V
-from sumo_mcts.scene import Bools, Floats, Indices
 
 FREE, LOSING = range(2)  # columns of the lowest costs: of sequences without a loss, and with one
 

@@ -3,7 +3,7 @@ the worst share (CVaR)."""
 
 import numpy as np
 
-from sumo_mcts.scene import Floats
+from sumo_mcts.arrays import Floats
 
 
 def risk(cost: Floats, weight: Floats, share: float) -> Floats:

@@ -7,6 +7,7 @@ import math
 
 from numpy.random import Generator
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.model.completing import unfinished
 from sumo_mcts.model.cost import LEAST_LOSS, is_against, terminal
 from sumo_mcts.model.cost_params import CostParams
@@ -47,7 +48,7 @@ from sumo_mcts.planners.tree import (
     spent,
     store,
 )
-from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY, Floats
+from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY
 
 # What a rollout does (see _continuation).
 FOLLOWS, BRAKES, SLOWS_DOWN, THEN_BRAKES, PUSHES, CHANGES = range(6)

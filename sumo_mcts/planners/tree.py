@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.model.interaction import Neighbours
 from sumo_mcts.model.local_map import (
     MOTION_A,
@@ -17,7 +18,7 @@ from sumo_mcts.model.local_map import (
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.planners.actions import ACCEL, SIDE, copy_line, no_actions, put_action
 from sumo_mcts.planners.ply import NONE
-from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY, Bools, Floats, Indices
+from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY
 
 GAP, LEADER_V = range(2)  # columns of Tree.leader
 

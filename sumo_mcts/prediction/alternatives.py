@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats
 from sumo_mcts.numerics.geometry import nearest
 from sumo_mcts.numerics.lanes import limit, of_class, successors
 from sumo_mcts.prediction.conflicts import FOE_BEGIN, MERGES, OWN_BEGIN, conflicts_of
@@ -22,22 +23,17 @@ from sumo_mcts.prediction.course import stop_signs
 from sumo_mcts.prediction.drivers import TrafficParams
 from sumo_mcts.prediction.forecast import Question
 from sumo_mcts.prediction.paths import Paths, changing, likely_paths
+from sumo_mcts.road import LEFT, RIGHT, STRAIGHT, RoadMap
 from sumo_mcts.scene import (
     BRAKES,
     FORCES,
-    LEFT,
-    RIGHT,
     STANDING,
     STARTS,
-    STRAIGHT,
     TURNS,
     Agents,
-    Bools,
     EgoState,
-    Floats,
     Forecast,
     Intent,
-    RoadMap,
 )
 
 LEAST = 0.005  # odds below which an alternative gets no search of its own

@@ -8,22 +8,15 @@ import math
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.numerics.kernel import entry, inlined
 from sumo_mcts.prediction.course import Course, course_of, red_ahead
 from sumo_mcts.prediction.drivers import Drivers, Progress, TrafficParams
 from sumo_mcts.prediction.following import follow_accel, free_accel, leader_of
 from sumo_mcts.prediction.paths import Paths
 from sumo_mcts.prediction.yielding import line_accel, rank_of, yield_accel
-from sumo_mcts.scene import (
-    BRAKES,
-    STANDING,
-    STARTS,
-    Bools,
-    Floats,
-    Ints,
-    RoadMap,
-    Signals,
-)
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import BRAKES, STANDING, STARTS, Signals
 
 # A vehicle that cruises keeps its speed where its leader is further away than this: m, and s of
 # driving.

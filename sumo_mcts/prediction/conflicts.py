@@ -4,10 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.lanes import Areas, areas_of
 from sumo_mcts.prediction.paths import Paths
-from sumo_mcts.scene import Floats, Ints, RoadMap
+from sumo_mcts.road import RoadMap
 
 # Conflicts checked for each vehicle. The most that were seen are 59, with a car every 20 m of
 # lane.

@@ -5,12 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.numerics.lanes import limits
 from sumo_mcts.numerics.signals import signal_states
 from sumo_mcts.prediction.conflicts import conflicts_of
 from sumo_mcts.prediction.paths import NARROWS, Paths
-from sumo_mcts.scene import AFTER_STOP, ALLWAY, GREEN, STOP, Bools, Floats, Ints, RoadMap, Signals
+from sumo_mcts.road import ALLWAY, STOP, RoadMap
+from sumo_mcts.scene import AFTER_STOP, GREEN, Signals
 
 SIGN_VIEW = 60.0  # m before a stop sign from which on a driver brakes for it
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from sumo_mcts.scene import Bools, Floats, Indices, Ints
+from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 
 
 class TrafficParams(NamedTuple):

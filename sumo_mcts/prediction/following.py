@@ -2,10 +2,10 @@
 
 import math
 
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.prediction.course import Course
 from sumo_mcts.prediction.drivers import TrafficParams
-from sumo_mcts.scene import Floats, Ints
 
 LIMIT_VIEW = 60.0  # m ahead within which a driver slows down for a lower limit
 OVER_LIMIT = 1.2  # times the limit: a vehicle that is faster still slows down to this

@@ -12,25 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.prediction.behaviour import drive
 from sumo_mcts.prediction.drivers import Drivers, TrafficParams
 from sumo_mcts.prediction.on_foot import Ways, approach, crossings_on, ways_on_foot
 from sumo_mcts.prediction.paths import changing, likely_paths
 from sumo_mcts.prediction.poses import poses
-from sumo_mcts.scene import (
-    TURNS,
-    USUAL,
-    Agents,
-    Floats,
-    Follow,
-    Forecast,
-    Intent,
-    Ints,
-    Release,
-    RoadMap,
-    Scene,
-    Scripted,
-)
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import TURNS, USUAL, Agents, Follow, Forecast, Intent, Release, Scene, Scripted
 
 # m/s2 of smoothed acceleration below which a vehicle is taken to drive at its desired speed,
 CRUISING = 0.5

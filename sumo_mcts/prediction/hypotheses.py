@@ -12,7 +12,8 @@ import numpy as np
 
 from sumo_mcts.prediction.alternatives import Alternative, alternatives
 from sumo_mcts.prediction.forecast import Question, predict
-from sumo_mcts.scene import STANDING, STARTS, Forecast, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import STANDING, STARTS, Forecast
 
 # The fields of a Forecast that it has for each hypothesis, beside `weight` and `intents`.
 OF_HYPOTHESES = ("pose", "v", "lane", "s", "valid", "yields")

@@ -5,18 +5,10 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from sumo_mcts.arrays import Ints
 from sumo_mcts.prediction.forecast import Question, times_of
-from sumo_mcts.scene import (
-    Answers,
-    Follow,
-    Forecast,
-    Ints,
-    Release,
-    RoadMap,
-    Scene,
-    Scripted,
-    ToldPlans,
-)
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Answers, Follow, Forecast, Release, Scene, Scripted, ToldPlans
 
 
 def no_plan(*_: object) -> None:

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.numerics.geometry import Box, box_distance
-from sumo_mcts.scene import EgoState, Floats, Forecast, Scene
+from sumo_mcts.scene import EgoState, Forecast, Scene
 
 
 def inflate(

@@ -13,20 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.scene import (
-    PEOPLE_FIRST,
-    PEOPLE_WAIT,
-    STRAIGHT,
-    Agents,
-    Bools,
-    EgoState,
-    Floats,
-    Indices,
-    Ints,
-    RoadMap,
-)
+from sumo_mcts.road import PEOPLE_FIRST, PEOPLE_WAIT, STRAIGHT, RoadMap
+from sumo_mcts.scene import Agents, EgoState
 
 ENTERS_S = 4.0  # within which a person comes to a crossing that it is expected to walk over
 BESIDE = 0.5  # m: so near to its edges one is on it, and between them enters it so far inside

@@ -7,9 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.numerics.kernel import entry, inlined, kernel
 from sumo_mcts.numerics.lanes import Ahead, ahead_of, limits, of_class
-from sumo_mcts.scene import LEFT, RIGHT, STRAIGHT, Agents, EgoState, Floats, Ints, RoadMap
+from sumo_mcts.road import LEFT, RIGHT, STRAIGHT, RoadMap
+from sumo_mcts.scene import Agents, EgoState
 
 LANES = 20  # lanes of a path at most
 PATH = 200.0  # m of a path at least, as far as the road goes

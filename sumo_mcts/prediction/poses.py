@@ -5,11 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on, swung
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.prediction.on_foot import Ways, walked
 from sumo_mcts.prediction.paths import OPEN, Paths
-from sumo_mcts.scene import Agents, Bools, Floats, Ints, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Agents
 
 SIDEWAYS = 1.2  # m/s with which a vehicle moves to the centre line: a lane in 3 s
 UNTURNED = 0.05  # rad between body and lane up to which it is a matter of how curves are drawn

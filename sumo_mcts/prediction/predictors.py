@@ -8,7 +8,8 @@ import numpy as np
 from sumo_mcts.prediction.forecast import OracleData, Question, predict, times_of
 from sumo_mcts.prediction.hypotheses import predict_hypotheses
 from sumo_mcts.prediction.interface import Oracles
-from sumo_mcts.scene import Forecast, RoadMap, Scripted
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Forecast, Scripted
 
 
 class _BuiltIn:

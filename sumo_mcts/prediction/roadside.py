@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.numerics.geometry import Lines, X, Y, lines_of
 from sumo_mcts.numerics.kernel import entry
-from sumo_mcts.scene import Agents, Bools, EgoState, Floats, Indices, Ints, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Agents, EgoState
 
 VIEW = 100.0  # m of the ego's lanes along which people count
 ALONG = 0.9  # cosine of the angle to the lane up to which one walks along it

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.numerics.geometry import (
     COS,
     SIN,
@@ -17,7 +18,7 @@ from sumo_mcts.numerics.geometry import (
     swung,
 )
 from sumo_mcts.numerics.kernel import making_arrays
-from sumo_mcts.scene import Floats, Ints, RoadMap
+from sumo_mcts.road import RoadMap
 
 TANGENT = 0.5  # m over which the direction of a lane is measured
 

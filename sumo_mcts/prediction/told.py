@@ -10,20 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Indices, Ints
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.prediction.hypotheses import OF_HYPOTHESES
+from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import (
     STANDING,
     Agents,
     Decision,
     EgoState,
-    Floats,
     Forecast,
-    Indices,
-    Ints,
     Plan,
     Release,
-    RoadMap,
     Scene,
     Scripted,
 )

@@ -2,6 +2,7 @@
 
 import math
 
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.numerics.krauss import STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.prediction.conflicts import (
@@ -16,7 +17,7 @@ from sumo_mcts.prediction.conflicts import (
 from sumo_mcts.prediction.course import Course, red_ahead, to_sign, waiting_place
 from sumo_mcts.prediction.drivers import Drivers, Progress, TrafficParams
 from sumo_mcts.prediction.following import follow_accel
-from sumo_mcts.scene import FORCES, Bools, Floats, Ints
+from sumo_mcts.scene import FORCES
 
 # Stopping.
 BEFORE = 1.0  # m before a line at which a driver stops

@@ -3,10 +3,10 @@
 That is the shape of every field, and the bounds of its numbers.
 
 Compiled code checks no index, so a damaged number would make it read beyond an array. RULES says
-field by field what scene.py and trace.py say in words. A shape names sizes: the first field with
-a size sets it, and all others have to agree. Sizes with a capital letter hold for a whole decision
-or map, those with a small one for one tuple. `lanes`, `edges` and so on are the sizes of the map;
-without a map they are not checked.
+field by field what road.py, scene.py and trace.py say in words. A shape names sizes: the first
+field with a size sets it, and all others have to agree. Sizes with a capital letter hold for a
+whole decision or map, those with a small one for one tuple. `lanes`, `edges` and so on are the
+sizes of the map; without a map they are not checked.
 """
 
 import math
@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.scene import LEAST_SPEED, PEOPLE_WAIT, TURNS, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.road import LEAST_SPEED, PEOPLE_WAIT, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.scene import TURNS
 
 FAR = 1e8  # m: coordinates of all projections that SUMO writes lie within
 LARGE = 1e10  # bound of every other number; SUMO writes -1.07e9 for an unknown one

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.records.measures import REDRAWN, TRAFFIC_DIGEST, Row
-from sumo_mcts.scene import Floats
 
 Z = 1.96  # of the 95 % interval
 RESAMPLES = 2000  # of a bootstrap interval

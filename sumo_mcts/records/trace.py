@@ -12,24 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.records import check
 from sumo_mcts.records.codec import TraceError, columns_of, load_columns, packed
 from sumo_mcts.records.layout import MAPS
 from sumo_mcts.records.writing import write_whole
-from sumo_mcts.scene import (
-    Agents,
-    Answers,
-    Bools,
-    Decision,
-    EgoState,
-    Floats,
-    Forecast,
-    Ints,
-    Memory,
-    RoadChanges,
-    RoadMap,
-    Signals,
-)
+from sumo_mcts.road import RoadChanges, RoadMap
+from sumo_mcts.scene import Agents, Answers, Decision, EgoState, Forecast, Memory, Signals
 
 
 class CycleRecord(NamedTuple):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.records import Trace, write_whole
 from sumo_mcts.reporting.birdseye import draw_panel
 from sumo_mcts.reporting.camera import STRIP, Shot, arrangement, shot_at, views_of
@@ -34,7 +35,6 @@ from sumo_mcts.reporting.canvas import (
 )
 from sumo_mcts.reporting.ground import Ground, roads_of
 from sumo_mcts.reporting.words import action_words
-from sumo_mcts.scene import Floats
 
 FPS = 10
 REAL_TIME_S = 30.0  # a drive up to so long is shown in real time

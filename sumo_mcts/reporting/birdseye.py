@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from PIL import Image, ImageDraw
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.records import Trace
 from sumo_mcts.reporting.camera import Shot, shot_at, views_of
 from sumo_mcts.reporting.canvas import (
@@ -31,7 +32,7 @@ from sumo_mcts.reporting.canvas import (
 )
 from sumo_mcts.reporting.ground import draw_ground, roads_of
 from sumo_mcts.reporting.words import BRAKING
-from sumo_mcts.scene import Floats, RootChild
+from sumo_mcts.scene import RootChild
 
 MARK_S = 1.0  # expected positions are marked every second, of plan and forecast alike
 AHEAD_S = 5.0  # so far ahead

@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.records import CycleRecord, Trace
 from sumo_mcts.reporting.canvas import SS, View
-from sumo_mcts.scene import Agents, Floats
+from sumo_mcts.scene import Agents
 
 STRIP = 4.4  # aspect ratio of a window on a long straight road
 

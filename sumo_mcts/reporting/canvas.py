@@ -12,7 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from PIL import ImageDraw, ImageFont
 
-from sumo_mcts.scene import Floats
+from sumo_mcts.arrays import Floats
 
 Colour = tuple[int, int, int]
 PAPER: Colour = (255, 255, 255)

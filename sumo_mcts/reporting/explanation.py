@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.driver.forecaster import no_forecast
 from sumo_mcts.driver.replan import recorded_config, replan
 from sumo_mcts.model.local_map import ego_state
@@ -20,6 +21,7 @@ from sumo_mcts.records import SCHEMA_VERSION, CycleRecord, Row, Setting, Trace, 
 from sumo_mcts.records.measures import BY_KEY
 from sumo_mcts.registry import ORACLE_MARK, PLANNERS, PREDICTORS
 from sumo_mcts.reporting.words import action_words
+from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import (
     BRAKES,
     FORCES,
@@ -27,10 +29,8 @@ from sumo_mcts.scene import (
     TERMS,
     TURNS,
     Decision,
-    Floats,
     Follow,
     Intent,
-    RoadMap,
     RootChild,
 )
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from sumo_mcts.records import CycleRecord, Row, Trace, write_table, write_whole
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 
 COLUMNS = (
     "time_s", "vehicle", "role", "x_m", "y_m", "heading_rad", "v_mps", "a_mps2", "lane", "s_m",

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.records import Lanes
 from sumo_mcts.reporting.canvas import (
     ASPHALT,
@@ -19,7 +20,6 @@ from sumo_mcts.reporting.canvas import (
     draw_line,
     draw_polygon,
 )
-from sumo_mcts.scene import Floats
 
 TILES = 8  # pieces of the ground that are kept while the camera moves
 

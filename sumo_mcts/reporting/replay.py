@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.records import CycleRecord, Lanes, Trace
 from sumo_mcts.reporting.words import BRAKING, action_words
-from sumo_mcts.scene import TERMS, Decision, EgoState, Floats, Forecast, Release, RootChild
+from sumo_mcts.scene import TERMS, Decision, EgoState, Forecast, Release, RootChild
 
 MARK_S = 0.5  # between the points of a plan and of a tried trajectory
 FORECAST_S = 1.0  # between the points of a forecast

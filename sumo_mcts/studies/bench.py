@@ -23,7 +23,8 @@ from sumo_mcts.driver.params import Physics
 from sumo_mcts.driver.warmup import standing_car
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.numerics.announce import COMPILING, announced
-from sumo_mcts.scene import GREEN, Agents, RoadMap, Scene, Signals
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import GREEN, Agents, Scene, Signals
 from sumo_mcts.world.grid import write_grid
 from sumo_mcts.world.roadmap import read_roadmap
 from sumo_mcts.world.simulation import Simulation

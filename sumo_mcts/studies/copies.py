@@ -5,13 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.driver.params import traffic_params
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.evaluation.driver_events import Course, enters
 from sumo_mcts.model.reactions import HELPS
 from sumo_mcts.numerics.lanes import successors, usable
 from sumo_mcts.prediction.forecast import Question, predict
-from sumo_mcts.scene import Bools, Floats, Follow, Ints, RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Follow, Scene
 
 SECONDS = 3.0
 LESS = 0.5  # m/s slower than without it: a driver makes room

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.driver import Driver
 from sumo_mcts.driver.forecaster import ego_lanes
@@ -26,7 +27,8 @@ from sumo_mcts.prediction.conflicts import (
 )
 from sumo_mcts.prediction.paths import likely_paths
 from sumo_mcts.prediction.yielding import FOE_VIEW
-from sumo_mcts.scene import STANDING, Bools, Floats, Forecast, Intent, Ints, RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import STANDING, Forecast, Intent, Scene
 from sumo_mcts.studies.copies import reactions
 from sumo_mcts.world.arguments import without_outputs
 from sumo_mcts.world.clone import require_copyable, require_possible

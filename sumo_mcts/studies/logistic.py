@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sumo_mcts.scene import Bools, Floats
+from sumo_mcts.arrays import Bools, Floats
 
 PENALTY = 1.0  # on the squares of all weights but the first
 ROUNDS, CLOSE = 50, 1e-8

@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.cost_to_go import PICK_UP, expected_wait
 from sumo_mcts.model.local_map import AWAY, GAP_S, GATE, LocalMap, State
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.planners.base import Situation, Task, local_of
-from sumo_mcts.scene import STANDING, Floats, Indices
+from sumo_mcts.scene import STANDING
 
 HORIZON_S = 8.0  # s after which the search asks for the cost-to-go
 # An ego that stands goes if it drives so many m within so many s.

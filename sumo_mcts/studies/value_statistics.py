@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.records.statistics import wilson
-from sumo_mcts.scene import Floats
 from sumo_mcts.studies.trip import Row
 
 BANDS = (20.0, 60.0, 120.0, 250.0)  # m to the next gate

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.config import Actor, Event, TrafficConfig, VehicleEvent
-from sumo_mcts.scene import Floats, RoadMap
+from sumo_mcts.road import RoadMap
 from sumo_mcts.world.library import import_libsumo
 from sumo_mcts.world.scripts import (
     EPS,

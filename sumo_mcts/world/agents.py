@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import STANDING, VEHICLE_CLASSES, Agents
+from sumo_mcts.road import VEHICLE_CLASSES
+from sumo_mcts.scene import STANDING, Agents
 from sumo_mcts.world.bodies import BodyReader, heading_of, require_finite
 from sumo_mcts.world.vehicle_types import TypeReader, require_size
 

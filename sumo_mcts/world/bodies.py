@@ -8,7 +8,7 @@ import numpy as np
 
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.numerics.drawn import MOST_UNDER
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 from sumo_mcts.world.places import Places
 from sumo_mcts.world.vehicle_types import TypeReader
 

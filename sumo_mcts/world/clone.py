@@ -18,10 +18,11 @@ from typing import NoReturn
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.process.supervisor import WORDS, die_with_parent
 from sumo_mcts.registry import without
-from sumo_mcts.scene import Floats, Scripted
+from sumo_mcts.scene import Scripted
 from sumo_mcts.world.observe import LANE, POSE, POSITION, SPEED, THERE
 from sumo_mcts.world.simulation import SimulationError, option
 

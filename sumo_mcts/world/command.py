@@ -7,8 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.numerics.lanes import against_traffic
-from sumo_mcts.scene import Floats, Follow, Release, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Follow, Release
 from sumo_mcts.world.library import import_libsumo
 from sumo_mcts.world.observe import Change, departure
 from sumo_mcts.world.places import Places

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.scene import Bools, Floats
+from sumo_mcts.arrays import Bools, Floats
 from sumo_mcts.world.links import Link
 
 # Two paths share the road where their centre lines come closer than this, m:

@@ -19,7 +19,7 @@ from sumo_mcts.config import (
     Stream,
     TrafficConfig,
 )
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 from sumo_mcts.world.actors import draw
 from sumo_mcts.world.scripts import check_path
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from sumo_mcts.scene import Floats
+from sumo_mcts.arrays import Floats
 from sumo_mcts.world.library import import_libsumo
 
 VIEW = "View #0"

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import (
+from sumo_mcts.arrays import Bools, Floats, Ints
+from sumo_mcts.road import (
     ALLWAY,
     LEFT,
     PEOPLE_FIRST,
@@ -19,9 +20,6 @@ from sumo_mcts.scene import (
     VEHICLE_CLASSES,
     YIELD,
     ZIPPER,
-    Bools,
-    Floats,
-    Ints,
 )
 from sumo_mcts.world.net_file import CROSSING, ON_FOOT
 

@@ -7,19 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
-from sumo_mcts.scene import (
-    REFEREE_RANGE,
-    STANDING,
-    Bools,
-    EgoState,
-    Floats,
-    Frame,
-    Ints,
-    RoadMap,
-    Scene,
-    Signals,
-)
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import REFEREE_RANGE, STANDING, EgoState, Frame, Scene, Signals
 from sumo_mcts.world.agents import AgentReader
 from sumo_mcts.world.bodies import BodyReader, heading_of, require_finite
 from sumo_mcts.world.library import import_libsumo

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from sumo_mcts.scene import Ints, RoadMap
+from sumo_mcts.arrays import Ints
+from sumo_mcts.road import RoadMap
 
 AS_LONG = 1.0  # m by which the two lanes may differ in length: positions are counted side by side
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.numerics.lanes import against_traffic, connection, successors
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 
 
 class Place(NamedTuple):

@@ -7,8 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Indices
 from sumo_mcts.numerics.lanes import against_traffic
-from sumo_mcts.scene import LEAST_SPEED, EgoState, Indices, RoadChanges, RoadMap
+from sumo_mcts.road import LEAST_SPEED, RoadChanges, RoadMap
+from sumo_mcts.scene import EgoState
 from sumo_mcts.world.links import mask_of
 from sumo_mcts.world.net_file import MOST_SPEED
 

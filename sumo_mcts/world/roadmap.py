@@ -1,4 +1,4 @@
-"""From a SUMO network file to scene.RoadMap: lanes, connections, right of way, and where the paths
+"""From a SUMO network file to road.RoadMap: lanes, connections, right of way, and where the paths
 through a junction meet."""
 
 from collections.abc import Mapping, Sequence
@@ -10,19 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts import files
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.errors import ConfigError, near
-from sumo_mcts.scene import (
-    ALLWAY,
-    LEAST_SPEED,
-    PRIORITY,
-    STOP,
-    STRAIGHT,
-    VEHICLE_CLASSES,
-    Bools,
-    Floats,
-    Ints,
-    RoadMap,
-)
+from sumo_mcts.road import ALLWAY, LEAST_SPEED, PRIORITY, STOP, STRAIGHT, VEHICLE_CLASSES, RoadMap
 from sumo_mcts.world.conflicts import (
     TINY,
     Conflict,

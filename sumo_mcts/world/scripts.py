@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_mcts.arrays import Floats, Indices, Ints
 from sumo_mcts.config import Actor, Depart, Event
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.numerics.lanes import against_traffic, successors
-from sumo_mcts.scene import Floats, Indices, Ints, RoadMap
+from sumo_mcts.road import RoadMap
 from sumo_mcts.world.roadmap import has_edge
 
 ARRIVAL_SLACK = 0.1  # m before the end of its route at which SUMO takes a vehicle out

@@ -6,7 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, Bools, Floats, Ints, RoadMap, Signals
+from sumo_mcts.arrays import Bools, Floats, Ints
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, Signals
 
 PHASES = 8  # coming phases that are broadcast
 # SUMO's name of what is shown after a program set the lights: until it sets them again

@@ -10,7 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from sumo_mcts.scene import NO_STOP, STANDING, RoadMap, Stop
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import NO_STOP, STANDING, Stop
 
 _BUS, _CHARGING, _PARKING = 8, 32, 64  # bits of a stop's flags
 _ACCEPTED = 0.2  # m before the end of a lot within which a stand counts

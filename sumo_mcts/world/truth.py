@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from sumo_mcts.scene import Agents, Ints, RoadMap
+from sumo_mcts.arrays import Ints
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Agents
 
 LEADER_RANGE = 100.0  # m within which an agent's leader is asked for
 BRAKING = -1.5  # m/s2: the referee asks of agents that brake harder why they do

@@ -4,7 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.scene import IGNORING, VEHICLE_CLASSES
+from sumo_mcts.road import IGNORING, VEHICLE_CLASSES
 
 MOST_SIZE = 2000.0  # m; trains are long
 KEPT_S = 1.0  # s after which the type of an agent is read again

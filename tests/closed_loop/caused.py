@@ -25,11 +25,11 @@ import numpy as np
 from measure import span
 
 from sumo_mcts import config
+from sumo_mcts.arrays import Floats
 from sumo_mcts.config import builtin
 from sumo_mcts.episode import run_episode
 from sumo_mcts.evaluation import referee
 from sumo_mcts.evaluation.imposed import IMPOSED, braking_for_ego
-from sumo_mcts.scene import Floats
 from sumo_mcts.world.clone import in_copy
 from sumo_mcts.world.simulation import Simulation
 

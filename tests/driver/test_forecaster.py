@@ -5,6 +5,7 @@ import pytest
 from helpers import Agent, ego_at
 from helpers_model import PHYSICS, lanes_east, scenario, scene_of
 
+from sumo_mcts.arrays import Ints
 from sumo_mcts.driver.forecaster import (
     NOMINAL_S,
     Cycle,
@@ -14,7 +15,7 @@ from sumo_mcts.driver.forecaster import (
     nominal_speeds,
 )
 from sumo_mcts.prediction.interface import Oracles
-from sumo_mcts.scene import Follow, Ints, Plan, Release, Scene, Scripted
+from sumo_mcts.scene import Follow, Plan, Release, Scene, Scripted
 
 ROAD = lanes_east(1)
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from sumo_mcts import config
 from sumo_mcts.driver import missed_lane
 from sumo_mcts.driver.missed_lane import MissedLane
-from sumo_mcts.scene import RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Scene
 from sumo_mcts.world.detour import Way
 
 PERIOD, PATIENCE = 0.5, 1.0

@@ -17,7 +17,8 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.planners.base import Situation
 from sumo_mcts.planners.mcts import MctsPlanner
 from sumo_mcts.records import TRACES, Trace, load_map, load_trace, same, save_map
-from sumo_mcts.scene import USUAL, Decision, Follow, Forecast, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import USUAL, Decision, Follow, Forecast
 
 CASES = {
     "left turn": ("unprotected-left-turn",),

@@ -20,7 +20,8 @@ from sumo_mcts.driver.params import streams
 from sumo_mcts.driver.sensor import Sensor, matched, moved_on, room_m, share_in_view, with_errors
 from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.loop import Loop
-from sumo_mcts.scene import RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Scene
 from sumo_mcts.world.library import import_libsumo
 
 PERIOD = 0.5

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from sumo_mcts.episode.surroundings import lanes_around
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 
 
 def _grid() -> RoadMap:

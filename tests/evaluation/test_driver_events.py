@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from helpers import lane, straight_road
 
+from sumo_mcts.arrays import Ints
 from sumo_mcts.evaluation.driver_events import EVENTS, Course, foreseen
-from sumo_mcts.scene import Forecast, Ints
+from sumo_mcts.scene import Forecast
 
 ROAD = straight_road()
 RIGHT, LEFT, BEYOND = (lane(ROAD, name) for name in ("a_0", "a_1", ":m_1"))

@@ -18,7 +18,8 @@ from helpers_referee import CROSSING, ROUTE, SIGNALLED, STEP, STRAIGHT, referee
 from sumo_mcts.evaluation.contact import (
     boxes_overlap,
 )
-from sumo_mcts.scene import GREEN, RED, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import GREEN, RED
 from sumo_mcts.world.oncoming import with_oncoming
 
 

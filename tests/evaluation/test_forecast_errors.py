@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from sumo_mcts import config
+from sumo_mcts.arrays import Floats
 from sumo_mcts.commands import forecast as command
 from sumo_mcts.config import ScenarioConfig, builtin
 from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.episode.oracles import SimulationOracles
 from sumo_mcts.evaluation.forecast_errors import errors, statistics, together
-from sumo_mcts.scene import Floats, Forecast
+from sumo_mcts.scene import Forecast
 from sumo_mcts.studies.forecasts import compare
 
 

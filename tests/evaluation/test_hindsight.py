@@ -28,7 +28,8 @@ from sumo_mcts.evaluation.hindsight import (
 from sumo_mcts.model.local_map import GONE, NODE, State
 from sumo_mcts.model.motion import begin_change, can_change, pose_of, within_step
 from sumo_mcts.numerics.geometry import X, Y
-from sumo_mcts.scene import GREEN, RED, EgoState, RoadMap, Scripted, Signals
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import GREEN, RED, EgoState, Scripted, Signals
 
 LENGTH, BREADTH = 5.0, 1.8  # m, of every car
 FINE = Cell(1e-9, 1e-9, 1e-9, 1e-9, 1e-9)  # states count as one only where they are one

@@ -14,7 +14,8 @@ from helpers import (
 )
 from helpers_referee import CROSSING, ROUTE, SIGNALLED, STEP, STRAIGHT, referee
 
-from sumo_mcts.scene import GREEN, RED, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import GREEN, RED
 
 
 def imposed(

@@ -16,8 +16,8 @@ from sumo_mcts.evaluation.lane_changes import (
     VIEW,
     features,
 )
-from sumo_mcts.scene import RIGHT as RIGHT_TURN
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RIGHT as RIGHT_TURN
+from sumo_mcts.road import RoadMap
 
 ROAD = straight_road()
 RIGHT, LEFT = 0, 1  # columns

@@ -16,7 +16,8 @@ from sumo_mcts.evaluation.metrics import (
     rms,
     window,
 )
-from sumo_mcts.scene import EgoState, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import EgoState
 
 
 @pytest.mark.parametrize(("step", "steps"), [(0.05, 10), (0.1, 5), (0.3, 2), (0.5, 1), (1.0, 1)])

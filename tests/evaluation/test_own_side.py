@@ -4,7 +4,8 @@ import pytest
 from helpers import Agent, Lane, build, edges, ego_at, frame_of
 from helpers_referee import STRAIGHT, referee
 
-from sumo_mcts.scene import EgoState, Frame, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import EgoState, Frame
 
 STEP = 0.5
 ROAD = build(

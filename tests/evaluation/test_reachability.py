@@ -10,7 +10,7 @@ from helpers import (
 from helpers_referee import CROSSING, STRAIGHT
 
 from sumo_mcts.evaluation.reachability import can_meet, driven, goal_reaching_edges
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 from sumo_mcts.world.oncoming import with_oncoming
 
 

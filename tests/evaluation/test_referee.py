@@ -18,7 +18,8 @@ from helpers_referee import CROSSING, ROUTE, STEP, STRAIGHT, drive, referee
 
 from sumo_mcts.evaluation.goal import Goal
 from sumo_mcts.evaluation.referee import Referee
-from sumo_mcts.scene import VEHICLE_CLASSES, Frame
+from sumo_mcts.road import VEHICLE_CLASSES
+from sumo_mcts.scene import Frame
 
 
 def test_arrives_where_sumo_takes_it_out() -> None:

@@ -14,7 +14,8 @@ from sumo_mcts.evaluation.goal import Goal
 from sumo_mcts.evaluation.metrics import free_flow_time
 from sumo_mcts.evaluation.referee import Referee
 from sumo_mcts.evaluation.standing import AT_LINE, longest_run, stands_at_green
-from sumo_mcts.scene import GREEN, RED, YELLOW, Frame, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import GREEN, RED, YELLOW, Frame
 
 LENGTH = float(SIGNALLED.length[lane(SIGNALLED, "wi_0")])
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_mcts.model.continuation import changes_onward, leads_onto
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 
 CAR = 0
 CLOSED = ALL_CLASSES & ~1  # for cars

@@ -43,7 +43,7 @@ from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.candidates import follow_line
 from sumo_mcts.planners.mcts import in_steps, mcts_params
 from sumo_mcts.planners.ply import ALIVE, LOST
-from sumo_mcts.scene import STOP, RoadMap
+from sumo_mcts.road import STOP, RoadMap
 from sumo_mcts.world.roadmap import known_roadmap
 
 meet, place_is_free, step_passability, terminal = map(

@@ -9,6 +9,7 @@ from helpers import Agent, Lane, build, crossing, edges, ego_at
 from helpers_model import local_of, scenario, scene_of, task_of
 from helpers_tree import TOYS, Toy, before_a_light, on_three_lanes
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.config.sections.cost import CostConfig, CostWeights
 from sumo_mcts.driver.params import cost_params
 from sumo_mcts.model.cost_params import CostParams
@@ -18,7 +19,7 @@ from sumo_mcts.planners.actions import commanded, lasting
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.candidates import follow_line
 from sumo_mcts.planners.mcts import in_steps, mcts_params
-from sumo_mcts.scene import RED, Floats
+from sumo_mcts.scene import RED
 
 STEPS = 30  # of a sequence, 3 s
 

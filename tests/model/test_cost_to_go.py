@@ -35,7 +35,8 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.model.occupancy import yielding_cost
 from sumo_mcts.planners.base import Task
-from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, RoadMap, Signals
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, Signals
 
 terminal, waiting_s, yielding_cost = map(compiled, (terminal, waiting_s, yielding_cost))
 

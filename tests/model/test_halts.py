@@ -15,7 +15,8 @@ from sumo_mcts.model.local_map import ego_state
 from sumo_mcts.model.motion import FREE, advance
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.planners.base import Task
-from sumo_mcts.scene import NO_STOP, Decision, Follow, RoadMap, Stop
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import NO_STOP, Decision, Follow, Stop
 
 PHYSICS_OF = {
     "euler": PHYSICS,

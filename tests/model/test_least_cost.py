@@ -11,6 +11,7 @@ from helpers_model import WIDTH, compiled, local_of, scenario, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.driver.params import Physics, cost_params
 from sumo_mcts.model import least_cost as bound
 from sumo_mcts.model.local_map import SURE, LocalMap, State
@@ -21,7 +22,8 @@ from sumo_mcts.planners.mcts import actions_of, in_steps, mcts_params
 from sumo_mcts.planners.ply import ALIVE, ARRIVED, SearchParams, replay
 from sumo_mcts.planners.search import search
 from sumo_mcts.planners.tree import new_tree
-from sumo_mcts.scene import GREEN, RED, YELLOW, EgoState, Floats, RoadMap, Scene, Signals
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import GREEN, RED, YELLOW, EgoState, Scene, Signals
 
 least_cost = compiled(bound.least_cost)
 EPSILON = 1e-9

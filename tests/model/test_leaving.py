@@ -14,7 +14,7 @@ from sumo_mcts.model.leaving import VIEW_AHEAD, VIEW_BACK
 from sumo_mcts.model.local_map import DENSITY, STREAM, LocalMap, State
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.reference import VERSIONS, cost_of
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 
 step_passability, terminal = map(compiled, (step_passability, terminal))
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sumo_mcts.driver.driver import Driver
 from sumo_mcts.model.local_build import BACK, VIEW, window
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 
 JUNCTION = 80.0  # m, of every lane inside a junction
 

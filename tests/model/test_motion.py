@@ -37,7 +37,8 @@ from sumo_mcts.model.motion import (
 )
 from sumo_mcts.model.route import LENGTH, STATION
 from sumo_mcts.planners.base import Task
-from sumo_mcts.scene import GREEN, RED, YELLOW, RoadMap, Signals
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import GREEN, RED, YELLOW, Signals
 
 PHYSICS_OF = {
     "euler": PHYSICS,

@@ -26,7 +26,7 @@ from sumo_mcts.model.route import route_map
 from sumo_mcts.numerics.geometry import COS, X, Y
 from sumo_mcts.planners.base import Situation, Task, local_of
 from sumo_mcts.planners.ply import needed_side
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 from sumo_mcts.world.oncoming import with_oncoming
 
 LONG, LIMIT = 600.0, 15.0
@@ -58,7 +58,9 @@ def seen(
     """What the ego reads there."""
     state = ego_at(road, ego, s, v, route=edges(road, "a"))
     params = ego_params(scenario(), state, PHYSICS)
-    route = route_map(road, state.route, 0, 5.0, 1.0, 50.0, params.approach_decel, oncoming=oncoming)
+    route = route_map(
+        road, state.route, 0, 5.0, 1.0, 50.0, params.approach_decel, oncoming=oncoming
+    )
     task = Task(road, route, params, cost_params(scenario()), sight)
     scene = scene_of(state, road, *agents)
     where = ego_state(route, state)

@@ -37,7 +37,8 @@ from sumo_mcts.model.route import (
     lane_pose,
     route_map,
 )
-from sumo_mcts.scene import IGNORING, STOP, VEHICLE_CLASSES, EgoState, RoadMap
+from sumo_mcts.road import IGNORING, STOP, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.scene import EgoState
 from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import lane_index, read_roadmap

@@ -17,7 +17,8 @@ from sumo_mcts.model.standing import PASSED, QUEUE_GAP, STOOD_S, WAITS
 from sumo_mcts.planners import base
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.prediction.forecast import Question, predict
-from sumo_mcts.scene import GREEN, STARTS, Intent, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import GREEN, STARTS, Intent
 
 advance, leads_nowhere, terminal, to_end, urgency_at = map(
     compiled, (advance, leads_nowhere, terminal, to_end, urgency_at)

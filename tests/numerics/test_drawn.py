@@ -6,7 +6,7 @@ from helpers import Lane, build, lane
 
 from sumo_mcts.numerics.drawn import as_drawn, drawing, drawn_shares
 from sumo_mcts.numerics.geometry import Box
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 
 
 def road(scale: float) -> RoadMap:

@@ -243,13 +243,14 @@ def test_kernels_of_other_fields_lie_in_another_folder(
     package = shutil.copytree(kernel._PACKAGE, tmp_path / "package")
     monkeypatch.setattr(kernel, "_PACKAGE", package)
     folders = []
-    for name in (None, "scene.py", "config/sections/cost.py", "config/sections/planning.py"):
+    counts = ("road.py", "scene.py", "config/sections/cost.py")
+    for name in (None, *counts, "config/sections/planning.py"):
         if name is not None:
             (package / name).write_text((package / name).read_text() + "# another\n")
         kernel._own_folder.cache_clear()
         folders.append(kernel.folder())
     kernel._own_folder.cache_clear()
-    assert len(set(folders[:3])) == 3 and folders[3] == folders[2]
+    assert len(set(folders[:-1])) == 1 + len(counts) and folders[-1] == folders[-2]
 
 
 def test_the_environment_names_the_processor() -> None:

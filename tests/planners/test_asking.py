@@ -10,7 +10,8 @@ from helpers_tree import Toy, decide
 from sumo_mcts.model.local_map import SLOT
 from sumo_mcts.planners.base import local_of
 from sumo_mcts.planners.reference import problem_of
-from sumo_mcts.scene import Follow, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Follow
 
 
 def ending_lane(length: float = 400.0) -> RoadMap:

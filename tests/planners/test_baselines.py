@@ -31,7 +31,8 @@ from sumo_mcts.planners.actions import ACCEL, FOLLOW, SIDE
 from sumo_mcts.planners.base import Planner, Task
 from sumo_mcts.planners.baselines import accel_behind, leader_on_path, with_yield_lines
 from sumo_mcts.planners.mcts import actions_of, mcts_params
-from sumo_mcts.scene import RED, Decision, EgoState, Follow, RoadMap, Signals
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import RED, Decision, EgoState, Follow, Signals
 
 CRITICAL_GAP = 5.0
 

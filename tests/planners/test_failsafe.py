@@ -23,6 +23,7 @@ from naive import Box
 from typer.testing import CliRunner
 
 from sumo_mcts import config, scenarios
+from sumo_mcts.arrays import Floats
 from sumo_mcts.cli import app
 from sumo_mcts.config import ScenarioConfig, builtin
 from sumo_mcts.driver import driver, factories
@@ -37,7 +38,8 @@ from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.planners.failsafe import LONGEST_S, FailSafe
 from sumo_mcts.planners.failsafe_reach import ACCELERATE, ALONG, BRAKE, HOLD, drive
 from sumo_mcts.planners.validity import why_invalid
-from sumo_mcts.scene import Decision, EgoState, Floats, Follow, Plan, Release, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Decision, EgoState, Follow, Plan, Release
 from sumo_mcts.world.command import Bounds, bounded
 
 PERIOD = 0.5  # s

@@ -15,7 +15,8 @@ from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.planners import paper, paper_search
 from sumo_mcts.planners.paper import TIMED_SLICE
 from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
-from sumo_mcts.scene import Decision, Follow, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Decision, Follow
 
 ACTIONS = 12  # ten accelerations and two lane changes
 

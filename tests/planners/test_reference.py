@@ -18,6 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_mcts import config
+from sumo_mcts.arrays import Floats
 from sumo_mcts.config import builtin
 from sumo_mcts.config.sections.cost import CostWeights
 from sumo_mcts.episode.run import default_variant, run_episode
@@ -39,7 +40,7 @@ from sumo_mcts.planners.reference import (
     steps_of,
 )
 from sumo_mcts.planners.reference_solver import Rest, Solution, best_root, solve
-from sumo_mcts.scene import GREEN, RED, Floats, Follow, Plan, Signals
+from sumo_mcts.scene import GREEN, RED, Follow, Plan, Signals
 
 NONE_YET = (np.nan,) * 3  # in place of the first ply, which is the beginning
 FINE = (1e-9,) * 6  # cells that nobody shares

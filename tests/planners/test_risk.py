@@ -11,6 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.config import load
 from sumo_mcts.config.builtin import scenario_path
 from sumo_mcts.driver.factories import make_planner
@@ -21,7 +22,7 @@ from sumo_mcts.prediction.forecast import Question, predict
 from sumo_mcts.prediction.hypotheses import together
 from sumo_mcts.records import load_trace, save_trace
 from sumo_mcts.reporting.storyboard import storyboard
-from sumo_mcts.scene import FORCES, Decision, Floats, Follow, Intent
+from sumo_mcts.scene import FORCES, Decision, Follow, Intent
 
 ROAD = crossing(bridge=False)
 

@@ -29,20 +29,8 @@ from sumo_mcts.numerics.signals import signal_states
 from sumo_mcts.prediction.behaviour import HARD, MOST_HABIT
 from sumo_mcts.prediction.course import Course, waiting_place
 from sumo_mcts.prediction.forecast import CRUISING, OracleData, Question, predict
-from sumo_mcts.scene import (
-    AFTER_STOP,
-    ALLWAY,
-    BRAKES,
-    GREEN,
-    LEFT,
-    RED,
-    STRAIGHT,
-    YELLOW,
-    Forecast,
-    Intent,
-    RoadMap,
-    Signals,
-)
+from sumo_mcts.road import ALLWAY, LEFT, STRAIGHT, RoadMap
+from sumo_mcts.scene import AFTER_STOP, BRAKES, GREEN, RED, YELLOW, Forecast, Intent, Signals
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap, read_roadmap
 

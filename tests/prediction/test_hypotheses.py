@@ -28,22 +28,8 @@ from sumo_mcts.prediction.behaviour import HARD
 from sumo_mcts.prediction.forecast import Question, predict
 from sumo_mcts.prediction.hypotheses import likeliest, predict_hypotheses
 from sumo_mcts.prediction.paths import likely_paths
-from sumo_mcts.scene import (
-    ALLWAY,
-    BRAKES,
-    FORCES,
-    LEFT,
-    RIGHT,
-    STARTS,
-    STRAIGHT,
-    TURNS,
-    VEHICLE_CLASSES,
-    EgoState,
-    Forecast,
-    Intent,
-    RoadMap,
-    Scene,
-)
+from sumo_mcts.road import ALLWAY, LEFT, RIGHT, STRAIGHT, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.scene import BRAKES, FORCES, STARTS, TURNS, EgoState, Forecast, Intent, Scene
 
 
 def _crossing() -> RoadMap:

@@ -9,19 +9,13 @@ from helpers_model import forecast_of, local_of, scene_of, task_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import AGENT, ENTERS, LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.occupancy import yielding_cost
-from sumo_mcts.scene import (
-    GREEN,
-    PEOPLE_FIRST,
-    PEOPLE_WAIT,
-    PRIORITY,
-    VEHICLE_CLASSES,
-    Floats,
-    RoadMap,
-)
+from sumo_mcts.road import PEOPLE_FIRST, PEOPLE_WAIT, PRIORITY, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.scene import GREEN
 
 SOUTH, NORTH = -math.pi / 2, math.pi / 2
 ON_FOOT = 1 << VEHICLE_CLASSES.index("pedestrian")

@@ -11,7 +11,8 @@ from helpers_model import forecast_of, lanes_east, predicted, scene_of, task_of,
 from sumo_mcts.prediction.alternatives import alternatives
 from sumo_mcts.prediction.forecast import Question
 from sumo_mcts.prediction.paths import LANES, NARROWS, PATH, likely_paths
-from sumo_mcts.scene import TURNS, VEHICLE_CLASSES, Forecast, RoadMap
+from sumo_mcts.road import VEHICLE_CLASSES, RoadMap
+from sumo_mcts.scene import TURNS, Forecast
 
 CYCLE_TRACK = 1 << VEHICLE_CLASSES.index("bicycle")
 NO_BICYCLES = ALL_CLASSES & ~CYCLE_TRACK

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_mcts.prediction.roadside import VIEW, room_beside
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 
 ROAD = lanes_east(1)
 HALF, EGO_HALF, FRONT = 0.25, 0.9, 100.0  # m: half the width of a person and of the ego; its front

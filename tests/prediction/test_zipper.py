@@ -11,7 +11,8 @@ from helpers_networks import netconvert, simulation
 
 from sumo_mcts.model.gaps import cut_in_cost
 from sumo_mcts.prediction.forecast import Question, predict
-from sumo_mcts.scene import ZIPPER, Forecast, RoadMap
+from sumo_mcts.road import ZIPPER, RoadMap
+from sumo_mcts.scene import Forecast
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import read_roadmap
 

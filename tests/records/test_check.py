@@ -24,7 +24,7 @@ from sumo_mcts.commands import recorded
 from sumo_mcts.driver.replan import recorded_config, replan
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.records import TraceError, check
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 
 KEY = "unprotected-left-turn--mcts-idm-200--3"
 

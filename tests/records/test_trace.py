@@ -17,7 +17,8 @@ from typing_extensions import TypeAliasType
 
 from sumo_mcts import records
 from sumo_mcts.records import check, codec
-from sumo_mcts.scene import NO_STOP, Decision, EgoState, Follow, Release, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import NO_STOP, Decision, EgoState, Follow, Release
 
 
 def random_value(kind: Any, rng: np.random.Generator, path: str = "") -> Any:

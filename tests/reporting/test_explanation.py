@@ -12,11 +12,12 @@ from helpers_recorded import of_a_scene, of_a_user
 from shapely import Polygon
 
 from sumo_mcts import records
+from sumo_mcts.arrays import Floats
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.records import CycleRecord
 from sumo_mcts.reporting.explanation import closest, explain, explain_again
 from sumo_mcts.reporting.explanation_words import text
-from sumo_mcts.scene import Floats, RoadMap
+from sumo_mcts.road import RoadMap
 
 
 @cache

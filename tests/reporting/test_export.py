@@ -10,7 +10,8 @@ from helpers_recorded import of_a_scene
 
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.reporting import export
-from sumo_mcts.scene import Decision, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Decision
 
 SUMOS = "sumo.fcd.xml"
 

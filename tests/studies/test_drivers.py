@@ -17,7 +17,8 @@ from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.evaluation.driver_events import Course, foreseen
 from sumo_mcts.evaluation.lane_changes import FEATURES
-from sumo_mcts.scene import BRAKES, STARTS, USUAL, Follow, Forecast, Intent, RoadMap, Scene
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import BRAKES, STARTS, USUAL, Follow, Forecast, Intent, Scene
 from sumo_mcts.studies.copies import (
     CHANGES,
     Asker,

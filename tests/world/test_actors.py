@@ -14,7 +14,7 @@ from helpers_networks import simulation
 from sumo_mcts.config import Actor, TrafficConfig, VehicleEvent, load
 from sumo_mcts.config.builtin import root, scenario_path
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.scene import RoadMap
+from sumo_mcts.road import RoadMap
 from sumo_mcts.world.actors import Actors, appears, draw
 from sumo_mcts.world.crowd import Cast, write_routes
 from sumo_mcts.world.roadmap import read_roadmap

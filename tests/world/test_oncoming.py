@@ -8,7 +8,8 @@ import pytest
 from helpers_networks import netconvert, simulation
 
 from sumo_mcts.records.check import map_problem
-from sumo_mcts.scene import Follow, RoadMap
+from sumo_mcts.road import RoadMap
+from sumo_mcts.scene import Follow
 from sumo_mcts.world.command import Bounds, Commander
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import lane_index, lane_shape, read_roadmap

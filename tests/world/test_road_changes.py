@@ -8,7 +8,8 @@ import pytest
 from helpers_networks import netconvert, simulation
 
 from sumo_mcts.numerics.lanes import limit, usable, with_changes
-from sumo_mcts.scene import GREEN, RED, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.road import VEHICLE_CLASSES, RoadMap
+from sumo_mcts.scene import GREEN, RED
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import lane_index, read_roadmap
 

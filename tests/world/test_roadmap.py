@@ -15,7 +15,7 @@ from shapely.geometry import LineString, Point
 
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.numerics.lanes import limits
-from sumo_mcts.scene import (
+from sumo_mcts.road import (
     ALLWAY,
     IGNORING,
     LEFT,
