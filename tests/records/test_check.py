@@ -24,6 +24,7 @@ from sumo_mcts.commands import recorded
 from sumo_mcts.driver.replan import recorded_config, replan
 from sumo_mcts.episode import EpisodeResult, run_episode
 from sumo_mcts.records import TraceError, check
+from sumo_mcts.records.rules import RULES
 from sumo_mcts.road import RoadMap
 
 KEY = "unprotected-left-turn--mcts-idm-200--3"
@@ -73,12 +74,12 @@ def test_every_number_of_a_record_has_a_rule() -> None:
                 else [annotation]
             )
             itself = all(hasattr(each, "_fields") or each in (bool, str) for each in members)
-            assert itself or field in check.RULES[kind.__name__], f"{kind.__name__}.{field}"
+            assert itself or field in RULES[kind.__name__], f"{kind.__name__}.{field}"
 
 
 def test_a_rule_is_about_a_field_that_there_is() -> None:
     kinds = {kind.__name__: kind for kind in kinds_in(records.Trace) | kinds_in(RoadMap)}
-    for name, rules in check.RULES.items():
+    for name, rules in RULES.items():
         assert set(rules) <= set(kinds[name]._fields), name
 
 
