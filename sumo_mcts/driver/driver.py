@@ -215,8 +215,8 @@ class Driver:
 
     def _held(self, scene: Scene, memory: Memory, watch: Stopwatch) -> PlanningResult:
         """The ego stands at a stop until SUMO lets it go."""
-        if scene.ego.lane < 0:
-            return self._released(memory, watch, "parked at a stop")
+        if scene.ego.lane < 0 or isinstance(self._last.command, Release):
+            return self._released(memory, watch, "at a stop: SUMO drives")
         self.question = None
         self._fail_safe.forget()
         stand = Follow(np.zeros(max(1, round(self._period / scene.step))), 0)

@@ -7,7 +7,7 @@ from math import inf
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.continuation import changes_onward, leads_onto
-from sumo_mcts.numerics.lanes import with_changes
+from sumo_mcts.numerics.lanes import against_traffic, with_changes
 from sumo_mcts.numerics.signals import shows
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import RED, STANDING, EgoState, Scene
@@ -55,11 +55,13 @@ class MissedLane:
             self._route, self._stood, self._wait, self._tried = ego.route, 0.0, patience, False
         if ego.lane < 0 or road.internal[ego.lane] or ego.changing > 0.0:
             return ""
+        if against_traffic(road)[ego.lane]:
+            return ""  # it overtakes
         needed = changes_onward(road, ego.route, ego.vclass, ego.lane)
         if needed == 0:
             return ""
         onto = leads_onto(road, ego.lane, ego.vclass)
-        if not detour.is_held(self._vehicle) and _blocked(
+        if not ego.held and _blocked(
             road, scene, [lane for lanes in onto.values() for lane in lanes]
         ):
             # SUMO may have driven in between

@@ -58,9 +58,9 @@ class RouteKeeper:
         state = self.state(ego)
         if state is None or self.route is None or not is_missed(self.route, self.stop, state, ego):
             return kept
-        self.missed = self.stop
-        self._lay_out(ego, self.edges, NO_STOP)
-        return Kept.OTHER
+        self.missed, self.stop = self.stop, NO_STOP
+        renewed = self._renew(ego, self.route, self._laid_out(ego, self.edges))
+        return kept if kept is Kept.OTHER else renewed
 
     def recall(self, ego: EgoState, changes: RoadChanges, memory: Memory) -> None:
         """Go on as after the decisions that left this memory; `ego` and the `changes` of the map as
@@ -101,8 +101,9 @@ class RouteKeeper:
         """Lay the route out for what the scene shows."""
         ego, other_road = scene.ego, self._note_changes(scene.changes)
         stop = NO_STOP if ego.stop == self.missed else ego.stop
-        if self.route is not None and is_rest_of(ego.route, self.edges) and stop == self.stop:
-            if other_road or self._vehicle != self._laid_for(ego):
+        if self.route is not None and is_rest_of(ego.route, self.edges):
+            if stop != self.stop or other_road or self._vehicle != self._laid_for(ego):
+                self.stop = stop
                 return self._renew(ego, self.route, self._laid_out(ego, self.edges))
             if self._plain is not None and len(self._changes.lane):
                 return self._renew(ego, self.route, self._plain)

@@ -8,6 +8,7 @@ from sumo_mcts.scene import NO_STOP, Decision, EgoState, Follow, Stop
 
 PAST = 1.0  # m behind its place at which a stop that does not count yet is missed
 SURELY_PAST_S = 2.0  # s of its speed behind a waypoint likewise
+LAST_HOPE = 30.0  # m beyond its braking at which an ego waits for the lane of a stop to be opened
 NONE_MISSED = Stop(lane=-2)  # equal to no stop
 
 
@@ -16,19 +17,26 @@ def is_missed(route: RouteMap, stop: Stop, state: State, ego: EgoState) -> bool:
     fast to stand there with the braking of its vehicle type, or its lane is out of reach."""
     if stop == NO_STOP:
         return False
+    braking = state.v * state.v / (2.0 * max(ego.comfort_decel, math.ulp(1.0)))
     node = route.halt.node
-    if node < 0 or route.lost[state.node]:
-        return True
+    if node < 0:  # its lane is closed: perhaps not for long
+        return _away(route, stop, state) < braking + LAST_HOPE
     leg = route.leg[node]
     if route.leg[state.node] != leg:
         return bool(route.leg[state.node] > leg)
-    if route.internal[state.node]:
-        return True  # the junction behind the edge of the stop
+    if route.internal[state.node] or route.lost[state.node]:
+        return True  # the junction behind the edge of the stop, or a lane beside it
     if stop.speed > 0.0:
         return state.s > stop.place + PAST + SURELY_PAST_S * stop.speed
-    left = stop.place - state.s
-    braking = state.v * state.v / (2.0 * max(ego.comfort_decel, math.ulp(1.0)))
-    return braking > left + PAST
+    return braking > stop.place - state.s + PAST
+
+
+def _away(route: RouteMap, stop: Stop, state: State) -> float:
+    """m to the place of a stop whose lane is not on the route; -inf: its edge has no lane."""
+    edge = (route.leg == route.leg[-1] - stop.after) & ~route.internal
+    begin = route.station[edge].min(initial=math.inf)
+    here = float(route.station[state.node]) + state.s
+    return float(begin) + stop.place - here if edge.any() else -math.inf
 
 
 def without_stop(decision: Decision) -> Decision:

@@ -97,8 +97,11 @@ class EgoVehicle:
         ego = truth.ego._replace(asks=self._commander.asks, can_ask=self._commander.can_ask)
         seen = self._senses.perceive(truth._replace(ego=ego))
         detour = self._missed.note(seen) if self._drives else ""
-        route = self._world.observer.ego(self._vehicle, Change()).route if detour else ego.route
-        ego = seen.ego._replace(route=route, reroutes=self._missed.reroutes, detour=detour)
+        if detour:  # a stop is told by its place on the route
+            ego = self._world.observer.ego(self._vehicle, Change())
+        ego = seen.ego._replace(
+            route=ego.route, stop=ego.stop, reroutes=self._missed.reroutes, detour=detour
+        )
         return seen._replace(ego=ego)
 
     def accept(self, decision: Decision) -> None:

@@ -86,7 +86,7 @@ def past_standing(route: RouteMap, view: slice, here: float, those: Standing) ->
     ends = np.zeros(len(reach), np.bool_)
     for i in affected[::-1].tolist():
         to, after = rear[i - view.start], int(route.next[i])
-        leads_past = (leads >= front[i - view.start] + PASSED) & ~route.oncoming
+        leads_past = (leads >= _past(route, front[i - view.start])) & ~route.oncoming
         past = set(np.flatnonzero(leads_past).tolist())
         side = nearest(past, i, (route.left, route.right))
         ends[i] = to < reach[i] and (side is not None or (after >= 0 and ends[after]))
@@ -97,6 +97,14 @@ def past_standing(route: RouteMap, view: slice, here: float, those: Standing) ->
             needed[i] = sign * max(abs(changes[i]), abs(onward))
             reach[i] = to
     return route._replace(changes=changes, needed=needed, reach=reach)
+
+
+def _past(route: RouteMap, front: float) -> float:
+    """m from the start of the route to where a lane has to lead that leads past what stands with
+    its front at `front`: to the next stop is enough."""
+    halt = route.halt
+    place = route.station[halt.node] + halt.place if halt.ends else np.inf
+    return min(front + PASSED, float(place)) if place > front else front + PASSED
 
 
 def _first_standing(

@@ -93,9 +93,13 @@ def with_changes(road: RoadMap, changes: RoadChanges) -> RoadMap:
     lane = changes.lane
     if not len(lane):
         return road
+    speed = _put(road.speed, lane, changes.speed)
+    classes = _put(road.classes, lane, changes.classes)
+    against = np.flatnonzero(against_traffic(road))
+    speed[against], classes[against] = speed[road.right[against]], classes[road.oncoming]
     return road._replace(
-        speed=_put(road.speed, lane, changes.speed),
-        classes=_put(road.classes, lane, changes.classes),
+        speed=speed,
+        classes=classes,
         change_left=_put(road.change_left, lane, changes.change_left),
         change_right=_put(road.change_right, lane, changes.change_right),
     )

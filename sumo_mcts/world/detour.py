@@ -38,11 +38,6 @@ def take(vehicle: str, edges: Sequence[str]) -> bool:
     return True
 
 
-def is_held(vehicle: str) -> bool:
-    """Whether SUMO has the vehicle stand at a stop of its schedule."""
-    return bool(import_libsumo().vehicle.isStopped(vehicle))
-
-
 def stop_edges(vehicle: str) -> list[str]:
     """The edges at which the vehicle still has to stop, in order.
 

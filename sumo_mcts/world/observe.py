@@ -58,7 +58,8 @@ class Observer:
         self._stops = StopReader(self._libsumo, road, self.lanes)
         self._surrogates = SurrogateReader(self._libsumo)
         self._truth = TruthReader(self._libsumo, road, self.lanes)
-        self._changes = RoadReader(self._libsumo, road)
+        self._road = road
+        self._changes: dict[str, RoadReader] = {}  # by ego: none knows what another one has seen
 
     def present(self, vehicle: str) -> bool:
         """Whether a vehicle is on the road."""
@@ -73,7 +74,7 @@ class Observer:
             ego=state,
             agents=self._agents.read(ego, state.x, state.y, sensor_range, time),
             signals=self._signals.read(state.x, state.y, time, PHASES if timing else 1),
-            changes=self._changes.look(state),
+            changes=self._changes_near(ego).look(state),
         )
 
     def frame(self, ego: str, change: Change, last: Frame | None) -> Frame:
@@ -91,6 +92,7 @@ class Observer:
         leader, paths = self._truth.why_brakes(agents)
         hits = [c for c in simulation.getCollisions() if ego in (c.collider, c.victim)]
         measured = self._surrogates.read(ego) if present else Surrogates()
+        near = self._changes_near(ego)
         return Frame(
             time=time,
             ego=state,
@@ -107,8 +109,13 @@ class Observer:
             ttc=measured.ttc,
             pet=measured.pet,
             drac=measured.drac,
-            changes=self._changes.below(state) if present else self._changes.changes,
+            changes=near.below(state) if present else near.changes,
         )
+
+    def _changes_near(self, ego: str) -> RoadReader:
+        if ego not in self._changes:
+            self._changes[ego] = RoadReader(self._libsumo, self._road)
+        return self._changes[ego]
 
     def remember(self, ego: str) -> float:
         """Update the memory of agents around an ego on the road, as frame() does, for a loop

@@ -10,6 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import NO_STOP, STANDING, Stop
 
@@ -62,7 +64,7 @@ class StopReader:
         number = self._edges.get(edge, -1)
         if lane >= 0 and int(self._road.edge[lane]) == number:
             return lane
-        found = [i for i, e in enumerate(self._road.edge) if e == number]
+        found: list[int] = np.flatnonzero(self._road.edge == number).tolist()
         return max(found, key=lambda i: (int(self._road.classes[i]).bit_count(), -i), default=-1)
 
     def _behind_others(self, vehicle: str, data: Any) -> float:

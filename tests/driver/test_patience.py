@@ -58,9 +58,6 @@ class Router:
     def stop_edges(self, vehicle: str) -> list[str]:
         return []
 
-    def is_held(self, vehicle: str) -> bool:
-        return False
-
 
 # Three ways of the router, which differ by how often they go round.
 WAYS = [Way(("c", *("r",) * n, "g"), 30.0 + n) for n in range(3)]

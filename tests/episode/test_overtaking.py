@@ -72,6 +72,7 @@ def test_the_ego_overtakes_about_as_soon_as_sumos_driver(others: str, tmp_path: 
     assert row["outcome"] == "arrived" and row["imposed_brakes_4"] == 0
     assert row["travel_time_s"] < 1.25 * twin["travel_time_s"]
     assert row["lane_changes"] >= 2
+    assert row["detours"] is None  # the lane of the oncoming leads nowhere, and is no missed lane
 
 
 @pytest.mark.slow

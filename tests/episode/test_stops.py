@@ -205,6 +205,54 @@ def looped(folder: Path, each: Callable[[Any, float], None]) -> Loop:
 
 
 @pytest.mark.slow
+def test_planner_sumo_is_sumos_own_driver_at_a_stop_too(tmp_path: Path) -> None:
+    """However often it is asked: SUMO drives off at once where the stop ends."""
+    road(tmp_path)
+    stop = LANE.format(0, 150, 5)
+    times = {
+        driven(tmp_path, stop, "sumo", overrides=(f"planner.period_s={period}",))[0][
+            "travel_time_s"
+        ]
+        for period in (0.5, 1.0)
+    }
+    assert len(times) == 1
+
+
+FORK = (  # from the lane that the ego is in only the way round leads on
+    '<connection from="ab" to="bd" fromLane="0" toLane="0"/>'
+    '<connection from="ab" to="bc" fromLane="1" toLane="1"/>'
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("stop", "lane"),
+    [(LANE.format(0, 150, 5), "ab_0"), (LANE.format(0, 150, 5).replace("ab", "cf"), "cf_0")],
+)
+def test_who_takes_another_way_serves_its_stops(stop: str, lane: str, tmp_path: Path) -> None:
+    """On the edge that it leaves, and on one to which the other way leads."""
+    places = {
+        "a": (0, 0),
+        "b": (300, 0),
+        "c": (600, 0),
+        "d": (300, -200),
+        "e": (600, -200),
+        "f": (900, 0),
+    }
+    nodes = "".join(f'<node id="{name}" x="{x}" y="{y}"/>' for name, (x, y) in places.items())
+    banned = '<lane index="0" changeLeft="emergency"/>'
+    edges = "".join(
+        f'<edge id="{way}" from="{way[0]}" to="{way[1]}" numLanes="{count}" speed="{SPEED}">'
+        f"{banned if way == 'ab' else ''}</edge>"
+        for way, count in (("ab", 2), ("bc", 2), ("bd", 1), ("de", 1), ("ec", 1), ("cf", 1))
+    )
+    netconvert(tmp_path, nodes, edges, FORK)
+    row, served = driven(tmp_path, stop, "mcts", route="ab bc cf")
+    assert row["outcome"] == "arrived" and row["reroutes"] == 1
+    assert [each.lane for each in served] == [lane]
+
+
+@pytest.mark.slow
 def test_a_stop_that_is_added_on_the_way_is_served(tmp_path: Path) -> None:
     def add(vehicle: Any, time: float) -> None:
         if time == pytest.approx(5.0):

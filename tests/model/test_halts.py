@@ -146,16 +146,17 @@ def test_when_a_stop_is_missed(lane: str, s: float, v: float, missed: bool) -> N
     assert not is_missed(task.route, NO_STOP, state, ego)
 
 
-def test_a_stop_out_of_reach_is_missed_at_once() -> None:
-    """Its lane is closed to the vehicle, or no lane change leads there."""
+@pytest.mark.parametrize(("s", "missed"), [(10.0, False), (240.0, False), (290.0, True)])
+def test_a_stop_on_a_closed_lane_is_missed_when_the_ego_comes_to_it(s: float, missed: bool) -> None:
+    """Before that the lane may be opened again."""
     road = lanes_east(2)
     road = road._replace(classes=np.array([1, 1 << 8], np.uint64))  # cars; buses
     stop = Stop(1, 299.9, 300.0)
     task = task_with(road, stop)
-    ego = ego_at(road, "a_0", 10.0, 10.0)._replace(stop=stop)
+    ego = ego_at(road, "a_0", s, 10.0)._replace(stop=stop)
     state = ego_state(task.route, ego)
     assert state is not None
-    assert is_missed(task.route, stop, state, ego)
+    assert is_missed(task.route, stop, state, ego) == missed
 
 
 def test_a_stop_that_is_given_up_is_named_in_the_reason() -> None:

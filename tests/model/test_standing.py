@@ -18,7 +18,7 @@ from sumo_mcts.planners import base
 from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.prediction.forecast import Question, predict
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import GREEN, STARTS, Intent
+from sumo_mcts.scene import GREEN, NO_STOP, STARTS, Intent, Stop
 
 advance, leads_nowhere, terminal, to_end, urgency_at = map(
     compiled, (advance, leads_nowhere, terminal, to_end, urgency_at)
@@ -77,10 +77,11 @@ class Here(NamedTuple):
 def seen(
     *agents: Agent, way: Way = TWO_LANES, at: float = 20.0, on: str = "a_0", stood: float = 60.0,
     blinker: int = 0, starts: bool = False, interacting: bool = True,
+    stop: Stop = NO_STOP,
 ) -> Here:  # fmt: skip
     """What the ego makes of the agents, of which those that stand have stood for `stood` s."""
     road = road_of(way)
-    ego = ego_at(road, on, at, 10.0, route=edges(road, "a", "b"))
+    ego = ego_at(road, on, at, 10.0, route=edges(road, "a", "b"))._replace(stop=stop)
     task = task_of(road, ego, scenario())
     scene = scene_of(ego, road, *agents, signals=lights(GREEN, GREEN) if way.signal else None)
     stands = scene.agents.v == 0.0
@@ -187,6 +188,15 @@ def test_a_lane_that_the_route_leaves_leads_past_where_there_is_room_to_come_bac
     past = here.end("a_0") == pytest.approx(LONG - room - CAR)
     assert past == (room > PASSED)
     assert here.end("a_1") == pytest.approx(LONG)
+
+
+@pytest.mark.parametrize("beyond", [10.0, -10.0])
+def test_before_a_stop_of_the_ego_the_lane_beside_leads_past_to_the_stop(beyond: float) -> None:
+    """There all lanes end. A stop that the other one stands on is not to be come to."""
+    lane = road_of(TWO_LANES).lane_ids.index("a_0")
+    stop = Stop(lane, 150.0 + beyond - 1.0, 150.0 + beyond, after=1)
+    here = seen(stands_at(150.0), stop=stop)
+    assert (here.urgency("a_0") > 0.0) == (beyond > 0.0)
 
 
 def test_past_it_the_lane_goes_on() -> None:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from helpers_networks import netconvert, simulation
 
+from sumo_mcts.numerics.lanes import with_changes
 from sumo_mcts.records.check import map_problem
-from sumo_mcts.road import RoadMap
+from sumo_mcts.road import RoadChanges, RoadMap
 from sumo_mcts.scene import Follow
 from sumo_mcts.world.command import Bounds, Commander
 from sumo_mcts.world.observe import Change, Observer
@@ -36,6 +37,21 @@ def test_the_lane_of_the_oncoming_is_a_lane_beside_the_leftmost(tmp_path: Path) 
     np.testing.assert_array_equal(lane_shape(road, there), lane_shape(road, theirs)[::-1])
     assert road.successor_offset[there] == road.successor_offset[there + 1]  # it leads nowhere
     assert map_problem(road) == ""
+
+
+def test_its_limit_and_its_classes_are_those_of_the_moment(tmp_path: Path) -> None:
+    """The limit of the ego's side, the classes of the lane of the oncoming."""
+    road = network(tmp_path, "--opposites.guess")
+    lanes = lane_index(road)
+    changed = np.array(sorted((lanes["ab_0"], lanes["ba_0"])), np.int32)
+    speed = np.where(changed == lanes["ab_0"], 5.0, 20.0)
+    classes = np.where(changed == lanes["ab_0"], road.classes[changed], np.uint64(4))
+    now = with_changes(
+        road,
+        RoadChanges(changed, speed, classes, road.change_left[changed], road.change_right[changed]),
+    )
+    assert now.speed[lanes["ab_1"]] == 5.0 and now.classes[lanes["ab_1"]] == 4
+    assert now.speed[lanes["cb_1"]] == road.speed[lanes["cb_1"]]
 
 
 def test_without_such_lanes_the_map_is_as_it_was(tmp_path: Path) -> None:

@@ -82,6 +82,18 @@ def test_limits_permissions_and_lane_changes_are_those_of_the_moment(
     assert seen(road, observer) is road
 
 
+def test_an_ego_knows_nothing_of_what_another_one_has_come_near(
+    running: tuple[RoadMap, Observer],
+) -> None:
+    _, observer = running
+    libsumo.lane.setMaxSpeed("a_0", 4.0)
+    assert len(observer.scene("ego", Change(), 100.0, timing=False).changes.lane)
+    observer.frame("other", Change(), None)
+    other = observer.frame("other", Change(), None)
+    assert observer.ego("other", Change()).lane >= 0
+    assert set(other.changes.lane.tolist()) <= {observer.ego("other", Change()).lane}
+
+
 def test_a_limit_of_0_closes_a_lane(running: tuple[RoadMap, Observer]) -> None:
     road, observer = running
     libsumo.lane.setMaxSpeed("b_0", 0.0)
