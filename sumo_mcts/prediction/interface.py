@@ -94,10 +94,7 @@ class OracleRecorder:
 
     def _script(self, vehicle: str, time: float, step: float, count: int) -> Scripted | None:
         assert self._ask is not None
-        found = self._ask.script(vehicle, time, step, count)
-        if found is not None:
-            self._scripts[vehicle] = found
-        return found
+        return _noted(self._scripts, vehicle, self._ask.script(vehicle, time, step, count))
 
     def _clone(
         self, scene: Scene, command: Follow | Release, step: float, count: int
@@ -109,10 +106,14 @@ class OracleRecorder:
 
     def _plan(self, vehicle: str, time: float, step: float, count: int) -> Scripted | None:
         assert self._ask is not None
-        found = self._ask.plan(vehicle, time, step, count)
-        if found is not None:
-            self._told[vehicle] = found
-        return found
+        return _noted(self._told, vehicle, self._ask.plan(vehicle, time, step, count))
+
+
+def _noted(answers: dict[str, Scripted], vehicle: str, answer: Scripted | None) -> Scripted | None:
+    """The answer about a vehicle, kept where there is one."""
+    if answer is not None:
+        answers[vehicle] = answer
+    return answer
 
 
 def _stacked(states: Mapping[int, Scripted]) -> dict[str, Any]:

@@ -4,12 +4,12 @@ of drivers.
 `python -m sumo_mcts.situations.docs` in a checkout writes them anew.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from sumo_mcts import files
 from sumo_mcts.situations.families import FAMILIES, HELD_APART
-from sumo_mcts.situations.kind import HALVES, Kind, Range, parts
+from sumo_mcts.situations.kind import HALVES, Half, Kind, Range, parts
 from sumo_mcts.situations.table import DENSE, RULES
 
 BEGIN, END = (
@@ -20,13 +20,13 @@ BEGIN, END = (
 
 def dense_tables() -> str:
     """A section for each kind, then the families, in Markdown."""
-    sections = ["\n".join(_section(kind)) for kind in DENSE.values()]
+    sections = ["\n".join(_section("dense", kind, HALVES)) for kind in DENSE.values()]
     return "\n\n".join([*sections, "\n".join(_families())])
 
 
 def rule_tables() -> str:
     """A section for each rule, in Markdown."""
-    return "\n\n".join("\n".join(_rule(kind)) for kind in RULES.values())
+    return "\n\n".join("\n".join(_section("rule", kind)) for kind in RULES.values())
 
 
 PAGES: Mapping[str, Callable[[], str]] = {"dense.md": dense_tables, "rules.md": rule_tables}
@@ -47,37 +47,31 @@ def main() -> None:
         page.write_text(refreshed(name, page.read_text(encoding="utf-8")), encoding="utf-8")
 
 
-def _rule(kind: Kind) -> Iterator[str]:
-    yield f"### rule-{kind.name}"
+def _section(group: str, kind: Kind, halves: Sequence[Half] = ()) -> Iterator[str]:
+    """The heading of a kind and the table of its parameters, with a column for each half."""
+    yield f"### {group}-{kind.name}"
     yield ""
     yield f"{kind.about[0].upper()}{kind.about[1:]}."
     yield ""
-    yield "| parameter | from | to |"
-    yield "|---|---|---|"
+    yield _row(["parameter", "from", "to", *(f"{half} half" for half in halves)])
+    yield "|---" * (3 + len(halves)) + "|"
     for bounds in kind.ranges.values():
-        yield f"| {bounds.meaning} | {_limits(bounds)} |"
+        intervals = (_intervals(bounds, half) for half in halves)
+        yield _row([bounds.meaning, *_limits(bounds), *intervals])
 
 
-def _section(kind: Kind) -> Iterator[str]:
-    yield f"### dense-{kind.name}"
-    yield ""
-    yield f"{kind.about[0].upper()}{kind.about[1:]}."
-    yield ""
-    yield "| parameter | from | to | development half | final half |"
-    yield "|---|---|---|---|---|"
-    for bounds in kind.ranges.values():
-        halves = " | ".join(_intervals(bounds, number) for number in range(len(HALVES)))
-        yield f"| {bounds.meaning} | {_limits(bounds)} | {halves} |"
+def _row(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
 
 
-def _limits(bounds: Range) -> str:
+def _limits(bounds: Range) -> list[str]:
     """The cells from and to."""
-    return " | ".join(f"{each:g}{bounds.unit and ' '}{bounds.unit}" for each in bounds[:2])
+    return [f"{each:g}{bounds.unit and ' '}{bounds.unit}" for each in bounds[:2]]
 
 
-def _intervals(bounds: Range, number: int) -> str:
+def _intervals(bounds: Range, half: Half) -> str:
     """The intervals of a half."""
-    found = parts(bounds, HALVES[number])
+    found = parts(bounds, half)
     return ", ".join(f"{_number(low)}–{_number(high)}" for low, high in found)
 
 

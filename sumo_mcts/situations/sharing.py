@@ -3,7 +3,7 @@ each."""
 
 from sumo_mcts.situations.junctions import GREEN, arms
 from sumo_mcts.situations.kind import TOWN_SPEED, TRUCKS, Kind, Range, Values
-from sumo_mcts.situations.situation import Edge, Halt, Link, Node, Situation, Stream
+from sumo_mcts.situations.situation import Edge, LaneStop, Link, Node, Situation, Stream
 
 ROAD = (Node("a", -500.0, 0.0), Node("b", 0.0, 0.0), Node("z", 400.0, 0.0))  # of one-way roads
 BESIDE = (
@@ -38,8 +38,8 @@ def bus_lane(values: Values) -> Situation:
 
 def bus_stop(values: Values) -> Situation:
     """Buses stop on the right of two lanes."""
-    halt = Halt("in", 0, 350.0, values["halt"])
-    return _two_lanes(values, Stream("in out", values["buses"], "0", True, "bus", (halt,)))
+    stop = LaneStop("in", 0, 350.0, values["halt"])
+    return _two_lanes(values, Stream("in out", values["buses"], "0", True, "bus", (stop,)))
 
 
 def _two_lanes(values: Values, *streams: Stream) -> Situation:
@@ -58,7 +58,7 @@ def tram(values: Values) -> Situation:
     """Trams stop on the left of two lanes, which they share with cars; the ego is behind them and
     turns left."""
     speed = values["speed"]
-    halt = Halt("in", 1, 350.0, values["halt"])
+    stop = LaneStop("in", 1, 350.0, values["halt"])
     return Situation(
         nodes=(*ROAD, Node("n", 0.0, 200.0)),
         edges=(
@@ -71,7 +71,7 @@ def tram(values: Values) -> Situation:
         streams=(
             Stream("in out", values["demand"], "random"),
             Stream("in left", values["demand"] / 4, "1"),
-            Stream("in out", values["trams"], "1", True, "tram", (halt,)),
+            Stream("in out", values["trams"], "1", True, "tram", (stop,)),
         ),
         ego_route="in left",
         ego_lane="1",

@@ -36,7 +36,7 @@ class Link(NamedTuple):
     to_lane: int
 
 
-class Halt(NamedTuple):
+class LaneStop(NamedTuple):
     """A stop on a lane, as of a bus."""
 
     edge: str
@@ -54,7 +54,7 @@ class Stream(NamedTuple):
     # False: random, at a constant rate; True: gaps within SPREAD of the mean
     regular: bool = False
     vtype: str = ""  # of all of them; "": cars and trucks
-    halts: tuple[Halt, ...] = ()  # of each of them
+    stops: tuple[LaneStop, ...] = ()  # of each of them
 
 
 class Parked(NamedTuple):

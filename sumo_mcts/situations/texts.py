@@ -5,7 +5,7 @@ from random import Random
 from xml.etree import ElementTree
 
 from sumo_mcts.situations.families import DEVICES, Family, types
-from sumo_mcts.situations.situation import Edge, Halt, Parked, Situation, Stream
+from sumo_mcts.situations.situation import Edge, LaneStop, Parked, Situation, Stream
 
 WARM_UP_S = (100.0, 160.0)  # the ego departs between; a cycle of signals apart
 TRAFFIC_S = 480.0  # vehicles depart until then
@@ -62,7 +62,7 @@ def _departures(
     while time < TRAFFIC_S:
         vtype = stream.vtype or ("truck" if random.random() < trucks else "car")
         traveller = _traveller(f"{name}.{number}", vtype, stream.route, stream.lane)
-        traveller.extend(_halt(halt) for halt in stream.halts)
+        traveller.extend(_stop(stop) for stop in stream.stops)
         yield time, traveller
         time += (
             mean * random.uniform(1.0 - SPREAD, 1.0 + SPREAD)
@@ -92,15 +92,15 @@ def _ego(situation: Situation) -> ElementTree.Element:
 def _parked(van: Parked, number: int) -> ElementTree.Element:
     vehicle = _traveller(f"van.{number}", "van", van.edge, str(van.lane))
     vehicle.attrib |= {"depart": "0.00", "departPos": f"{van.position:.2f}", "departSpeed": "0"}
-    vehicle.append(_halt(Halt(van.edge, van.lane, van.position, 86400.0)))
+    vehicle.append(_stop(LaneStop(van.edge, van.lane, van.position, 86400.0)))
     return vehicle
 
 
-def _halt(halt: Halt) -> ElementTree.Element:
+def _stop(stop: LaneStop) -> ElementTree.Element:
     return ElementTree.Element(
         "stop",
-        {"lane": f"{halt.edge}_{halt.lane}", "endPos": f"{halt.position:.2f}",
-         "duration": f"{halt.duration:.0f}"},
+        {"lane": f"{stop.edge}_{stop.lane}", "endPos": f"{stop.position:.2f}",
+         "duration": f"{stop.duration:.0f}"},
     )  # fmt: skip
 
 

@@ -1,14 +1,12 @@
 """Beside a standing queue nobody lets the ego in that does not ask."""
 
-import json
 from pathlib import Path
 from typing import Any
 
+import helpers_sumocfg
 import pytest
 from helpers_networks import netconvert
-from typer.testing import CliRunner
 
-from sumo_mcts.cli import app
 from sumo_mcts.records.trace import load_trace
 from sumo_mcts.scene import Follow
 
@@ -37,22 +35,13 @@ ROUTES = """<routes><vType id="car" speedDev="0.1"/><vType id="ego_car" speedDev
 <flow id="s" type="car" begin="0" end="900" vehsPerHour="200" departSpeed="max"><route edges="side left"/></flow>
 <vehicle id="ego" type="ego_car" depart="180" departLane="0" departSpeed="max"><route edges="in left"/></vehicle>
 </routes>"""
-CONFIG = (
-    '<configuration><net-file value="x.net.xml"/><route-files value="x.rou.xml"/>'
-    '<step-length value="0.1"/></configuration>'
-)
 
 
 def driven(folder: Path, *words: str) -> dict[str, Any]:
     """The row of an episode in the queue, at most 130 s long."""
     netconvert(folder, NODES, EDGES, JOINED)
     (folder / "x.rou.xml").write_text(ROUTES)
-    (folder / "x.sumocfg").write_text(CONFIG)
-    scene = ["run", str(folder / "x.sumocfg"), "--ego", "ego", "--seed", "1", "--time-limit", "130"]
-    out = ["--no-pictures", "--json", "--out", str(folder / "out")]
-    answer = CliRunner().invoke(app, [*scene, *out, *words], catch_exceptions=False)
-    (row,) = json.loads(answer.output[answer.output.index("{") :])["episodes"]
-    return dict(row)
+    return helpers_sumocfg.driven(folder, *words, limit_s=130)
 
 
 def asked(folder: Path) -> list[int]:

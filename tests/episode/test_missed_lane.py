@@ -1,10 +1,10 @@
 """An ego whose lane does not lead on along its route takes another way, comes to its goal, and
 leaves behind when and why it did so."""
 
-import json
 from pathlib import Path
 from typing import Any
 
+import helpers_sumocfg
 import pytest
 from helpers_detour import AROUND, network, routes
 from typer.testing import CliRunner
@@ -16,21 +16,12 @@ from sumo_mcts.records import load_map, load_trace, same
 from sumo_mcts.reporting.replay import replay
 from sumo_mcts.scene import Decision
 
-CONFIG = (
-    '<configuration><net-file value="x.net.xml"/><route-files value="x.rou.xml"/>'
-    '<step-length value="0.1"/></configuration>'
-)
 SAID = "takes another way, by out around goal: in_{} does not lead to left; stood there 10 s"
 
 
 def driven(folder: Path, *words: str) -> dict[str, Any]:
     """The row of an episode beside the queue, at most 130 s long."""
-    (folder / "x.sumocfg").write_text(CONFIG)
-    scene = ["run", str(folder / "x.sumocfg"), "--ego", "ego", "--seed", "1", "--time-limit", "130"]
-    out = ["--no-pictures", "--json", "--out", str(folder / "out"), "--iterations", "100"]
-    answer = CliRunner().invoke(app, [*scene, *out, *words], catch_exceptions=False)
-    (row,) = json.loads(answer.output[answer.output.index("{") :])["episodes"]
-    return dict(row)
+    return helpers_sumocfg.driven(folder, "--iterations", "100", *words, limit_s=130)
 
 
 @pytest.mark.slow

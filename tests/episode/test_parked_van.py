@@ -1,14 +1,11 @@
 """Behind a parked van, with a dense lane beside it, the ego is let in as SUMO's driver is."""
 
-import json
 from pathlib import Path
 from typing import Any
 
+import helpers_sumocfg
 import pytest
 from helpers_networks import netconvert
-from typer.testing import CliRunner
-
-from sumo_mcts.cli import app
 
 NODES = '<node id="a" x="0" y="0"/><node id="b" x="900" y="0"/>'
 EDGES = '<edge id="road" from="a" to="b" numLanes="2" speed="13.9"/>'
@@ -19,10 +16,6 @@ ROUTES = """<routes><vType id="car" speedDev="0.1"/><vType id="ego_car" speedDev
 <route edges="road"/></flow>
 <vehicle id="ego" type="ego_car" depart="100" departLane="0" departSpeed="max">
 <route edges="road"/></vehicle></routes>"""
-CONFIG = (
-    '<configuration><net-file value="x.net.xml"/><route-files value="x.rou.xml"/>'
-    '<step-length value="0.1"/></configuration>'
-)
 
 
 def driven(folder: Path, *words: str) -> dict[str, Any]:
@@ -30,12 +23,7 @@ def driven(folder: Path, *words: str) -> dict[str, Any]:
     folder.mkdir()
     netconvert(folder, NODES, EDGES, "")
     (folder / "x.rou.xml").write_text(ROUTES)
-    (folder / "x.sumocfg").write_text(CONFIG)
-    scene = ["run", str(folder / "x.sumocfg"), "--ego", "ego", "--seed", "1", "--time-limit", "300"]
-    out = ["--no-pictures", "--json", "--out", str(folder / "out")]
-    answer = CliRunner().invoke(app, [*scene, *out, *words], catch_exceptions=False)
-    (row,) = json.loads(answer.output[answer.output.index("{") :])["episodes"]
-    return dict(row)
+    return helpers_sumocfg.driven(folder, *words, limit_s=300)
 
 
 @pytest.mark.slow

@@ -1,13 +1,10 @@
 """At the foot of a short ramp the ego gets into dense and fast traffic as SUMO's driver does."""
 
-import json
 from pathlib import Path
 
+import helpers_sumocfg
 import pytest
 from helpers_networks import netconvert
-from typer.testing import CliRunner
-
-from sumo_mcts.cli import app
 
 # A bend of 85 m, then 92 m beside two lanes with a vehicle every second, at up to 100 km/h.
 NODES = "".join(
@@ -43,10 +40,6 @@ ROUTES = """<routes>
 <route edges="main accel away"/></flow>
 <vehicle id="ego" type="ego_car" depart="60" departSpeed="0"><route edges="ramp accel away"/>
 </vehicle></routes>"""
-CONFIG = (
-    '<configuration><net-file value="x.net.xml"/><route-files value="x.rou.xml"/>'
-    '<step-length value="0.1"/></configuration>'
-)
 SEEDS = (7, 11, 13)
 
 
@@ -56,13 +49,9 @@ def test_at_the_foot_of_a_ramp_the_ego_does_not_come_to_a_stand(tmp_path: Path) 
     there took 65, 85 and 64 s."""
     netconvert(tmp_path, NODES, EDGES, JOINED)
     (tmp_path / "x.rou.xml").write_text(ROUTES)
-    (tmp_path / "x.sumocfg").write_text(CONFIG)
     took = []
     for seed in SEEDS:
-        words = ["run", str(tmp_path / "x.sumocfg"), "--ego", "ego", "--seed", str(seed)]
-        more = ["--time-limit", "120", "--no-pictures", "--json", "--out", str(tmp_path / "out")]
-        answer = CliRunner().invoke(app, [*words, *more], catch_exceptions=False)
-        (row,) = json.loads(answer.output[answer.output.index("{") :])["episodes"]
+        row = helpers_sumocfg.driven(tmp_path, limit_s=120, seed=seed)
         assert row["outcome"] == "arrived"
         took.append(row["travel_time_s"])
     assert sum(took) <= 165.0, took
