@@ -256,7 +256,11 @@ def require_good(sumo: SumoConfig, extra: Sequence[str] = ()) -> None:
     sources = [(own, Path(), "sumo.options"), (after, Path(), AFTER_DASHES)]
     if sumo.sumocfg is not None:
         sources.append(
-            (_entries(sumo.sumocfg), files.absolute(Path(sumo.sumocfg)).parent, sumo.sumocfg)
+            (
+                sumo_options.without_window(_entries(sumo.sumocfg)),
+                files.absolute(Path(sumo.sumocfg)).parent,
+                sumo.sumocfg,
+            )
         )
     for given, folder, where in sources:
         sumo_options.require_bearable(given, where)

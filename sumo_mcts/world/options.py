@@ -43,13 +43,19 @@ _SWITCHES = frozenset("DGHQSTVWtv?")
 _TELLS = "SUMO would write that and end"
 _WAITS = "SUMO would wait for another program"
 _GAME = "SUMO's window would wait for a person"
+# Options that concern the window alone; a configuration may have them, as those of SUMO's games do.
+_OF_A_PERSON = (
+    "breakpoints", "demo", "game", "game.mode", "gui-testing", "gui-testing-debug",
+    "gui-testing.setting-output",
+)  # fmt: skip
+# What switches off those that would have a window wait.
+NO_WAITING = {"breakpoints": "", "demo": "false", "game": "false", "gui-testing": "false"}
 # Options that no episode can run with, and why.
 _UNBEARABLE = {
     **dict.fromkeys(("help", "version", "save-configuration", "save-configuration.relative",
     "save-template", "save-schema", "save-commented"), _TELLS),
     **dict.fromkeys(("remote-port", "num-clients"), _WAITS),
-    **dict.fromkeys(("breakpoints", "demo", "game", "game.mode", "gui-testing",
-    "gui-testing-debug", "gui-testing.setting-output"), _GAME),
+    **dict.fromkeys(_OF_A_PERSON, _GAME),
     "mesosim": "in a mesoscopic simulation vehicles have no positions",
     "no-internal-links": "the planner drives on the lanes inside junctions",
     "ignore-accidents": "the referee needs collisions",
@@ -162,6 +168,11 @@ def require_readable(given: Iterable[Given], folder: Path, where: str) -> None:
             )
             if why.endswith("not a file"):  # one that is not there yet is made
                 raise ConfigError(f"{where}: {name}: {value}: {why}")
+
+
+def without_window(given: Iterable[Given]) -> list[Given]:
+    """The options without those that concern SUMO's window alone."""
+    return [each for each in given if each.name not in _OF_A_PERSON]
 
 
 def is_off(value: str) -> bool:

@@ -18,6 +18,7 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.process.supervisor import doing
 from sumo_mcts.world.library import import_libsumo
 from sumo_mcts.world.options import (
+    NO_WAITING,
     expanded,
     full_name,
     is_number,
@@ -39,7 +40,7 @@ _QUIET = {
     "duration-log.disable": "true",
     "no-warnings": "true",
 }
-_WINDOW = {"start": "true", "quit-on-end": "true", "window-size": "1200,800"}
+_WINDOW = {"start": "true", "quit-on-end": "true", "window-size": "1200,800", **NO_WAITING}
 _WITHOUT_DISPLAY = "leave --gui out, or start a virtual one: xvfb-run -a sumo-mcts run ... --gui"
 
 TYPES_WITHIN = 1 << 24  # bytes of a file in which types of vehicles are looked for

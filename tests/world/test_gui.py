@@ -17,6 +17,7 @@ from PIL import Image
 
 from sumo_mcts.records import read_rows
 
+WAITS = '<demo value="true"/><game value="true"/><breakpoints value="1,2"/>'
 SUMOCFG = Path(__file__).parents[1] / "bad_inputs" / "good.sumocfg"
 
 EPISODE = """
@@ -139,7 +140,7 @@ def test_the_window_closes_once_the_results_are_out(
     delay: str, display: str, tmp_path: Path
 ) -> None:
     """A user's own network too, whatever delay is asked for; with one that SUMO keeps by itself its
-    window would stay for ever."""
+    window would stay for ever, and would wait where the configuration is that of a game."""
     folder = SUMOCFG.parent
     text = (
         SUMOCFG.read_text()
@@ -147,7 +148,7 @@ def test_the_window_closes_once_the_results_are_out(
         .replace('"one.', f'"{folder}/one.')
     )
     (tmp_path / "slow.sumocfg").write_text(
-        text.replace("</conf", '    <gui_only><delay value="200"/></gui_only>\n</conf')
+        text.replace("</conf", f'    <gui_only><delay value="200"/>{WAITS}</gui_only>\n</conf')
     )
     words = [
         "-m",

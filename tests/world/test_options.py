@@ -110,6 +110,13 @@ def test_in_a_scenario_and_in_a_sumocfg(
     assert said.startswith(f"{path}: {name}: ") or (fine and said == "")
 
 
+@pytest.mark.parametrize("name", ["demo", "game", "breakpoints", "gui-testing"])
+def test_what_concerns_the_window_of_a_sumocfg_is_passed_over(name: str, tmp_path: Path) -> None:
+    """SUMO's own games have it (fokr_bs_demo.sumocfg)."""
+    path = sumocfg(tmp_path, f'<x><gui_only><{name} value="1"/></gui_only></x>')
+    require_good(SumoConfig(sumocfg=path))
+
+
 def test_pipes_and_sockets_are_never_opened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with socket.socket(socket.AF_UNIX) as server:
