@@ -56,14 +56,20 @@ def prepare(use: Callable[[], object]) -> None:
     try:
         with kernel.tried(trial.run), np.errstate(all="ignore"):  # as in compiled code
             use()
-    finally:
-        tasks = trial.tasks()
-        missing = [task for task in tasks if not task.is_done()]
-        with _assisted(missing), _no_collection():
-            _compile_all(missing)
-        for task in tasks:
-            if not isinstance(task.kernel, Part):
-                task.kernel.compile(task.wanted)  # loaded, unless the other process failed
+    except Exception:  # what failed may be compiled code yet; an interrupt ends it at once
+        _compile_found(trial.tasks())
+        raise
+    _compile_found(trial.tasks())
+
+
+def _compile_found(tasks: Sequence[Task]) -> None:
+    """Compile or load the kernels that a trial has found."""
+    missing = [task for task in tasks if not task.is_done()]
+    with _assisted(missing), _no_collection():
+        _compile_all(missing)
+    for task in tasks:
+        if not isinstance(task.kernel, Part):
+            task.kernel.compile(task.wanted)  # loaded, unless the other process failed
 
 
 class _Trial:

@@ -300,6 +300,21 @@ def test_what_takes_too_long_as_plain_python_is_compiled_at_once(toys: ModuleTyp
     prepare.prepare(use)
 
 
+@pytest.mark.parametrize(
+    ("error", "compiled"), [(KeyboardInterrupt, 0), (SystemExit, 0), (ValueError, 5)]
+)
+def test_an_interrupt_of_the_trial_compiles_nothing(
+    error: type[BaseException], compiled: int, toys: ModuleType, kept_in: Path
+) -> None:
+    def use() -> None:
+        toys.total(VALUES, SHORT)
+        raise error
+
+    with pytest.raises(error):
+        prepare.prepare(use)
+    assert kernel.kept_kernels() == compiled
+
+
 def test_what_is_kept_is_not_compiled_however_much_of_it_is_used(
     toys: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
