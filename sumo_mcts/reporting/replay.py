@@ -27,7 +27,7 @@ FORECAST_S = 1.0  # between the points of a forecast
 AHEAD_S = 5.0  # of a forecast
 MOVES_M = 0.5  # an agent that is forecast to move less has no line
 DIFFERS_M = 0.5  # from the usual hypothesis, to be drawn beside it
-BORDERS = NONE, BROKEN, SOLID = range(3)
+NONE, BROKEN, SOLID = range(3)  # borders of lanes
 
 Packed = dict[str, Any]
 

@@ -1,6 +1,6 @@
 """Rules at signals, signs and rails, a kind for each."""
 
-from sumo_mcts.situations.junctions import GREEN, arms
+from sumo_mcts.situations.junctions import GREEN, arms, times
 from sumo_mcts.situations.kind import TOWN_SPEED, TRUCKS, Kind, Range, Values
 from sumo_mcts.situations.situation import Edge, Link, Node, Situation, Stream
 
@@ -22,9 +22,9 @@ def _straight(values: Values, *netconvert: str) -> Situation:
 
 def yellow(values: Values) -> Situation:
     """Greens are short, so the light often turns yellow before the ego."""
-    times = ("--tls.green.time", f"{values['green']:.0f}", "--tls.yellow.time",
-             f"{values['yellow']:.0f}", "--tls.left-green.time", "0")  # fmt: skip
-    return _straight(values, *times)
+    return _straight(
+        values, *times(values["green"]), "--tls.yellow.time", f"{values['yellow']:.0f}"
+    )
 
 
 def actuated(values: Values) -> Situation:
@@ -69,7 +69,7 @@ def right_on_red(values: Values) -> Situation:
             Stream("nc cs", values["across"]), Stream("sc cn", values["across"]),
         ),
         ego_route="wc cs",
-        netconvert=("--tls.green.time", f"{values['green']:.0f}", "--tls.left-green.time", "0"),
+        netconvert=times(values["green"]),
     )  # fmt: skip
 
 
@@ -98,7 +98,7 @@ def blocked_exit(values: Values) -> Situation:
             Stream("ud dv", values["across"]),
         ),
         ego_route="in short out",
-        netconvert=("--tls.green.time", f"{values['green']:.0f}"),
+        netconvert=times(values["green"], None),
     )  # fmt: skip
 
 

@@ -5,6 +5,11 @@ from sumo_mcts.situations.kind import TOWN_SPEED, TRUCKS, Kind, Range, Values
 from sumo_mcts.situations.situation import Edge, Link, Node, Situation, Stream
 
 GREEN = Range(22.0, 42.0, "s", "green of a phase")
+# netconvert's options for room beside the road
+BESIDE = (
+    "--sidewalks.guess", "true", "--crossings.guess", "true", "--bikelanes.guess", "true",
+    "--sidewalks.guess.max-speed", "20", "--bikelanes.guess.max-speed", "20",
+)  # fmt: skip
 
 
 def arms(
@@ -30,6 +35,15 @@ def arms(
     return tuple(nodes), tuple(edges)
 
 
+def times(green: float, left: float | None = 0.0) -> tuple[str, ...]:
+    """netconvert's options for the green of a phase and of the one for left turns, s.
+
+    0: left turns have no phase of their own; None: as netconvert has it.
+    """
+    first = ("--tls.green.time", f"{green:.0f}")
+    return first if left is None else (*first, "--tls.left-green.time", f"{left:.0f}")
+
+
 def _left(values: Values, left_green: float) -> Situation:
     """The ego turns left from the west across the stream from the east."""
     nodes, edges = arms("traffic_light", (3, 2), values["speed"])
@@ -46,10 +60,7 @@ def _left(values: Values, left_green: float) -> Situation:
         ),
         ego_route="wc cn",
         ego_lane="1",
-        netconvert=(
-            "--tls.green.time", f"{values['green']:.0f}",
-            "--tls.left-green.time", f"{left_green:.0f}",
-        ),
+        netconvert=times(values["green"], left_green),
     )  # fmt: skip
 
 
@@ -85,7 +96,7 @@ def queue_change(values: Values) -> Situation:
         ),
         ego_route="in left",
         ego_lane="0",
-        netconvert=("--tls.green.time", f"{values['green']:.0f}"),
+        netconvert=times(values["green"], None),
     )  # fmt: skip
 
 
@@ -107,11 +118,7 @@ def crossing(values: Values) -> Situation:
             *(Stream(route, riding, vtype="bicycle") for route in ("wc ce", "ec cw")),
         ),
         ego_route="wc cn",
-        netconvert=(
-            "--tls.green.time", f"{values['green']:.0f}", "--tls.left-green.time", "0",
-            "--sidewalks.guess", "true", "--crossings.guess", "true", "--bikelanes.guess", "true",
-            "--sidewalks.guess.max-speed", "20", "--bikelanes.guess.max-speed", "20",
-        ),
+        netconvert=(*times(values["green"]), *BESIDE),
     )  # fmt: skip
 
 

@@ -1,15 +1,11 @@
 """Rules of a road that is shared with buses, trams, bicycles, people and an ambulance, a kind for
 each."""
 
-from sumo_mcts.situations.junctions import GREEN, arms
+from sumo_mcts.situations.junctions import BESIDE, GREEN, arms, times
 from sumo_mcts.situations.kind import TOWN_SPEED, TRUCKS, Kind, Range, Values
 from sumo_mcts.situations.situation import Edge, LaneStop, Link, Node, Situation, Stream
 
 ROAD = (Node("a", -500.0, 0.0), Node("b", 0.0, 0.0), Node("z", 400.0, 0.0))  # of one-way roads
-BESIDE = (
-    "--sidewalks.guess", "true", "--crossings.guess", "true", "--bikelanes.guess", "true",
-    "--sidewalks.guess.max-speed", "20", "--bikelanes.guess.max-speed", "20",
-)  # fmt: skip
 
 
 def bus_lane(values: Values) -> Situation:
@@ -99,9 +95,7 @@ def _right_turn(values: Values, *streams: Stream) -> Situation:
             Stream("nc cs", values["across"]), *streams,
         ),
         ego_route="wc cs",
-        netconvert=(
-            "--tls.green.time", f"{values['green']:.0f}", "--tls.left-green.time", "0", *BESIDE,
-        ),
+        netconvert=(*times(values["green"]), *BESIDE),
     )  # fmt: skip
 
 
