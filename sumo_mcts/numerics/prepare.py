@@ -3,7 +3,6 @@
 A trial in plain Python shows which kernels are needed, and in which order to compile them.
 """
 
-import gc
 import importlib
 import os
 import pickle
@@ -21,6 +20,7 @@ from sumo_mcts.numerics import kernel
 from sumo_mcts.numerics.announce import announcer, unannounced
 from sumo_mcts.numerics.kept import LONGEST_WAIT_S, POLL_S
 from sumo_mcts.numerics.kernel import Kernel, Part, Types
+from sumo_mcts.process.garbage import no_collection
 from sumo_mcts.process.supervisor import die_with_parent
 
 FEW = 8  # kernels up to which this process compiles alone: a second one would start too late
@@ -65,7 +65,7 @@ def prepare(use: Callable[[], object]) -> None:
 def _compile_found(tasks: Sequence[Task]) -> None:
     """Compile or load the kernels that a trial has found."""
     missing = [task for task in tasks if not task.is_done()]
-    with _assisted(missing), _no_collection():
+    with _assisted(missing), no_collection():
         _compile_all(missing)
     for task in tasks:
         if not isinstance(task.kernel, Part):
@@ -107,18 +107,6 @@ class _Trial:
             for called in task.calls:
                 above[called] = max(above.get(called, 0), above.get(caller, 0) + 1)
         return sorted(self._done.values(), key=lambda task: -above.get(task.kernel, 0))
-
-
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """Inside the block garbage collection is off: it takes 5 % of the time and frees nothing."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 def _compile_all(tasks: Sequence[Task]) -> None:
@@ -212,7 +200,7 @@ def assist(request: _Request) -> None:
     if os.getppid() != first:  # the first process has ended already
         return
     kernel.keep_in(where)
-    with unannounced(), _no_collection():
+    with unannounced(), no_collection():
         _compile_all(
             [Task(_named(name), wanted, set(map(_named, calls))) for name, wanted, calls in named]
         )

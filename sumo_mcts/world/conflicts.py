@@ -5,9 +5,8 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sumo_mcts.arrays import Bools, Floats
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.world.links import Link
 
 # Two paths share the road where their centre lines come closer than this, m:
@@ -19,6 +18,7 @@ SIDE_BY_SIDE = 0.75
 APART = 5.0  # m: two meetings of the same two paths count as one when less lies between them
 SAMPLING = 0.5  # m between the points at which two centre lines are compared,
 MOST_POINTS = 2000  # of which an internal lane has at most so many
+BATCH = 1 << 17  # pairs of points that are compared at once: what fits into a processor's cache
 TINY = 0.01  # m: the length given to a lane whose shape has none, so that it has a heading
 
 
@@ -48,10 +48,18 @@ class Conflict(NamedTuple):
     yields: bool
 
 
-def lane_path(lane: int, link: Link, width: float, length: float, shape: Floats) -> LanePath:
+class _Pair(NamedTuple):
+    """Two paths through one junction."""
+
+    a: LanePath
+    b: LanePath
+
+
+def lane_path(
+    lane: int, link: Link, width: float, length: float, shape: Floats, arc: Floats
+) -> LanePath:
     """An internal lane sampled at most SAMPLING apart; shape [n, 2] m, no two consecutive points
-    equal."""
-    arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))))
+    equal, and arc length [n] of each point, m."""
     at = np.linspace(0.0, arc[-1], min(int(np.ceil(arc[-1] / SAMPLING)), MOST_POINTS) + 1)
     points = np.column_stack((np.interp(at, arc, shape[:, 0]), np.interp(at, arc, shape[:, 1])))
     return LanePath(
@@ -66,7 +74,7 @@ def lane_path(lane: int, link: Link, width: float, length: float, shape: Floats)
     )
 
 
-def conflicts_between(paths: Sequence[LanePath]) -> Iterable[Conflict]:
+def conflicts_between(paths: Iterable[LanePath]) -> Iterable[Conflict]:
     """Both directions of every pair of paths that meet.
 
     Paths of different junctions never do: one may be a bridge over the other.
@@ -74,13 +82,14 @@ def conflicts_between(paths: Sequence[LanePath]) -> Iterable[Conflict]:
     junctions: defaultdict[int, list[LanePath]] = defaultdict(list)
     for path in paths:
         junctions[path.link.junction].append(path)
-    for members in junctions.values():
-        for a, b in _near(members):
-            yield from _meet(a, b)
+    pairs = (pair for members in junctions.values() for pair in _near(members))
+    for batch in _batches(pairs):
+        yield from _met(batch)
 
 
-def _near(paths: Sequence[LanePath]) -> Iterable[tuple[LanePath, LanePath]]:
-    """Pairs of paths from different lanes whose bounding boxes come within REACH."""
+def _near(paths: Sequence[LanePath]) -> Iterable[_Pair]:
+    """Pairs of paths from different lanes whose bounding boxes come within REACH, or that merge;
+    without those that lie beside each other."""
     low = np.array([path.low for path in paths]) - REACH
     high = np.array([path.high for path in paths])
     origin = np.array([path.link.origin for path in paths])
@@ -88,42 +97,51 @@ def _near(paths: Sequence[LanePath]) -> Iterable[tuple[LanePath, LanePath]]:
     close = np.all((low[:, None] <= high[None]) & (low[None] <= high[:, None]), axis=2) | (
         target[:, None] == target[None]
     )
-    for i, k in np.argwhere(np.triu(close & (origin[:, None] != origin[None]))):
-        yield paths[i], paths[k]
+    for i, k in np.argwhere(np.triu(close & (origin[:, None] != origin[None]))).tolist():
+        pair = _Pair(paths[i], paths[k])
+        if _merge(pair) or not _abreast(pair):
+            yield pair
 
 
-def _has(bits: int, number: int) -> bool:
-    """Whether the bit of a link is set; an unknown link (-1) has none."""
-    return number >= 0 and bool(bits >> number & 1)
+def _batches(pairs: Iterable[_Pair]) -> Iterable[list[_Pair]]:
+    """The pairs in lists, each with about BATCH pairs of samples to compare."""
+    batch: list[_Pair] = []
+    size = 0
+    for pair in pairs:
+        batch.append(pair)
+        size += len(pair.a.s) * len(pair.b.s)
+        if size >= BATCH:
+            yield batch
+            batch, size = [], 0
+    if batch:
+        yield batch
 
 
-def _meet(a: LanePath, b: LanePath) -> Iterable[Conflict]:
-    """The stretches that two paths share, from either side; none where they keep clear of each
-    other."""
-    merge = a.link.exit == b.link.exit
-    if not merge and _abreast(a, b):
-        return
-    foes = merge or _has(a.link.foes, b.link.number) or _has(b.link.foes, a.link.number)
-    reach = min(REACH if foes else TOUCH, SIDE_BY_SIDE * (a.width + b.width) / 2)
-    gap = a.points[:, None] - b.points[None]
-    close = np.einsum("ijk,ijk->ij", gap, gap) < reach * reach
-    if merge and a.last and b.last:
-        close[-1, -1] = True  # their ends touch, whatever the shapes say
-    for rows in _runs(close.any(axis=1), a.s):
-        a_begin, a_end = _extent(rows, a.s)
-        b_begin, b_end = _extent(np.flatnonzero(close[rows].any(axis=0)), b.s)
+def _met(pairs: Sequence[_Pair]) -> Iterable[Conflict]:
+    """The stretches that the paths of these pairs share, from either side; none where they keep
+    clear of each other."""
+    paths, others = zip(*pairs, strict=True)
+    a, b = _side(paths, others), _side(others, paths)
+    which, *samples = _stretches(a, b, pairs)
+    for number, begin, end, other_begin, other_end in zip(
+        which.tolist(),
+        *_extents(a, which, *samples[:2]),
+        *_extents(b, which, *samples[2:]),
+        strict=True,
+    ):
+        pair = pairs[number]
         conflict = Conflict(
-            lane=a.lane,
-            other=b.lane,
-            begin=a_begin,
-            end=a_end,
-            other_begin=b_begin,
-            other_end=b_end,
-            merge=merge,
-            yields=_has(a.link.yields_to, b.link.number),
+            lane=pair.a.lane,
+            other=pair.b.lane,
+            begin=begin,
+            end=end,
+            other_begin=other_begin,
+            other_end=other_end,
+            merge=_merge(pair),
+            yields=_has(pair.a.link.yields_to, pair.b.link.number),
         )
         yield conflict
-        yield _from_other_side(conflict, _has(b.link.yields_to, a.link.number))
+        yield _from_other_side(conflict, _has(pair.b.link.yields_to, pair.a.link.number))
 
 
 def _from_other_side(conflict: Conflict, yields: bool) -> Conflict:
@@ -140,35 +158,127 @@ def _from_other_side(conflict: Conflict, yields: bool) -> Conflict:
     )
 
 
-def _abreast(a: LanePath, b: LanePath) -> bool:
+# --- what a pair of paths says ---
+
+
+def _merge(pair: _Pair) -> bool:
+    return pair.a.link.exit == pair.b.link.exit
+
+
+def _abreast(pair: _Pair) -> bool:
     """Whether two paths lead from one edge to another without changing sides: their lanes lie
     beside each other, however closely they are drawn."""
-    origin, target = a.link.origin - b.link.origin, a.link.exit - b.link.exit
-    return a.link.edges == b.link.edges and origin * target > 0
+    a, b = pair.a.link, pair.b.link
+    return a.edges == b.edges and (a.origin - b.origin) * (a.exit - b.exit) > 0
 
 
-def _runs(close: Bools, s: Floats) -> list[NDArray[np.intp]]:
-    """The samples [n] that are close, cut where more than APART lies between two of them; s [n]
-    m."""
-    rows = np.flatnonzero(close)
-    return [run for run in np.split(rows, np.flatnonzero(np.diff(s[rows]) > APART) + 1) if len(run)]
+def _reach(pair: _Pair) -> float:
+    """How close two paths come where they share the road, m."""
+    a, b = pair.a.link, pair.b.link
+    foes = _merge(pair) or _has(a.foes, b.number) or _has(b.foes, a.number)
+    return min(REACH if foes else TOUCH, SIDE_BY_SIDE * (pair.a.width + pair.b.width) / 2)
 
 
-def _extent(rows: NDArray[np.intp], s: Floats) -> tuple[float, float]:
-    """From the first to the last of the samples `rows`, widened by the half step that sampling may
-    have missed; s [n] m."""
-    half = float(s[1] - s[0]) / 2
-    return max(0.0, float(s[rows[0]]) - half), min(float(s[-1]), float(s[rows[-1]]) + half)
+def _has(bits: int, number: int) -> bool:
+    """Whether the bit of a link is set; an unknown link (-1) has none."""
+    return number >= 0 and bool(bits >> number & 1)
+
+
+# --- which samples are close, for all pairs of a batch at once ---
+
+
+class _Side(NamedTuple):
+    """One path of each of P pairs: its samples near the other path, one after the other."""
+
+    offset: Indices  # [P+1] path i owns the samples offset[i]:offset[i+1]; its end is among them
+    points: Floats  # [n, 2] m
+    s: Floats  # [n] m
+    half: Floats  # [P] half of the way between two samples, m
+    end: Floats  # [P] where the path ends, m
+
+
+def _side(paths: Sequence[LanePath], others: Sequence[LanePath]) -> _Side:
+    """One side of pairs: the samples of `paths` within REACH of the bounding boxes of `others`."""
+    count = np.array([len(path.s) for path in paths])
+    points = np.concatenate([path.points for path in paths])
+    s = np.concatenate([path.s for path in paths])
+    of_path = np.repeat(np.arange(len(paths)), count)
+    low = np.array([other.low for other in others]) - REACH
+    high = np.array([other.high for other in others]) + REACH
+    near = np.all((points >= low[of_path]) & (points <= high[of_path]), axis=1)
+    near[np.cumsum(count) - 1] = True
+    kept = np.bincount(of_path[near])
+    return _Side(
+        offset=np.concatenate(([0], np.cumsum(kept))),
+        points=points[near],
+        s=s[near],
+        half=np.array([path.s[1] - path.s[0] for path in paths]) / 2,
+        end=np.array([path.s[-1] for path in paths]),
+    )
+
+
+def _stretches(a: _Side, b: _Side, pairs: Sequence[_Pair]) -> tuple[Indices, ...]:
+    """The stretches that each pair shares, cut where more than APART lies between two close samples
+    of a: the pair's index, first and last sample in a, first and last in b."""
+    pair = np.repeat(np.arange(len(pairs)), np.diff(a.offset))  # [n] of each sample of a
+    sample, low, high = _close(a, b, pair, pairs)
+    pair = pair[sample]
+    cut = (np.diff(pair) != 0) | (np.diff(a.s[sample]) > APART)
+    first = np.flatnonzero(np.concatenate(([True], cut))[: len(sample)])
+    last = np.append(first[1:], len(sample)) - 1
+    if not len(first):
+        return (first,) * 5
+    return (
+        pair[first],
+        sample[first],
+        sample[last],
+        np.minimum.reduceat(low, first),
+        np.maximum.reduceat(high, first),
+    )
+
+
+def _close(a: _Side, b: _Side, pair: Indices, pairs: Sequence[_Pair]) -> tuple[Indices, ...]:
+    """The samples of a that are close to one of b, with the first and the last sample of b that are
+    close to them; `pair` [n]: the pair of each sample of a."""
+    count = np.diff(b.offset)[pair]  # [n] comparisons of each sample of a: with all of b, in order
+    end = np.cumsum(count)
+    of_b = np.arange(end[-1]) - np.repeat(end - b.offset[pair + 1], count)
+    x, y = (np.repeat(a.points[:, i], count) - b.points[of_b, i] for i in (0, 1))
+    reach = np.array([_reach(each) for each in pairs])
+    close = x * x + y * y < np.repeat((reach * reach)[pair], count)
+    # where both end in the same lane their ends touch, whatever the shapes say
+    touch = np.array([_merge(each) and each.a.last and each.b.last for each in pairs])
+    close[end[a.offset[1:] - 1][touch] - 1] = True
+    hit = np.flatnonzero(close)
+    of_a = np.searchsorted(end, hit, side="right")
+    first = np.flatnonzero(np.diff(of_a, prepend=-1))
+    last = np.append(first[1:], len(hit))[: len(first)] - 1
+    return of_a[first], of_b[hit[first]], of_b[hit[last]]
+
+
+def _extents(
+    side: _Side, which: Indices, first: Indices, last: Indices
+) -> tuple[list[float], list[float]]:
+    """Begin and end of stretches from one sample to another, m, widened by the half step that
+    sampling may have missed; `which`: their paths."""
+    begin = np.maximum(0.0, side.s[first] - side.half[which])
+    end = np.minimum(side.end[which], side.s[last] + side.half[which])
+    return begin.tolist(), end.tolist()
 
 
 # --- shapes ---
 
 
-def distinct(shape: Floats) -> Floats:
-    """A line [n, 2] without points that equal the one before."""
-    keep = np.ones(len(shape), dtype=np.bool_)
-    keep[1:] = np.any(shape[1:] != shape[:-1], axis=1)
-    return shape[keep]
+def distinct(shapes: Sequence[Floats]) -> list[Floats]:
+    """Lines [n, 2], each without points that equal the one before."""
+    if not shapes:
+        return []
+    points, count = np.concatenate(shapes), np.array([len(shape) for shape in shapes])
+    keep = np.ones(len(points), dtype=np.bool_)
+    keep[1:] = np.any(points[1:] != points[:-1], axis=1)
+    keep[np.cumsum(count)[:-1]] = True  # where the next line begins
+    kept = np.bincount(np.repeat(np.arange(len(shapes)), count)[keep])
+    return np.split(points[keep], np.cumsum(kept)[:-1])
 
 
 def stretched(point: Floats, after: Sequence[Floats]) -> Floats:

@@ -8,6 +8,7 @@ from xml.sax.expatreader import ExpatParser
 import sumolib  # type: ignore[import-untyped]
 
 from sumo_mcts import files
+from sumo_mcts.process.garbage import no_collection
 
 MOST_UNPACKED = 1 << 30  # bytes of a network
 MOST_DURATION = 1e9  # s, of a phase of a signal
@@ -61,9 +62,10 @@ def read_net(net_file: str) -> NetFile:
     parser = ExpatParser()
     parser.setContentHandler(reader)
     try:
-        for chunk in files.unpacked(net_file, MOST_UNPACKED):
-            parser.feed(chunk)
-        parser.close()
+        with no_collection():
+            for chunk in files.unpacked(net_file, MOST_UNPACKED):
+                parser.feed(chunk)
+            parser.close()
     except SAXException:
         raise
     except BROKEN as error:

@@ -3,6 +3,7 @@ through a junction meet."""
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +142,7 @@ def _convert(file: NetFile) -> RoadMap:
             fields["width"][lane],
             fields["length"][lane],
             points[offset[lane] : offset[lane + 1]],
+            point_s[offset[lane] : offset[lane + 1]],
         )
         for link in links
         for lane in link.chain
@@ -175,9 +177,7 @@ def _convert(file: NetFile) -> RoadMap:
 
 def _shapes(lanes: Sequence[Any], following: Sequence[Sequence[int]]) -> list[Floats]:
     """Centre line of each lane, [n >= 2, 2] m, no two consecutive points equal."""
-    shapes = [
-        distinct(np.array(lane.getShape(), dtype=np.float64).reshape(-1, 2)) for lane in lanes
-    ]
+    shapes = distinct([np.array(lane.getShape(), np.float64).reshape(-1, 2) for lane in lanes])
     return [
         shape if len(shape) > 1 else stretched(shape, [shapes[i] for i in after])
         for shape, after in zip(shapes, following, strict=True)
@@ -186,15 +186,12 @@ def _shapes(lanes: Sequence[Any], following: Sequence[Sequence[int]]) -> list[Fl
 
 def _flatten(shapes: Sequence[Floats]) -> tuple[Ints, Floats, Floats]:
     """Offsets [L+1], points [P, 2] and arc length of each point along its lane [P], m."""
-    arcs = [
-        np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))))
-        for shape in shapes
-    ]
-    return (
-        _offsets([len(shape) for shape in shapes]),
-        np.concatenate(shapes or [np.zeros((0, 2))]),
-        np.concatenate(arcs or [np.zeros(0)]),
-    )
+    offset = _offsets([len(shape) for shape in shapes])
+    points = np.concatenate([np.zeros((0, 2)), *shapes])
+    steps, arc = np.linalg.norm(np.diff(points, axis=0), axis=1), np.zeros(len(points))
+    for begin, end in pairwise(offset.tolist()):
+        np.cumsum(steps[begin : end - 1], out=arc[begin + 1 : end])
+    return offset, points, arc
 
 
 def _lane_fields(

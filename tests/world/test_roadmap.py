@@ -30,6 +30,7 @@ from sumo_mcts.road import (
     ZIPPER,
     RoadMap,
 )
+from sumo_mcts.world import conflicts as conflict_areas
 from sumo_mcts.world.roadmap import lane_index, lane_shape, read_roadmap
 
 GAME = Path(sumo.SUMO_HOME) / "tools" / "game"
@@ -516,6 +517,15 @@ def test_lanes_beside_each_other_do_not_conflict_however_they_are_drawn() -> Non
 
 
 def test_reading_twice_gives_the_same(crossing_file: str, road: RoadMap) -> None:
+    for a, b in zip(road, read_roadmap(crossing_file), strict=True):
+        assert np.array_equal(a, b)
+
+
+@pytest.mark.parametrize("size", [1, 500])
+def test_conflicts_are_the_same_however_many_paths_are_compared_at_once(
+    crossing_file: str, road: RoadMap, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    monkeypatch.setattr(conflict_areas, "BATCH", size)
     for a, b in zip(road, read_roadmap(crossing_file), strict=True):
         assert np.array_equal(a, b)
 
