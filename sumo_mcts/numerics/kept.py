@@ -1,4 +1,5 @@
-"""The files of compiled kernels, in a folder to which only this user can write.
+"""The files of compiled kernels, in a folder to which only this user can write; large networks lie
+in such a folder, too.
 
 The content of these files is executed, so no other user may change them.
 """
@@ -40,13 +41,19 @@ def folder_for(key: str, note: Note) -> Path | None:
     If no lasting folder can be used, it is one for this process, and `note` gets a message.
     None: no folder can be made.
     """
+    return lasting_folder(f"kernels-{key}") or _for_this_process(note)
+
+
+def lasting_folder(name: str) -> Path | None:
+    """A folder to which only this user can write, in the cache folder or else in the temporary one;
+    None: there can be none."""
     for base in _bases():
-        folder = base / f"kernels-{key}"
+        folder = base / name
         with suppress(OSError):
             _make(folder)
             if is_ours(folder):
                 return folder
-    return _for_this_process(note)
+    return None
 
 
 def is_ours(folder: Path) -> bool:

@@ -23,6 +23,7 @@ from sumo_mcts.world.conflicts import (
     lane_path,
     stretched,
 )
+from sumo_mcts.world.kept_roads import kept_roadmap
 from sumo_mcts.world.links import (
     Link,
     crossing_rules,
@@ -78,14 +79,17 @@ def read_roadmap(net_file: str) -> RoadMap:
 
 
 def known_roadmap(net_file: str) -> RoadMap:
-    """The same, read once in a process as long as the file does not change; the last MOST_KEPT."""
+    """The same, read once in a process as long as the file does not change; the last MOST_KEPT.
+
+    Large networks are kept on disk, too.
+    """
     path = files.absolute(Path(net_file))
     return _kept(net_file, 0 if files.problem(path) else path.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=MOST_KEPT)
 def _kept(net_file: str, changed: int) -> RoadMap:
-    return read_roadmap(net_file)
+    return kept_roadmap(Path(net_file), lambda: read_roadmap(net_file))
 
 
 def has_edge(road: RoadMap, edge: str, where: str) -> None:
