@@ -10,6 +10,7 @@ from sumo_mcts.road import VEHICLE_CLASSES
 from sumo_mcts.scene import STANDING, Agents
 from sumo_mcts.world.bodies import BodyReader, heading_of, require_finite
 from sumo_mcts.world.vehicle_types import TypeReader, require_size
+from sumo_mcts.world.whereabouts import Whereabouts
 
 PEDESTRIAN = VEHICLE_CLASSES.index("pedestrian")
 LEAST_LENGTH, LEAST_WIDTH = 0.3, 0.5  # m: smaller persons count as this large
@@ -45,13 +46,25 @@ _TYPES = {"lane": np.int32, "blinker": np.int32, "person": np.bool_, "vclass": n
 
 
 class AgentReader:
-    """Reads agents, and remembers for how long each has stood and how it accelerated."""
+    """Reads agents, and remembers for how long each has stood and how it accelerated.
+
+    What was read at one time is not read again: referee and planner look at the same moment, and
+    so may several egos.
+    """
 
     def __init__(self, libsumo: Any, types: TypeReader, bodies: BodyReader) -> None:
         self._cars, self._persons = libsumo.vehicle, libsumo.person
         self._types, self._bodies = types, bodies
+        self._vehicles, self._walking = Whereabouts(self._cars), Whereabouts(self._persons)
+        self._time = -math.inf  # of what follows, s
+        self._read: dict[tuple[bool, str], _Row] = {}  # by name, persons apart
         self._standing: dict[str, float] = {}  # since when each stands, s
         self._trend: dict[str, tuple[float, float]] = {}  # time, s, and smoothed acceleration, m/s2
+
+    def present(self, vehicle: str, time: float) -> bool:
+        """Whether a vehicle is on the road at this time, which is now."""
+        self._look(time)
+        return vehicle in self._vehicles
 
     def read(self, ego: str, x: float, y: float, reach: float, time: float) -> Agents:
         """The agents within `reach` m of (x, y) but the ego, sorted by id; `time` in s."""
@@ -59,22 +72,32 @@ class AgentReader:
 
     def rows(self, ego: str, x: float, y: float, reach: float, time: float) -> list[_Row]:
         """The same as rows, unsorted. Reading them is what the memory lives on."""
-        cars, persons = self._cars, self._persons
-        vehicles = [name for name in cars.getIDList() if name != ego]
-        near = _within(cars, vehicles, x, y, reach)
-        walking = [
-            each
-            for each in _within(persons, persons.getIDList(), x, y, reach)
-            if not persons.getVehicle(each[0])
-        ]
+        self._look(time)
+        vehicles = self._vehicles.within(x, y, reach, time)
+        walking = self._walking.within(x, y, reach, time)
         return [
-            *(self._of_vehicle(name, px, py, time) for name, px, py in near),
-            *(self._of_person(name, px, py, time) for name, px, py in walking),
+            *(self._row(False, *each) for each in vehicles if each[0] != ego),
+            *(self._row(True, *each) for each in walking if not self._persons.getVehicle(each[0])),
         ]
 
+    def _look(self, time: float) -> None:
+        """Begin anew where this is another moment than before."""
+        if time != self._time:
+            self._time, self._read = time, {}
+            self._vehicles.look()
+            self._walking.look()
+
+    def _row(self, person: bool, name: str, px: float, py: float) -> _Row:
+        """The row of one that is at (px, py) now, m."""
+        row = self._read.get((person, name))
+        if row is None:
+            of_one = self._of_person if person else self._of_vehicle
+            row = self._read[person, name] = of_one(name, px, py, self._time)
+        return row
+
     def _of_vehicle(self, vehicle: str, px: float, py: float, time: float) -> _Row:
-        get, kind = self._cars, self._types.of(vehicle)
-        body = self._bodies.read(vehicle, px, py)
+        get, kind = self._cars, self._types.of(vehicle, time)
+        body = self._bodies.read(vehicle, kind, px, py)
         v, a = get.getSpeed(vehicle), get.getAcceleration(vehicle)
         require_finite(vehicle, px, py, v)
         signals = get.getSignals(vehicle)
@@ -139,14 +162,6 @@ class AgentReader:
             mean = mean + (a - mean) * (1.0 - math.exp((before - time) / TREND_S))
         self._trend[name] = time, mean
         return mean
-
-
-def _within(
-    get: Any, names: Sequence[str], x: float, y: float, reach: float
-) -> list[tuple[str, float, float]]:
-    """Name and position (m) of those within `reach` m of (x, y)."""
-    placed = [(name, *get.getPosition(name)) for name in names]
-    return [each for each in placed if (each[1] - x) ** 2 + (each[2] - y) ** 2 <= reach * reach]
 
 
 def _table(rows: Sequence[_Row]) -> Agents:

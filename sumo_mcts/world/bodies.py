@@ -10,7 +10,7 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.numerics.drawn import MOST_UNDER
 from sumo_mcts.road import RoadMap
 from sumo_mcts.world.places import Places
-from sumo_mcts.world.vehicle_types import TypeReader
+from sumo_mcts.world.vehicle_types import VehicleType
 
 
 class Body(NamedTuple):
@@ -27,18 +27,15 @@ class Body(NamedTuple):
 class BodyReader:
     """Reads the bodies of vehicles, and remembers the lanes under the long ones."""
 
-    def __init__(
-        self, libsumo: Any, road: RoadMap, lanes: Mapping[str, int], types: TypeReader
-    ) -> None:
+    def __init__(self, libsumo: Any, road: RoadMap, lanes: Mapping[str, int]) -> None:
         """`lanes`: lane id -> index."""
-        self._get, self._road, self._types = libsumo.vehicle, road, types
+        self._get, self._road = libsumo.vehicle, road
         self._places = Places(libsumo, road, lanes)
         # the lanes under each articulated vehicle, the present one last
         self._driven: dict[str, tuple[int, ...]] = {}
 
-    def read(self, vehicle: str, px: float, py: float) -> Body:
-        """The body of a vehicle whose front is at (px, py), m."""
-        kind = self._types.of(vehicle)
+    def read(self, vehicle: str, kind: VehicleType, px: float, py: float) -> Body:
+        """The body of a vehicle of this kind whose front is at (px, py), m."""
         lane, s, d = self._places.of(vehicle)
         if kind.articulated and lane >= 0:
             heading = self._chord(vehicle, lane, s - kind.length, px, py)

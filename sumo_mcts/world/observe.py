@@ -52,7 +52,7 @@ class Observer:
         self._places = Places(self._libsumo, road, self.lanes)
         self._edges = {edge: i for i, edge in enumerate(road.edge_ids)}
         self._types = TypeReader(self._libsumo)
-        self._bodies = BodyReader(self._libsumo, road, self.lanes, self._types)
+        self._bodies = BodyReader(self._libsumo, road, self.lanes)
         self._agents = AgentReader(self._libsumo, self._types, self._bodies)
         self._signals = SignalReader(self._libsumo, road)
         self._stops = StopReader(self._libsumo, road, self.lanes)
@@ -84,7 +84,7 @@ class Observer:
         where there is neither.
         """
         simulation, time = self._libsumo.simulation, self._time()
-        present = self.present(ego)
+        present = self._agents.present(ego, time)
         if not present and last is None:
             raise LookupError(ego)
         state = self.ego(ego, change) if present or last is None else last.ego
@@ -126,7 +126,7 @@ class Observer:
 
     def ego(self, vehicle: str, change: Change) -> EgoState:
         """The ego as its own sensors measure it."""
-        get, kind = self._libsumo.vehicle, self._types.of(vehicle, 0.0)
+        get, kind = self._libsumo.vehicle, self._types.of(vehicle, self._time(), 0.0)
         x, y = get.getPosition(vehicle)
         require_finite(vehicle, x, y, get.getSpeed(vehicle))
         heading, place = heading_of(get.getAngle(vehicle)), self._places.of(vehicle)
@@ -176,7 +176,8 @@ class Observer:
         states[:, LANE] = -1
         for i, name in enumerate(names):
             if name in driving:
-                body = self._bodies.read(name, *cars.getPosition(name))
+                kind = self._types.of(name, self._time())
+                body = self._bodies.read(name, kind, *cars.getPosition(name))
                 states[i, X], states[i, Y] = body.x, body.y
                 heading, speed = body.heading, cars.getSpeed(name)
                 states[i, LANE], states[i, POSITION] = body.lane, body.s

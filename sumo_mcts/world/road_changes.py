@@ -12,6 +12,7 @@ from sumo_mcts.numerics.lanes import against_traffic
 from sumo_mcts.road import LEAST_SPEED, RoadChanges, RoadMap
 from sumo_mcts.scene import EgoState
 from sumo_mcts.world.links import mask_of
+from sumo_mcts.world.nearby import Nearby
 from sumo_mcts.world.net_file import MOST_SPEED
 
 AHEAD = 500.0  # m of the ego's route that are read: more than braking from any speed takes
@@ -47,8 +48,11 @@ class RoadReader:
     def __init__(self, libsumo: Any, road: RoadMap) -> None:
         self._get, self._road = libsumo.lane, road
         shapes = road.point_offset[:-1]
-        self._low = np.minimum.reduceat(road.points, shapes, axis=0)
-        self._high = np.maximum.reduceat(road.points, shapes, axis=0)
+        self._near = Nearby(
+            np.minimum.reduceat(road.points, shapes, axis=0),
+            np.maximum.reduceat(road.points, shapes, axis=0),
+            AROUND,
+        )
         order = np.argsort(road.edge, kind="stable")
         first = np.searchsorted(road.edge[order], np.arange(len(road.edge_ids) + 1))
         self._of_edge = [order[begin:end] for begin, end in pairwise(first)]
@@ -86,8 +90,8 @@ class RoadReader:
 
     def _around(self, x: float, y: float) -> Indices:
         """The lanes for vehicles whose bounding box is within AROUND of a place (m)."""
-        away = np.maximum(np.maximum(self._low - (x, y), (x, y) - self._high), 0.0)
-        return np.flatnonzero(self._driven & ((away * away).sum(axis=1) < AROUND**2))
+        near = self._near.of(x, y)
+        return np.asarray(near[self._driven[near]])
 
     # --- what has changed ---
 

@@ -1,6 +1,6 @@
 """Reads what SUMO's signals show, and what they will show."""
 
-import math
+from collections.abc import Collection
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -9,6 +9,7 @@ import numpy as np
 from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, Signals
+from sumo_mcts.world.nearby import Nearby
 
 PHASES = 8  # coming phases that are broadcast
 # SUMO's name of what is shown after a program set the lights: until it sets them again
@@ -32,88 +33,118 @@ class SignalReader:
     def __init__(self, libsumo: Any, road: RoadMap) -> None:
         self._get = libsumo.trafficlight
         self._ids = road.signal_ids
-        known = set(self._get.getIDList())
-        links = [
-            int(road.link[road.signal == q].max(initial=-1)) + 1
-            for q in range(len(road.signal_ids))
-        ]
-        self._offset = np.concatenate([[0], np.cumsum(links)]).astype(np.int32)
-        starts = [
-            road.points[road.point_offset[np.flatnonzero(road.signal == q)]]
-            for q in range(len(road.signal_ids))
-        ]  # the first points of its links
-        low = [points.min(axis=0, initial=math.inf) for points in starts]
-        high = [points.max(axis=0, initial=-math.inf) for points in starts]
-        self._low, self._high = np.array(low).reshape(-1, 2), np.array(high).reshape(-1, 2)
-        self._known = np.array([name in known for name in road.signal_ids], np.bool_)
+        self._offset, self._near = _offset(road), _nearby(road, set(self._get.getIDList()))
         self._programs: dict[tuple[int, str], list[_Phase]] = {}
+        # Lights change now and then: what was laid out for the same ones is there already.
+        self._course = lru_cache(maxsize=4096)(self._course_of)
+        self._state = lru_cache(maxsize=4)(self._state_of)
+        self._green = lru_cache(maxsize=4)(self._green_of)
+        self._never = np.full((len(self._ids), 1), np.inf)
 
     def read(self, x: float, y: float, time: float, phases: int) -> Signals:
         """The signals at a place (m) and time (s), with so many phases.
 
         Signals whose links' bounding box is further away than SIGNAL_RANGE read as green.
         """
-        state = np.full((int(self._offset[-1]), phases), GREEN, np.int32)
+        lights = self._lights(x, y)
+        if phases == 1:
+            return Signals(self._offset, self._state(lights, 1), self._never)
+        lights = tuple(self._in_program(light) for light in lights)
         until = np.full((len(self._ids), phases), np.inf)
-        for q in self._near(x, y):
-            links = slice(self._offset[q], self._offset[q + 1])
-            self._fill(q, self._ids[q], time, state[links], until[q])
-        return Signals(self._offset, state, until)
+        for light in lights:
+            lasting = self._course(light, phases).lasting.copy()
+            lasting[0] += self._get.getNextSwitch(self._ids[light.signal]) - time
+            until[light.signal] = np.cumsum(lasting)
+        return Signals(self._offset, self._state(lights, phases), until)
 
     def green(self, x: float, y: float) -> Bools:
         """[links] whether each shows green, for vehicles at a place (m).
 
         Not so where the signal is off or farther away than SIGNAL_RANGE.
         """
+        return self._green(self._lights(x, y))
+
+    def _lights(self, x: float, y: float) -> tuple["_Light", ...]:
+        """What the signals within SIGNAL_RANGE of a place show."""
+        near = self._near.of(x, y).tolist()
+        letters = map(self._get.getRedYellowGreenState, map(self._ids.__getitem__, near))
+        return tuple(map(_Light, near, letters))
+
+    def _in_program(self, light: "_Light") -> "_Light":
+        """The same with its place in the program that runs."""
+        name = self._ids[light.signal]
+        running, phase = self._get.getProgram(name), self._get.getPhase(name)
+        if running != BY_PROGRAM:
+            self._keep_program(light._replace(program=running, phase=phase))
+        return light._replace(program=running, phase=phase)
+
+    def _keep_program(self, light: "_Light") -> None:
+        """Read the phases of a program that is not known; none where SUMO does not give them.
+
+        They are read again where the present phase shows other letters: a program may be replaced
+        by another one of its name.
+        """
+        key = light.signal, light.program
+        known = self._programs.get(key, [])
+        if 0 <= light.phase < len(known) and known[light.phase].state == light.letters:
+            return
+        logics = self._get.getAllProgramLogics(self._ids[light.signal])
+        found = next((_phases(logic) for logic in logics if logic.programID == light.program), [])
+        if found != known:
+            self._programs[key] = found
+            self._course.cache_clear()
+            self._state.cache_clear()
+
+    def _course_of(self, light: "_Light", phases: int) -> "_Course":
+        """What a signal shows in so many phases, the present one first."""
+        course = _Course(
+            np.full((self._links(light.signal), phases), GREEN, np.int32), np.zeros(phases)
+        )
+        _show(light.letters, course.state[:, 0])
+        program, index = self._programs.get((light.signal, light.program), []), light.phase
+        for k in range(1, phases):
+            if not 0 <= index < len(program) or program[index].open_ended:
+                course.state[:, k], course.lasting[k - 1] = course.state[:, k - 1], np.inf
+                continue
+            index = program[index].following
+            _show(program[index].state, course.state[:, k])
+            course.lasting[k] = program[index].duration
+        return course
+
+    def _state_of(self, lights: tuple["_Light", ...], phases: int) -> Ints:
+        """Signals.state."""
+        state = np.full((int(self._offset[-1]), phases), GREEN, np.int32)
+        for light in lights:
+            first = int(self._offset[light.signal])
+            state[first : first + self._links(light.signal)] = self._course(light, phases).state
+        return state
+
+    def _green_of(self, lights: tuple["_Light", ...]) -> Bools:
         lit = np.zeros(int(self._offset[-1]), np.bool_)
-        for q in self._near(x, y):
-            links = lit[self._offset[q] : self._offset[q + 1]]
-            letters = self._get.getRedYellowGreenState(self._ids[q])[: len(links)]
+        for light in lights:
+            links = lit[self._offset[light.signal] : self._offset[light.signal + 1]]
+            letters = light.letters[: len(links)]
             links[: len(letters)] = [letter in _LIT_GREEN for letter in letters]
         return lit
 
-    def _near(self, x: float, y: float) -> list[int]:
-        """The signals within SIGNAL_RANGE of a place."""
-        away = np.maximum(np.maximum(self._low - (x, y), (x, y) - self._high), 0.0)
-        near: list[int] = np.flatnonzero(
-            self._known & ((away * away).sum(axis=1) < SIGNAL_RANGE**2)
-        ).tolist()
-        return near
+    def _links(self, signal: int) -> int:
+        return int(self._offset[signal + 1] - self._offset[signal])
 
-    def _fill(self, q: int, name: str, time: float, state: Ints, until: Floats) -> None:
-        """The rows of one signal: `state` [links, K] and `until` [K], as in Signals."""
-        letters = self._get.getRedYellowGreenState(name)
-        _show(letters, state[:, 0])
-        if len(until) == 1:
-            return
-        current = self._get.getProgram(name)
-        if current == BY_PROGRAM:
-            state[:, 1:] = state[:, :1]
-            return
-        until[0] = self._get.getNextSwitch(name) - time
-        index = self._get.getPhase(name)
-        program = self._program((q, current), index, letters)
-        for k in range(1, len(until)):
-            if not 0 <= index < len(program) or program[index].open_ended:
-                state[:, k], until[k - 1] = state[:, k - 1], np.inf
-                continue
-            index = program[index].following
-            _show(program[index].state, state[:, k])
-            until[k] = until[k - 1] + program[index].duration
 
-    def _program(self, key: tuple[int, str], index: int, letters: str) -> list["_Phase"]:
-        """The phases of a signal's running program, given by their numbers and name; empty where
-        SUMO does not give them.
+class _Light(NamedTuple):
+    """What a signal shows now."""
 
-        They are read again where the present phase (index) shows other letters: a program may be
-        replaced by another one of its name.
-        """
-        known = self._programs.get(key, [])
-        if not 0 <= index < len(known) or known[index].state != letters:
-            logics = self._get.getAllProgramLogics(self._ids[key[0]])
-            known = next((_phases(logic) for logic in logics if logic.programID == key[1]), [])
-            self._programs[key] = known
-        return known
+    signal: int  # index
+    letters: str  # SUMO's, one for each link
+    program: str = ""  # that runs
+    phase: int = -1  # index of the phase in it; -1: not asked
+
+
+class _Course(NamedTuple):
+    """What the links of a signal will show, phase by phase."""
+
+    state: Ints  # [links, phases]
+    lasting: Floats  # [phases] s; of the first, which is under way, 0. inf: nobody knows
 
 
 class _Phase(NamedTuple):
@@ -148,3 +179,23 @@ def _show(letters: str, column: Ints) -> None:
 @lru_cache(maxsize=4096)
 def _shown(letters: str) -> Ints:
     return np.array([_SHOWS.get(letter, GREEN) for letter in letters], np.int32)
+
+
+def _offset(road: RoadMap) -> Ints:
+    """Signals.offset."""
+    links = np.zeros(len(road.signal_ids), np.int64)
+    at = np.flatnonzero(road.signal >= 0)
+    np.maximum.at(links, road.signal[at], road.link[at] + 1)
+    return np.concatenate([[0], np.cumsum(links)]).astype(np.int32)
+
+
+def _nearby(road: RoadMap, known: Collection[str]) -> Nearby:
+    """The signals by where their links begin; those that SUMO does not have are nowhere."""
+    count = len(road.signal_ids)
+    low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
+    at = np.flatnonzero(road.signal >= 0)
+    begin = road.points[road.point_offset[at]]
+    np.minimum.at(low, road.signal[at], begin)
+    np.maximum.at(high, road.signal[at], begin)
+    low[[name not in known for name in road.signal_ids]] = np.inf
+    return Nearby(low, high, SIGNAL_RANGE)

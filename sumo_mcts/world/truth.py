@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from sumo_mcts.arrays import Ints
+from sumo_mcts.numerics.lanes import successors
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import Agents
 
@@ -22,6 +23,7 @@ class TruthReader:
     def __init__(self, libsumo: Any, road: RoadMap, lanes: Mapping[str, int]) -> None:
         """`lanes`: lane id -> index."""
         self._libsumo, self._road, self._lanes = libsumo, road, lanes
+        self._successors: dict[int, tuple[int, ...]] = {}  # of the lanes asked for so far
 
     def coming_lanes(self, vehicle: str, lane: int) -> Ints:
         """The lanes that a vehicle on `lane` takes without changing lanes, that one first; in the
@@ -34,7 +36,7 @@ class TruthReader:
         for exit_id, _, _, _, via_id, *_ in links:
             inside = self._inside(self._lanes.get(via_id, -1))
             for following in (*inside, self._lanes.get(exit_id, -1)):
-                if not self._follows(lanes[-1], following):
+                if following not in self._onto(lanes[-1]):
                     return np.array(lanes, np.int32)
                 lanes.append(following)
         return np.array(lanes, np.int32)
@@ -55,11 +57,11 @@ class TruthReader:
         chain: list[int] = []
         while lane >= 0 and road.internal[lane] and len(chain) < MOST_INSIDE:
             chain.append(lane)
-            first = road.successor_offset[lane]
-            lane = int(road.successor[first]) if first < road.successor_offset[lane + 1] else -1
+            lane = next(iter(self._onto(lane)), -1)
         return chain
 
-    def _follows(self, lane: int, following: int) -> bool:
-        """Whether a lane is a successor of another one."""
-        first, last = self._road.successor_offset[lane], self._road.successor_offset[lane + 1]
-        return bool(following in self._road.successor[first:last])
+    def _onto(self, lane: int) -> tuple[int, ...]:
+        """The successors of a lane."""
+        if lane not in self._successors:
+            self._successors[lane] = tuple(successors(self._road, lane))
+        return self._successors[lane]

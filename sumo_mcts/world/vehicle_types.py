@@ -28,23 +28,27 @@ class TypeReader:
     """Reads the types of vehicles, and again now and then: a program may change them."""
 
     def __init__(self, libsumo: Any) -> None:
-        self._get, self._simulation = libsumo.vehicle, libsumo.simulation
+        self._get = libsumo.vehicle
         self._known: dict[str, tuple[float, VehicleType]] = {}  # when it was read, s; the type
 
-    def of(self, vehicle: str, kept_s: float = KEPT_S) -> VehicleType:
-        """The type of a vehicle on the road, as it was at most `kept_s` ago.
+    def of(self, vehicle: str, now: float, kept_s: float = KEPT_S) -> VehicleType:
+        """The type of a vehicle on the road, as it was at most `kept_s` before the time `now` (s).
 
         Raises ConfigError where it is unusable.
         """
-        now, known = self._simulation.getTime(), self._known.get(vehicle)
-        if known is None or not 0.0 <= now - known[0] < kept_s:
-            known = self._known[vehicle] = (now, self._read(vehicle))
-        return known[1]
+        known = self._known.get(vehicle)
+        if known is not None and 0.0 <= now - known[0] < kept_s:
+            return known[1]
+        kind = self._read(vehicle)
+        if known is None or kind != known[1]:
+            _require_sound(vehicle, kind)
+        self._known[vehicle] = now, kind
+        return kind
 
     def _read(self, vehicle: str) -> VehicleType:
         get = self._get
         name = get.getVehicleClass(vehicle)
-        kind = VehicleType(
+        return VehicleType(
             length=get.getLength(vehicle),
             width=get.getWidth(vehicle),
             max_accel=get.getAccel(vehicle),
@@ -55,8 +59,6 @@ class TypeReader:
             vclass=VEHICLE_CLASSES.index(name) if name in VEHICLE_CLASSES else IGNORING,
             articulated="trailer" in get.getShapeClass(vehicle),
         )
-        _require_sound(vehicle, kind)
-        return kind
 
 
 def require_size(name: str, length: float, width: float) -> None:

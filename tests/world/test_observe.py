@@ -229,3 +229,5 @@ def test_a_signal_is_read_near_each_of_its_links() -> None:
         reader.read(x, 0.0, 0.0, 1).state[:, 0].tolist() for x in (690.0, 2090.0, -400.0, 4000.0)
     ]
     assert read == [[RED] * 3, [RED] * 3, [GREEN] * 3, [GREEN] * 3]
+    again = [reader.read(x, 0.0, 1.0, 1).state for x in (690.0, 690.0)]
+    assert again[0] is again[1]  # lights that do not change are not laid out again
