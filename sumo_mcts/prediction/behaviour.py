@@ -10,13 +10,11 @@ import numpy as np
 
 from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.numerics.kernel import entry, inlined
-from sumo_mcts.prediction.course import Course, course_of, red_ahead
+from sumo_mcts.prediction.course import Course, red_ahead
 from sumo_mcts.prediction.drivers import Drivers, Progress, TrafficParams
 from sumo_mcts.prediction.following import follow_accel, free_accel, leader_of
-from sumo_mcts.prediction.paths import Paths
 from sumo_mcts.prediction.yielding import line_accel, rank_of, yield_accel
-from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import BRAKES, STANDING, STARTS, Signals
+from sumo_mcts.scene import BRAKES, STANDING, STARTS
 
 # A vehicle that cruises keeps its speed where its leader is further away than this: m, and s of
 # driving.
@@ -30,34 +28,32 @@ MOST_DECEL = 8.0  # m/s2 with which any vehicle can brake
 
 
 def drive(
-    road: RoadMap,
-    signals: Signals,
-    paths: Paths,
+    course: Course | None,
     drivers: Drivers,
     nominal: Floats,
     params: TrafficParams,
     of_ego: TrafficParams,
     times: int,
+    lanes: int,
 ) -> tuple[Floats, Floats, Bools]:
     """Positions along the paths [T, N] (m) and speeds [T, N] (m/s) at T `times`, and which drivers
     let the ego pass [N].
 
     The ego, row 0, has the speeds `nominal` [K] first, then follows as the others do, with
-    parameters `of_ego`.
+    parameters `of_ego`. `course`: what lies on the paths; None: all keep their speed. `lanes`: of
+    the road.
     """
     n = len(drivers.x)
     xs, vs, polite = np.zeros((times, n)), np.zeros((times, n)), np.zeros(n, np.bool_)
     xs[0], vs[0] = drivers.x, drivers.v
-    if params.interacting:
-        grid = np.arange(times, dtype=np.float64) * params.step
-        course = course_of(road, signals, paths, drivers.vclass, grid)
+    if course is not None:
         progress = Progress(
             at=np.zeros(n, np.int32),
             rank=np.full(n, np.inf),
             liked=np.full(n, np.inf),
             habit=np.zeros(n),
         )
-        mark = np.full(len(road.lane_ids), -1, np.int32)
+        mark = np.full(lanes, -1, np.int32)
         _step_all(xs, vs, polite, course, drivers, nominal, params, of_ego, progress, mark)
     else:
         xs[:] = drivers.x + np.arange(times)[:, None] * params.step * drivers.v

@@ -8,15 +8,16 @@ No lane change is predicted that has not begun, except by these two.
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_mcts.arrays import Floats, Ints
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.prediction.behaviour import drive
+from sumo_mcts.prediction.course import Course, course_of
 from sumo_mcts.prediction.drivers import Drivers, TrafficParams
 from sumo_mcts.prediction.on_foot import Ways, approach, crossings_on, ways_on_foot
-from sumo_mcts.prediction.paths import changing, likely_paths
+from sumo_mcts.prediction.paths import NO_PATHS, Paths, changing, likely_paths
 from sumo_mcts.prediction.poses import poses
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import TURNS, USUAL, Agents, Follow, Forecast, Intent, Release, Scene, Scripted
@@ -56,6 +57,7 @@ class OracleData(NamedTuple):
 
 
 NO_DATA = OracleData()
+NO_LANES: Mapping[int, Ints] = {}
 
 
 def times_of(seconds: float, step: float) -> int:
@@ -63,35 +65,58 @@ def times_of(seconds: float, step: float) -> int:
     return math.ceil(seconds / step) + 1
 
 
+class Ground(NamedTuple):
+    """What the hypotheses of a forecast have in common: where the agents are led, and what lies
+    there."""
+
+    agents: Agents  # those that change lanes on the lane that they move to
+    paths: Paths  # row 0: the ego's, row i + 1: that of agent i
+    course: Course | None  # on these paths; None where all keep their speed
+    on_foot: Ways
+
+
+def ground_of(road: RoadMap, question: Question, lanes: Mapping[int, Ints] = NO_LANES) -> Ground:
+    """Where agents are led; some, by index, along `lanes` that are known."""
+    agents = changing(road, question.scene.agents, question.ego_lanes, question.params.aside)
+    on_foot = _on_foot(road, agents, question)
+    return led(road, question, Ground(agents, NO_PATHS, None, on_foot), lanes)
+
+
+def led(road: RoadMap, question: Question, ground: Ground, lanes: Mapping[int, Ints]) -> Ground:
+    """The same agents along other lanes, or for another time."""
+    scene, agents = question.scene, ground.agents
+    paths = likely_paths(road, agents, scene.ego, question.ego_lanes, lanes, question.seconds)
+    if not question.params.interacting:
+        return ground._replace(paths=paths)
+    columns: Any = zip(paths, ground.paths, strict=True)
+    if ground.course is not None and all(np.array_equal(*each) for each in columns):
+        return ground
+    times = np.arange(times_of(question.seconds, question.params.step), dtype=np.float64)
+    vclass = np.concatenate([[scene.ego.vclass], agents.vclass]).astype(np.int32)
+    course = course_of(road, scene.signals, paths, vclass, times * question.params.step)
+    return ground._replace(paths=paths, course=course)
+
+
 def predict(
     road: RoadMap,
     question: Question,
     oracle: OracleData = NO_DATA,
     intent: Intent = NO_INTENT,
+    ground: Ground | None = None,
 ) -> Forecast:
     """A forecast of one hypothesis: one agent has the `intent`, the others react.
 
-    `oracle`: the answers of an oracle; without them the forecast uses what sensors see.
+    `oracle`: the answers of an oracle; without them the forecast uses what sensors see. `ground`:
+    that of the question without oracle and intent, where it is there already.
     """
-    scene, params = question.scene, question.params
-    times = times_of(question.seconds, params.step)
-    agents = changing(road, scene.agents, question.ego_lanes, params.aside)
-    known = dict(oracle.lanes)
+    if ground is None:
+        ground = ground_of(road, question, oracle.lanes)
     if intent.does == TURNS:
-        known[intent.agent] = np.array(intent.way, np.int32)
-    paths = likely_paths(road, agents, scene.ego, question.ego_lanes, known, question.seconds)
-    x, v, polite = drive(
-        road=road,
-        signals=scene.signals,
-        paths=paths,
-        drivers=_drivers(agents, question, intent),
-        nominal=question.nominal,
-        params=params,
-        of_ego=params._replace(accel=min(params.accel, scene.ego.max_accel)),
-        times=times,
-    )
-    on_foot = _on_foot(road, agents, question)
-    found = poses(road, agents, paths, on_foot, x, params.step)
+        way = {intent.agent: np.array(intent.way, np.int32)}
+        ground = led(road, question, ground, {**oracle.lanes, **way})
+    agents, params = ground.agents, question.params
+    x, v, polite = _driven(road, question, ground, intent)
+    found = poses(road, agents, ground.paths, ground.on_foot, x, params.step)
     forecast = Forecast(
         dt=params.step,
         weight=np.ones(1),
@@ -108,6 +133,32 @@ def predict(
     )
     _overwrite(forecast, oracle)
     return forecast
+
+
+def expected_accels(road: RoadMap, question: Question, ground: Ground) -> Floats:
+    """[N] accelerations of the agents in the first step if they did what is usual, whatever they
+    did of late, m/s2. `ground`: that of the question."""
+    step = question.params.step
+    forgetful = question.params._replace(persistence=0.0)
+    now = question._replace(params=forgetful, seconds=step)
+    _, v, _ = _driven(road, now, led(road, now, ground, NO_LANES), NO_INTENT)
+    return np.asarray((v[1, 1:] - v[0, 1:]) / step)
+
+
+def _driven(
+    road: RoadMap, question: Question, ground: Ground, intent: Intent
+) -> tuple[Floats, Floats, Bools]:
+    """As behaviour.drive."""
+    params = question.params
+    return drive(
+        course=ground.course,
+        drivers=_drivers(ground.agents, question, intent),
+        nominal=question.nominal,
+        params=params,
+        of_ego=params._replace(accel=min(params.accel, question.scene.ego.max_accel)),
+        times=times_of(question.seconds, params.step),
+        lanes=len(road.lane_ids),
+    )
 
 
 def _on_foot(road: RoadMap, agents: Agents, question: Question) -> Ways:

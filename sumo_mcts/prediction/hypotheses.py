@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sumo_mcts.prediction.alternatives import Alternative, alternatives
-from sumo_mcts.prediction.forecast import Question, predict
+from sumo_mcts.prediction.forecast import Question, expected_accels, ground_of, predict
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import STANDING, STARTS, Forecast
 
@@ -23,16 +23,15 @@ def predict_hypotheses(road: RoadMap, question: Question) -> Forecast:
     """A forecast of up to question.hypotheses joint hypotheses, the likeliest first, from what
     sensors see."""
     params, most = question.params, question.hypotheses
-    usual = predict(road, question)
+    ground = ground_of(road, question)
+    usual = predict(road, question, ground=ground)
     if most == 1 or not params.interacting:
         return usual
     found, odds = [usual], [1.0]
-    # What an agent does otherwise is the evidence, so this forecast must not have it in it.
-    without_habit = question._replace(params=params._replace(persistence=0.0), seconds=params.step)
-    plain = predict(road, without_habit)
-    expected = (plain.v[0, 1] - plain.v[0, 0]) / plain.dt
+    # What an agent does otherwise is the evidence, so what is expected must not have it in it.
+    expected = expected_accels(road, question, ground)
     for other in alternatives(road, question, usual, expected):
-        forecast = predict(road, question, intent=other.intent)
+        forecast = predict(road, question, intent=other.intent, ground=ground)
         if _differs(forecast, other):
             found.append(forecast)
             odds.append(other.odds)

@@ -40,6 +40,10 @@ class Paths(NamedTuple):
     ends: Ints  # [N] OPEN, EXIT or NARROWS
 
 
+_NOBODY: Ints = np.zeros(0, np.int32)
+NO_PATHS = Paths(np.zeros((0, LANES), np.int32), np.zeros((0, LANES + 1)), _NOBODY, _NOBODY)
+
+
 def likely_paths(
     road: RoadMap,
     agents: Agents,

@@ -25,7 +25,7 @@ from sumo_mcts.prediction.alternatives import (
     turn_likelihood,
 )
 from sumo_mcts.prediction.behaviour import HARD
-from sumo_mcts.prediction.forecast import Question, predict
+from sumo_mcts.prediction.forecast import Question, expected_accels, ground_of, predict
 from sumo_mcts.prediction.hypotheses import likeliest, predict_hypotheses
 from sumo_mcts.prediction.paths import likely_paths
 from sumo_mcts.road import ALLWAY, LEFT, RIGHT, STRAIGHT, VEHICLE_CLASSES, RoadMap
@@ -458,3 +458,25 @@ def test_the_likeliest_alone_is_the_first() -> None:
             np.array_equal(getattr(alone, name)[0], getattr(several, name)[0])
             and len(getattr(alone, name)) == 1
         )
+
+
+LEFT_WAY = tuple(lane(ROAD, name) for name in ("wi_0", ":wn_0", "no_0"))
+
+
+@pytest.mark.parametrize("intent", [Intent(0, BRAKES), Intent(0, TURNS, LEFT_WAY)])
+def test_what_hypotheses_have_in_common_is_the_same_for_each_alone(intent: Intent) -> None:
+    asked = question(may_turn())
+    ground = ground_of(ROAD, asked)
+    alone, shared = (
+        predict(ROAD, asked, intent=intent, **more) for more in ({}, {"ground": ground})
+    )
+    for name in FIELDS:
+        assert np.array_equal(getattr(alone, name), getattr(shared, name)), name
+    assert not np.array_equal(alone.pose, predict(ROAD, asked, ground=ground).pose)
+
+
+@pytest.mark.parametrize("scene", [may_turn(), may_force(), may_force(4.0, 80.0)])
+def test_the_expected_accelerations_are_those_of_a_forecast_without_habits(scene: Scene) -> None:
+    asked = question(scene)
+    found = expected_accels(ROAD, asked, ground_of(ROAD, asked))
+    assert found.tolist() == expected(scene).tolist()
