@@ -72,6 +72,12 @@ class Stop(NamedTuple):
     place: float = 0.0  # where the front is to stand, m; the end of a waypoint
     speed: float = 0.0  # m/s at most on a waypoint; 0: it has to stand
     after: int = 0  # edges of the route after its own
+    waits: bool = False  # at the end of a waypoint the ego has to stand until a time to come
+
+    @property
+    def ends(self) -> bool:
+        """Whether the ego has to stand there."""
+        return self.speed <= 0.0 or self.waits
 
 
 NO_STOP = Stop()

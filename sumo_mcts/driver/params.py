@@ -51,7 +51,7 @@ def ego_params(config: ScenarioConfig, ego: EgoState, physics: Physics) -> EgoPa
         ballistic=physics.ballistic,
         jerk=m.jerk_mps3,
         emergency_jerk=m.emergency_jerk_mps3,
-        comfort_decel=m.comfort_decel_mps2,
+        comfort_decel=min(m.comfort_decel_mps2, ego.comfort_decel),
         max_decel=min(m.max_decel_mps2, max(ego.emergency_decel, ego.comfort_decel)),
         max_accel=min(m.max_accel_mps2, ego.max_accel),
         approach_decel=m.approach_decel_mps2,

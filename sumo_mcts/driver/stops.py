@@ -26,7 +26,7 @@ def is_missed(route: RouteMap, stop: Stop, state: State, ego: EgoState) -> bool:
         return bool(route.leg[state.node] > leg)
     if route.internal[state.node] or route.lost[state.node]:
         return True  # the junction behind the edge of the stop, or a lane beside it
-    if stop.speed > 0.0:
+    if not stop.ends:
         return state.s > stop.place + PAST + SURELY_PAST_S * stop.speed
     return braking > stop.place - state.s + PAST
 
@@ -39,11 +39,20 @@ def _away(route: RouteMap, stop: Stop, state: State) -> float:
     return float(begin) + stop.place - here if edge.any() else -math.inf
 
 
+GIVEN_UP = "the stop ahead cannot be served any more: given up"
+
+
 def without_stop(decision: Decision) -> Decision:
     """The decision, and the next stop given up."""
     if not isinstance(decision.command, Follow):
         return decision
     return decision._replace(
         command=decision.command._replace(skips_stop=True),
-        reason=f"{decision.reason}; the stop ahead cannot be served any more: given up",
+        reason=f"{decision.reason}; {GIVEN_UP}",
     )
+
+
+def given_up(decision: Decision) -> str:
+    """Which stop the decision gives up, in words; "": none."""
+    skips = isinstance(decision.command, Follow) and decision.command.skips_stop
+    return GIVEN_UP if skips else ""

@@ -1,5 +1,5 @@
-"""The highest speed along a route: before lower limits, ends of lanes, stops, and limits that the
-simulation has just lowered."""
+"""The highest speed along a route: before lower limits, ends of lanes, waypoints, and limits that
+the simulation has just lowered."""
 
 import math
 from typing import NamedTuple
@@ -12,7 +12,6 @@ from sumo_mcts.scene import Stop
 
 SPACING = 1.0  # m between the rows of the pose and speed tables
 END_GAP = 1.5  # m kept to the end of a lane that leads nowhere
-SETTLE_S = 0.4  # s: how evenly the ego comes to a stand at the place of a stop
 NOTICED_S = 1.0  # s after the end of a waypoint for which its speed still holds
 
 
@@ -48,15 +47,13 @@ def fill_caps(
 def slow_down(
     cap: Floats, nxt: Indices, row: Indices, length: Floats, node: int, stop: Stop, decel: float
 ) -> None:
-    """Bound RouteMap.cap before a stop on `node`, and before a waypoint and on it.
+    """Bound RouteMap.cap before a waypoint on `node`, and on it.
 
-    The ego needs v SETTLE_S + v^2 / 2b metres to stand: so it creeps up to the place without going
-    beyond it. The speed of a waypoint holds for as long behind it as SUMO may take to notice.
+    Its speed holds for as long behind it as SUMO may take to notice.
     """
-    begin, end = stop.place, math.inf
-    if stop.speed > 0.0:
-        begin, end = math.floor(stop.begin), stop.place + stop.speed * NOTICED_S + SPACING
-    to = np.full(len(nxt), np.inf)  # m from the start of each node to the place
+    begin = math.floor(stop.begin)
+    end = stop.place + stop.speed * NOTICED_S + SPACING
+    to = np.full(len(nxt), np.inf)  # m from the start of each node to the waypoint
     to[node] = begin
     for i in range(node, -1, -1):
         if i != node and nxt[i] >= 0:
@@ -64,13 +61,7 @@ def slow_down(
         if math.isinf(to[i]):
             continue
         away = to[i] - np.arange(row[i + 1] - row[i]) * SPACING
-        if stop.speed > 0.0:
-            bound = np.sqrt(stop.speed**2 + 2.0 * decel * np.maximum(away, 0.0))
-        else:
-            # its slope behind the place is such that between two rows it is 0 at the place itself
-            before = np.where(away > 0.0, away, np.clip(away + SPACING, 1e-6, SPACING))
-            bound = decel * (np.sqrt(SETTLE_S**2 + 2.0 * before / decel) - SETTLE_S)
-            bound = np.where(away > 0.0, bound, away * bound / before)
+        bound = np.sqrt(stop.speed**2 + 2.0 * decel * np.maximum(away, 0.0))
         rows = slice(row[i], row[i + 1])
         cap[rows] = np.where(away >= begin - end, np.minimum(cap[rows], bound), cap[rows])
 

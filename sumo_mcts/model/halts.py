@@ -11,13 +11,13 @@ LINE_BEYOND = 2.0  # m from the place of a stop to a line that closes the lane b
 
 
 def halt_of(road: RoadMap, nodes: Nodes, legs: int, stop: Stop) -> Halt:
-    """The node of a stop. The lanes of its edge are cut there, unless it is a waypoint: its own
-    ends at a line LINE_BEYOND its place, the others at the place."""
+    """The node of a stop. The lanes of its edge are cut there, unless it is a waypoint that is
+    passed: its own ends at a line LINE_BEYOND its place, the others at the place."""
     leg = legs - 1 - stop.after
     node = nodes.number.get((leg, stop.lane), -1) if stop.lane >= 0 else -1
     if node < 0:
         return NO_HALT
-    if stop.speed > 0.0:
+    if not stop.ends:
         return Halt(node, stop.begin, False)
     edge = (nodes.leg == leg) & ~road.internal[nodes.lane]
     nodes.length[edge] = np.minimum(nodes.length[edge], max(stop.place, CUT))

@@ -5,10 +5,12 @@ import math
 from typing import NamedTuple
 
 from sumo_mcts.model.caps import SPACING
+from sumo_mcts.model.halts import LINE_BEYOND
 from sumo_mcts.model.local_map import LocalMap, State, index_at
 from sumo_mcts.model.route import (
     CAP,
     FIRST_ROW,
+    HALT_LINE,
     LAST_ROW,
     LEFT_NODE,
     LENGTH,
@@ -25,6 +27,7 @@ from sumo_mcts.scene import STANDING
 LOOK_AHEAD = 0.5  # s over which the speed adapts to what the road allows; a longer step is one
 FREE, RED_LINE, GOAL, OFF_END = range(4)
 SHORT_OF = 0.01  # m that a stop has to be short of a closed line
+EASES = 0.65  # share of the distance to the place of a stop that braking may take when it begins
 CREEP = 0.5  # 1/s: m/s for each metre to the place to stand, once that is nearer than one look
 HELD = 2.0  # m/s up to which running into the end of a lane is as good as stopping at it
 BEGUN = 1e-12  # progress of a lane change that is about to begin
@@ -65,14 +68,18 @@ def advance(
     the end of the route) or OFF_END (at the end of a lane that leads nowhere).
     """
     v, look = state.v, max(LOOK_AHEAD, p.step)
-    line = _to_line(local, p, state, time)
+    line, place = _to_line(local, p, state, time)
     ahead = _cap(local, state.node, state.s + v * look)
     allowed = (ahead - v) / look if ahead >= 0.0 or p.step < LOOK_AHEAD else math.inf
-    speed = _next_speed(p, v, state.a, min(accel, allowed, _towards_line(p, v, line, look)))
+    if place < math.inf:
+        allowed = min(allowed, _towards_place(p, v, state.a, place))
+    else:
+        allowed = min(allowed, _towards_line(p, v, line, look))
+    speed = _next_speed(p, v, state.a, min(accel, allowed))
     slowest = _next_speed(p, v, state.a, -p.max_decel)
     bound = _cap(local, state.node, state.s + _moved(p, v, speed))
-    if bound < 0.0:
-        bound = _up_to(p, speed, _cap(local, state.node, state.s), bound)
+    if place < math.inf:
+        bound = min(bound, _speed_to_stand(p, v, place))
     speed = min(speed, max(bound, slowest))
     if (
         line < math.inf
@@ -107,19 +114,38 @@ def _next_speed(p: EgoParams, v: float, a: float, wanted: float) -> float:
 
 
 @kernel
-def _up_to(p: EgoParams, speed: float, here: float, beyond: float) -> float:
-    """The speed that leads up to the place of a stop, where `speed` leads behind it: RouteMap.cap
-    is `here` before the step, and `beyond` (negative) after it.
+def _towards_place(p: EgoParams, v: float, a: float, distance: float) -> float:
+    """The acceleration with which the ego comes to a stand at the place of a stop, `distance` m
+    ahead.
 
-    It is that of RouteMap.cap after the step, or that which leads to the place itself, if the ego
-    can comfortably stand after one more step.
+    It brakes as soon as coming to a stand from now on would take EASES of the distance, gently at
+    first, and with comfort_decel where it takes all of it: it is slow where that costs least time.
     """
-    if here <= 0.0:
-        return 0.0
-    return max(
-        speed / (1.0 + (speed - beyond) / here),
-        min(speed * here / (here - beyond), 0.5 * p.approach_decel * p.step),
-    )
+    shorter = 0.0 if p.ballistic else 0.5 * v * p.step
+    share = _to_stand(p, v, a) / max(distance + shorter, SHORT_OF)
+    return p.comfort_decel * max((EASES - share) / (1.0 - EASES), -1.0)
+
+
+@kernel
+def _to_stand(p: EgoParams, v: float, a: float) -> float:
+    """m to a stand by braking with comfort_decel, which the ordinary jerk leads to."""
+    rises = max(a + p.comfort_decel, 0.0) / p.jerk  # s
+    left = v + (a - 0.5 * p.jerk * rises) * rises
+    if left < 0.0:  # it stands before
+        rises, left = (a + math.sqrt(a * a + 2.0 * p.jerk * v)) / p.jerk, 0.0
+    driven = (v + (0.5 * a - p.jerk * rises / 6.0) * rises) * rises
+    return driven + left * left / (2.0 * p.comfort_decel)
+
+
+@kernel
+def _speed_to_stand(p: EgoParams, v: float, distance: float) -> float:
+    """The highest speed after the coming step from which the ego, braking with comfort_decel in
+    whole steps, stands right at a place `distance` m ahead."""
+    once = p.comfort_decel * p.step  # m/s of braking in a step
+    steps = max(distance - (0.5 * v * p.step if p.ballistic else 0.0), 0.0) / p.step
+    # n steps after the coming one: its speed u drives u + (u - once) + ... + (u - n once) = steps
+    n = math.floor(0.5 * (math.sqrt(1.0 + 8.0 * steps / once) - 1.0))
+    return steps / (n + 1.0) + 0.5 * n * once
 
 
 @kernel
@@ -279,16 +305,18 @@ def _cap(local: LocalMap, node: int, s: float) -> float:
 
 
 @kernel
-def _to_line(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
-    """m to the next closed stop line; inf where there is none near enough to matter."""
+def _to_line(local: LocalMap, p: EgoParams, state: State, time: float) -> tuple[float, float]:
+    """m to the next closed stop line, and where that is the one behind the place of a stop, m to
+    that place; inf where there is none near enough to matter."""
     node, distance = state.node, -state.s
     limit = state.v * state.v / (2.0 * p.approach_decel) + state.v * (1.0 + p.step) + 10.0
     while node >= 0 and distance < limit:
         distance += local.node[node, LENGTH]
         if _must_stop(local, p, node, state, distance, time):
-            return distance
+            halts = local.node[node, STOP_LINE] == HALT_LINE
+            return distance, distance - LINE_BEYOND if halts else math.inf
         node = int(local.node[node, NEXT])
-    return math.inf
+    return math.inf, math.inf
 
 
 @kernel

@@ -44,6 +44,7 @@ from sumo_mcts.scene import NO_STOP, Stop
     NUMBER,
     OWES,
 ) = range(14)
+HALT_LINE = 2.0  # in column STOP_LINE: the line behind the place of a stop
 CAP, DRAWN = 4, 5  # columns of RouteMap.rows after those of the pose
 UPSTREAM_VIEW = 200.0  # m before the route over which the lanes that lead into it are followed
 
@@ -177,16 +178,19 @@ def route_map(
     )
     pose = _poses(road, lane, previous, row, node_length, length)
     drawn = drawing(road)
+    closes = line.astype(np.float64)
+    if halt.ends:
+        closes[halt.node] = HALT_LINE
     cap = np.zeros(row[-1])
     most = np.repeat(limit, np.diff(row))
     fill_caps(cap, nxt, row, node_length, most, (nxt < 0) & np.isinf(reach), decel)
-    if halt.node >= 0:
+    if halt.node >= 0 and stop.speed > 0.0:
         slow_down(cap, nxt, row, node_length, halt.node, stop, decel)
     return RouteMap(
         lane, leg, nxt, left, right, node_length, limit, station, changes,
         changes_ahead(nxt, changes), reach, lost, line, signal,
         np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
-        np.column_stack([nxt, left, right, node_length, limit, station, reach, line, internal,
+        np.column_stack([nxt, left, right, node_length, limit, station, reach, closes, internal,
         row[:-1], row[1:] - 1, road.junction[lane], _numbers(road, nodes),
         internal | against]).astype(np.float64),
         np.column_stack([pose, cap, _drawn(drawn, lane, row, length)]), _upstream(road, lane),
@@ -215,7 +219,7 @@ def eased(
     goal = (route.next < 0) & np.isinf(route.reach)
     along = (cap, route.next, route.row, route.length)
     fill_caps(*along, np.maximum(most, braked), goal, decel)
-    if route.halt.node >= 0:
+    if route.halt.node >= 0 and stop.speed > 0.0:
         slow_down(*along, route.halt.node, stop, decel)
     table[:, CAP] = cap
     return route._replace(cap=cap, rows=table)

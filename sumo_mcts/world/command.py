@@ -15,6 +15,7 @@ from sumo_mcts.world.library import import_libsumo
 from sumo_mcts.world.observe import Change, departure
 from sumo_mcts.world.places import Places
 from sumo_mcts.world.roadmap import sumo_lane
+from sumo_mcts.world.stops import skip_next
 from sumo_mcts.world.wish import Wish
 
 _SLACK = 1e-6  # m/s2: rounding is no trespass
@@ -78,8 +79,8 @@ class Commander:
         self._ask(0 if busy else command.asks)
         if command.lane_change != 0:
             self._begin_change(command.lane_change)
-        if command.skips_stop and self._get.getStops(self._vehicle, 1):
-            self._get.replaceStop(self._vehicle, 0, "")
+        if command.skips_stop:
+            skip_next(self._vehicle)
 
     @property
     def asks(self) -> int:

@@ -124,6 +124,10 @@ class Observer:
         self._agents.rows(ego, state.x, state.y, REFEREE_RANGE, time)
         return time
 
+    def is_held(self, vehicle: str) -> bool:
+        """Whether SUMO has a vehicle stand at a stop of its schedule."""
+        return self._stops.is_held(vehicle)
+
     def ego(self, vehicle: str, change: Change) -> EgoState:
         """The ego as its own sensors measure it."""
         get, kind = self._libsumo.vehicle, self._types.of(vehicle, self._time(), 0.0)

@@ -14,10 +14,22 @@ import numpy as np
 
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import NO_STOP, STANDING, Stop
+from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.simulation import is_ballistic, step_length
 
 _BUS, _CHARGING, _PARKING = 8, 32, 64  # bits of a stop's flags
 _ACCEPTED = 0.2  # m before the end of a lot within which a stand counts
 _SHORT = 0.02  # m before the end of a place at which the ego is to stand
+
+
+def skip_next(vehicle: str) -> None:
+    """Take the next stop out of a vehicle's schedule, if it has one.
+
+    A stop that was passed would have SUMO halt the vehicle at the end of the edge.
+    """
+    get = import_libsumo().vehicle
+    if get.getStops(vehicle, 1):
+        get.replaceStop(vehicle, 0, "")
 
 
 class StopReader:
@@ -28,6 +40,9 @@ class StopReader:
         self._libsumo, self._road, self._lanes = libsumo, road, lanes
         self._edges = {edge: i for i, edge in enumerate(road.edge_ids)}
         self._lots: dict[str, int] = {}  # of parking areas
+        self._step = step_length()  # s
+        # braking takes less where positions follow the speed at the end of a step: s of driving
+        self._shorter = 0.0 if is_ballistic() else 0.5 * self._step
 
     def read(self, vehicle: str, route: tuple[int, ...], lane: int, s: float) -> tuple[Stop, bool]:
         """The next stop of a vehicle on `lane` at `s` (m) with this route, and whether SUMO has the
@@ -36,8 +51,7 @@ class StopReader:
         listed = get.getStops(vehicle, 1)
         if not listed:
             return NO_STOP, False
-        data = listed[0]
-        held = bool(get.isStopped(vehicle)) and data.speed <= 0.0
+        data, held = listed[0], self.is_held(vehicle)
         at = self._lanes.get(data.lane, -1)
         if at < 0:
             at = self._any_lane(get.getStopParameter(vehicle, 0, "edge"), lane)
@@ -53,10 +67,21 @@ class StopReader:
             place = min(place, self._behind_others(vehicle, data) - _SHORT)
         if data.stopFlags & _PARKING and not held:
             v = float(get.getSpeed(vehicle))
-            ahead = s + v * v / (2.0 * get.getDecel(vehicle)) if here and first == 0 else 0.0
-            place = self._lot(data, ahead + (_ACCEPTED if v < STANDING else 0.0)) - _SHORT
+            braking = max(v / (2.0 * get.getDecel(vehicle)) - self._shorter, 0.0) * v
+            ahead = s + braking if here and first == 0 else 0.0
+            # SUMO takes a step to see that it stands
+            refused = v < STANDING and get.getWaitingTime(vehicle) > 1.5 * self._step
+            place = self._lot(data, ahead + (_ACCEPTED if refused else 0.0)) - _SHORT
         speed = max(float(data.speed), 0.0)
-        return Stop(at, begin, max(place, begin), speed, len(route) - 1 - first), held
+        waits = speed > 0.0 and float(data.until) > float(self._libsumo.simulation.getTime())
+        return Stop(at, begin, max(place, begin), speed, len(route) - 1 - first, waits), held
+
+    def is_held(self, vehicle: str) -> bool:
+        """Whether SUMO has a vehicle stand at its next stop."""
+        get = self._libsumo.vehicle
+        if not get.isStopped(vehicle):
+            return False
+        return float(get.getStops(vehicle, 1)[0].speed) <= 0.0
 
     def _any_lane(self, edge: str, lane: int) -> int:
         """The lane of a stop that any lane of an edge will do for: the vehicle's own, if it is on
