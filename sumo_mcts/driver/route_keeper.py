@@ -22,6 +22,7 @@ from sumo_mcts.numerics.signals import shown
 from sumo_mcts.road import RoadChanges, RoadMap
 from sumo_mcts.scene import AFTER_STOP, NO_STOP, STANDING, EgoState, Memory, Scene, Stop
 
+TOO_FAST = 0.05  # m/s beyond the limit under the ego that are no rounding
 NEAR_STOP = 3.0  # m before a stop sign within which standing counts
 
 
@@ -105,7 +106,7 @@ class RouteKeeper:
             if stop != self.stop or other_road or self._vehicle != self._laid_for(ego):
                 self.stop = stop
                 return self._renew(ego, self.route, self._laid_out(ego, self.edges))
-            if self._plain is not None and len(self._changes.lane):
+            if self._plain is not None:
                 return self._renew(ego, self.route, self._plain)
             return Kept.AS_IT_WAS
         if not ego.route or -1 in ego.route:
@@ -161,11 +162,15 @@ class RouteKeeper:
         )
 
     def _eased(self, ego: EgoState, plain: RouteMap) -> RouteMap:
-        """The route, with time to brake for what the simulation has changed."""
+        """The route, with time to brake for what the simulation has changed: lanes, and what the
+        vehicle itself may drive. That is told by an ego too fast for where it is."""
         state = None if ego.lane < 0 else ego_state(plain, as_seen(self.road, ego))
-        if state is None or not len(self._changes.lane):
+        if state is None:
             return plain
-        lowered, params = np.isin(plain.lane, self._changes.lane), self.params(ego)
+        slower = state.v > float(plain.limit[state.node]) + TOO_FAST
+        if not slower and not len(self._changes.lane):
+            return plain
+        lowered, params = slower | np.isin(plain.lane, self._changes.lane), self.params(ego)
         pace = Pace(state.node, state.s, state.v, state.a)
         return eased(plain, lowered, pace, params.approach_decel, params.jerk, self.stop)
 
