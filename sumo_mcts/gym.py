@@ -233,11 +233,11 @@ class DriveEnv(gymnasium.Env[Observation, np.int64]):
     def _drive_on(self, loop: Loop) -> bool:
         """Drive to the next scene in which the agent decides; False where the episode is over.
 
-        SUMO drives an ego that is not on its route.
+        SUMO drives an ego that is not on its route, and has it stand at its stops.
         """
         while scenes := loop.scenes():
             self._scene, self._road = scenes[self._ego], loop.world.road
-            placed = self._driver.placed(self._scene)
+            placed = None if self._scene.ego.held else self._driver.placed(self._scene)
             if placed is not None:
                 self._placed: tuple[Task, State] = placed
                 self._shown_at = time.perf_counter()

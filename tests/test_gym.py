@@ -18,6 +18,7 @@ import libsumo
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from helpers_networks import netconvert
 
 from sumo_mcts import config
 from sumo_mcts.driver.observation import EGO, Actions, Shown, bounds
@@ -296,6 +297,30 @@ def test_a_sumocfg_of_the_users_own() -> None:
         row["ego"],
         row["free_flow_s"],
     )
+
+
+def test_a_stop_is_no_decision(tmp_path: Path) -> None:
+    """The step in which SUMO has the ego stand there lasts until it lets the ego go."""
+    net = netconvert(
+        tmp_path,
+        '<node id="a" x="0" y="0"/><node id="b" x="200" y="0"/>',
+        '<edge id="ab" from="a" to="b" speed="13.9"/>',
+        "",
+    )
+    routes, sumocfg = tmp_path / "x.rou.xml", tmp_path / "x.sumocfg"
+    routes.write_text(
+        '<routes><vehicle id="ego" depart="0" departSpeed="5"><route edges="ab"/>'
+        '<stop lane="ab_0" endPos="60" duration="20"/></vehicle></routes>'
+    )
+    sumocfg.write_text(
+        f'<configuration><net-file value="{net}"/><route-files value="{routes}"/>'
+        '<step-length value="0.1"/></configuration>'
+    )
+    environment = DriveEnv(sumocfg=sumocfg, ego="ego")
+    _, rewards, info = drive(environment, [0], 1)
+    row = info["row"]
+    assert row["outcome"] == "arrived" and row["longest_stop_s"] >= 19.0
+    assert len(rewards) < (row["travel_time_s"] - 19.0) / 0.5 + 2
 
 
 @pytest.mark.parametrize(
