@@ -20,7 +20,7 @@ def summary_of(row: Row) -> str:
     lines += [
         _line("travel time", _travel_time(row)),
         _line("standing", _standing(row)),
-        *([_line("lane missed", printable(row["detours"]))] if row["detours"] else []),
+        *([_line("missed", printable(row["detours"]))] if row["detours"] else []),
         _line("comfort", _comfort(row)),
         _line("others", _others(row)),
         _line("rules", _rules(row)),

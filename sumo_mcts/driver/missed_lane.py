@@ -6,6 +6,7 @@ from collections.abc import Collection
 from math import inf
 
 from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.driver.missed_stop import waits_beside
 from sumo_mcts.model.continuation import changes_onward, leads_onto
 from sumo_mcts.numerics.lanes import against_traffic, with_changes
 from sumo_mcts.numerics.signals import shows
@@ -61,21 +62,21 @@ class MissedLane:
         if needed == 0:
             return ""
         onto = leads_onto(road, ego.lane, ego.vclass)
-        if not ego.held and _blocked(
-            road, scene, [lane for lanes in onto.values() for lane in lanes]
-        ):
+        onward = [lane for lanes in onto.values() for lane in lanes]
+        if not ego.held and not waits_beside(road, scene) and _blocked(road, scene, onward):
             # SUMO may have driven in between
             self._stood += min(scene.time - self._time, self._period)
         certain = needed is None and not self._tried
         return self._leave(ego, onto, certain) if certain or self._stood >= self._wait else ""
 
     def _leave(self, ego: EgoState, onto: Collection[int], certain: bool) -> str:
-        """Take the best other way; `certain`: no lane change is left."""
+        """Take the best other way; `certain`: no lane change is left, and it has not waited."""
         ids, self._tried = self._road.edge_ids, True
         route = [ids[edge] for edge in ego.route]
         why = "no lane change leads there" if certain else f"stood there {self._stood:.0f} s"
         lane = f"{self._road.lane_ids[ego.lane]} does not lead to {route[1]}; {why}"
-        for way in self._ways(route, [ids[edge] for edge in onto]):
+        stops = detour.stop_edges(self._vehicle)
+        for way in self._ways(route, [ids[edge] for edge in onto], stops, keeps_all=certain):
             wait = float(self._patience or 0.0) * 2.0 ** self._taken[way]
             if self._taken[way] and self._stood < wait:
                 self._wait = wait
@@ -83,21 +84,33 @@ class MissedLane:
             self._taken[way] += 1
             if detour.take(self._vehicle, way):
                 self.reroutes += 1
-                return f"takes another way, by {_short(way[1:])}: {lane}"
+                left_out = tuple((Counter(stops) - Counter(way)).elements())
+                without = f", without its stop on {_short(left_out)}" if left_out else ""
+                return f"takes another way, by {_short(way[1:])}{without}: {lane}"
         self._stood = 0.0
         return f"waits on, since no other way leads from here to the goal: {lane}"
 
-    def _ways(self, route: list[str], onto: list[str]) -> list[tuple[str, ...]]:
+    def _ways(
+        self, route: list[str], onto: list[str], stops: list[str], *, keeps_all: bool
+    ) -> list[tuple[str, ...]]:
         """The other ways from the present edge on, with what the route has after the next edge
-        where the ego has to be; those taken least often first, then the quickest."""
-        must = {*detour.stop_edges(self._vehicle), *self._named, route[-1]}
-        until = next(i for i in range(1, len(route)) if route[i] in must)
-        found = [
-            (way.seconds, (route[0], *way.edges, *route[until + 1 :]))
-            for way in detour.ways(self._vehicle, onto, route[until])
-        ]
-        others = [(self._taken[way], time, way) for time, way in found if way != tuple(route)]
-        return [way for _, _, way in sorted(others)]
+        where the ego has to be; those taken least often first, then the quickest.
+
+        Where there are none, and it need not keep all `stops` (edges), those that leave out the
+        fewest of them.
+        """
+        must = {*self._named, route[-1]}
+        for until in range(1, len(route)):
+            if route[until] not in must and route[until] not in stops:
+                continue
+            found = [
+                (way.seconds, (route[0], *way.edges, *route[until + 1 :]))
+                for way in detour.ways(self._vehicle, onto, route[until])
+            ]
+            others = [(self._taken[way], time, way) for time, way in found if way != tuple(route)]
+            if others or keeps_all or route[until] in must:
+                return [way for _, _, way in sorted(others)]
+        return []
 
 
 def _blocked(road: RoadMap, scene: Scene, onward: Collection[int]) -> bool:

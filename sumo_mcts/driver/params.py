@@ -18,6 +18,8 @@ from sumo_mcts.planners.failsafe_reach import Assumed
 from sumo_mcts.prediction.drivers import TrafficParams
 from sumo_mcts.scene import EgoState
 
+LEAST_DECEL = 0.1  # m/s2 that a vehicle can brake with, whatever its type says
+
 
 class Physics(NamedTuple):
     """How the running simulation moves vehicles."""
@@ -51,7 +53,7 @@ def ego_params(config: ScenarioConfig, ego: EgoState, physics: Physics) -> EgoPa
         ballistic=physics.ballistic,
         jerk=m.jerk_mps3,
         emergency_jerk=m.emergency_jerk_mps3,
-        comfort_decel=min(m.comfort_decel_mps2, ego.comfort_decel),
+        comfort_decel=min(m.comfort_decel_mps2, max(ego.comfort_decel, LEAST_DECEL)),
         max_decel=min(m.max_decel_mps2, max(ego.emergency_decel, ego.comfort_decel)),
         max_accel=min(m.max_accel_mps2, ego.max_accel),
         approach_decel=m.approach_decel_mps2,

@@ -16,7 +16,15 @@ from sumo_mcts.driver.stops import NONE_MISSED, is_missed
 from sumo_mcts.model.caps import Pace
 from sumo_mcts.model.local_map import State, ego_state
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.model.route import RouteMap, eased, is_rest_of, moved_to, route_map
+from sumo_mcts.model.route import (
+    RouteMap,
+    cap_at,
+    eased,
+    is_rest_of,
+    moved_to,
+    route_map,
+    steepened,
+)
 from sumo_mcts.numerics.lanes import usable, with_changes
 from sumo_mcts.numerics.signals import shown
 from sumo_mcts.road import RoadChanges, RoadMap
@@ -163,11 +171,16 @@ class RouteKeeper:
 
     def _eased(self, ego: EgoState, plain: RouteMap) -> RouteMap:
         """The route, with time to brake for what the simulation has changed: lanes, and what the
-        vehicle itself may drive. That is told by an ego too fast for where it is."""
+        vehicle itself may drive. That is told by an ego too fast for where it is. And one that is
+        too fast for the end of a lane beside its stop brakes for it as its type does."""
         state = None if ego.lane < 0 else ego_state(plain, as_seen(self.road, ego))
         if state is None:
             return plain
         slower = state.v > float(plain.limit[state.node]) + TOO_FAST
+        if plain.halt.ends and not slower and state.v > cap_at(plain, state.node, state.s):
+            decels = (self.params(ego).comfort_decel, ego.comfort_decel)
+            pace = Pace(state.node, state.s, state.v, state.a)
+            plain = steepened(plain, pace, decels, self.stop)
         if not slower and not len(self._changes.lane):
             return plain
         lowered, params = slower | np.isin(plain.lane, self._changes.lane), self.params(ego)

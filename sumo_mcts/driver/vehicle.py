@@ -8,6 +8,7 @@ import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.missed_lane import MissedLane
+from sumo_mcts.driver.missed_stop import MissedStop
 from sumo_mcts.driver.params import Physics, ego_params
 from sumo_mcts.driver.sensor import Sensor
 from sumo_mcts.road import RoadMap
@@ -56,9 +57,11 @@ class EgoVehicle:
         bounds = self._bounds(world.observer.ego(vehicle, Change()))
         self._commander = Commander(vehicle, world.road, world.observer.lanes, bounds)
         self._missed = MissedLane(vehicle, world.road, config, world.period)
+        self._missed_stop = MissedStop(vehicle, world.road, config, world.period)
         self._drives = False  # by decisions; else SUMO's own driver does
         self._frame: Frame | None = None
         self._time, self._next = 0.0, -math.inf  # now, and when to decide
+        self._held = False  # SUMO had it stand at a stop when it decided
         self._commanded: float | None = None  # when the last command was given
 
     def look(self) -> Frame:
@@ -66,6 +69,7 @@ class EgoVehicle:
         self._commander.notice()
         self._frame = self._world.observer.frame(self._vehicle, self._commander.change, self._frame)
         self._time = self._frame.time
+        self._decide_when_let_go(self._frame.ego.held)
         return self._frame
 
     def catch_up(self) -> None:
@@ -77,15 +81,22 @@ class EgoVehicle:
                 round((self._time - self._commanded) / self._world.physics.step) - 1
             )
         self._commander.notice()
+        self._decide_when_let_go(self._held and self._world.observer.is_held(self._vehicle))
 
     def due(self) -> bool:
         """Whether a decision is needed before the next step."""
         return self._time >= self._next - _EPS
 
+    def _decide_when_let_go(self, held: bool) -> None:
+        """An ego that SUMO lets go from a stop decides at once; `held`: SUMO has it stand there."""
+        if self._held and not held:
+            self._next = self._time
+
     def scene(self) -> Scene:
         """What the ego perceives, for the decision.
 
-        Where it has missed its lane for good, it has another route from now on.
+        Where it has missed its lane for good, it has another route from now on, and where it has
+        missed that of its stop, not that stop any more.
         """
         truth = self._world.observer.scene(
             self._vehicle,
@@ -94,9 +105,11 @@ class EgoVehicle:
             self._config.sensor.signals == "timing",
         )
         self._commander.bind(self._bounds(truth.ego))
+        self._held = truth.ego.held
         ego = truth.ego._replace(asks=self._commander.asks, can_ask=self._commander.can_ask)
         seen = self._senses.perceive(truth._replace(ego=ego))
-        detour = self._missed.note(seen) if self._drives else ""
+        watches = (self._missed, self._missed_stop) if self._drives else ()
+        detour = "; ".join(text for watch in watches if (text := watch.note(seen)))
         if detour:  # a stop is told by its place on the route
             ego = self._world.observer.ego(self._vehicle, Change())
         ego = seen.ego._replace(

@@ -10,6 +10,7 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.driver import PlanningResult
 from sumo_mcts.driver.forecaster import no_forecast
 from sumo_mcts.driver.params import deadline_s
+from sumo_mcts.driver.stops import given_up
 from sumo_mcts.episode.surroundings import lanes_around
 from sumo_mcts.model.route import is_rest_of
 from sumo_mcts.records import CycleRecord, Setting, Trace
@@ -40,7 +41,10 @@ class Recorder:
         deadline = deadline_s(config, period)
         searched = any(decision.iterations or decision.known for decision in decisions)
         detours = [
-            f"{scene.time:.1f} s: {text}" for scene in self._scenes if (text := scene.ego.detour)
+            f"{scene.time:.1f} s: {text}"
+            for scene, planned in zip(self._scenes, self._planned, strict=True)
+            for text in (scene.ego.detour, given_up(planned.decision))
+            if text
         ]
         return {
             "reroutes": self._scenes[-1].ego.reroutes if self._scenes else 0,

@@ -46,6 +46,7 @@ from sumo_mcts.scene import NO_STOP, Stop
 ) = range(14)
 HALT_LINE = 2.0  # in column STOP_LINE: the line behind the place of a stop
 CAP, DRAWN = 4, 5  # columns of RouteMap.rows after those of the pose
+SOON_S = 0.5  # s until the ego brakes
 UPSTREAM_VIEW = 200.0  # m before the route over which the lanes that lead into it are followed
 
 
@@ -221,6 +222,31 @@ def eased(
     fill_caps(*along, np.maximum(most, braked), goal, decel)
     if route.halt.node >= 0 and stop.speed > 0.0:
         slow_down(*along, route.halt.node, stop, decel)
+    table[:, CAP] = cap
+    return route._replace(cap=cap, rows=table)
+
+
+def cap_at(route: RouteMap, node: int, s: float) -> float:
+    """RouteMap.cap at a place of a node, m/s."""
+    cap = route.cap[route.row[node] : route.row[node + 1]]
+    return float(np.interp(s / SPACING, np.arange(len(cap)), cap))
+
+
+def steepened(route: RouteMap, pace: Pace, decels: tuple[float, ...], stop: Stop) -> RouteMap:
+    """The route for an ego that comes to a `stop` too fast for what it was laid out for: with the
+    first of these decelerations (m/s2) that is enough after half a second, else with the last."""
+    rows = np.diff(route.row)
+    most, goal = np.repeat(route.limit, rows), (route.next < 0) & np.isinf(route.reach)
+    soon = pace.s + SOON_S * pace.v
+    for decel in decels:
+        cap = np.zeros(len(most))
+        along = (cap, route.next, route.row, route.length)
+        fill_caps(*along, most, goal, decel)
+        if cap_at(route._replace(cap=cap), pace.node, soon) >= pace.v:
+            break
+    if stop.speed > 0.0:
+        slow_down(*along, route.halt.node, stop, decel)
+    table = route.rows.copy()
     table[:, CAP] = cap
     return route._replace(cap=cap, rows=table)
 

@@ -21,11 +21,12 @@ from sumo_mcts.planners.ply import (
     replay,
 )
 from sumo_mcts.planners.tree import Tree
-from sumo_mcts.scene import LOSS, Plan, RootChild
+from sumo_mcts.scene import LOSS, PASSABILITY, Plan, RootChild
 
 # s within which a planned change needs no help: a car that was asked would wait for an ego that
 # waits for it to pass
 SOON = 4.0
+ROUNDING = 1e-6  # m/s2
 
 
 class Candidate(NamedTuple):
@@ -142,6 +143,33 @@ def asked_side(start: Start, line: Floats) -> int:
     now[0, SIDE] = side
     *_, end = follow_line(local, start.task, start.q, state, start.others, now)
     return side if end == IMPOSSIBLE else 0
+
+
+def not_for_a_stop(start: Start, found: list[Candidate], chosen: int, most: float) -> int:
+    """`chosen`, or in its place the best candidate that does not, where it brakes with more than
+    `most` (m/s2) in the coming period for nothing but passability: for a gap beside, perhaps.
+
+    Only where a stop lies ahead: in its lane the ego can get later, or do without it.
+    """
+    if not start.task.route.halt.ends or _hardest(start, found[chosen]) <= most:
+        return chosen
+    gentle = [
+        i
+        for i, each in enumerate(found)
+        if _hardest(start, each) <= most and _others(each) <= _others(found[chosen])
+    ]
+    return min(gentle, key=lambda i: found[i].child.best, default=chosen)
+
+
+def _hardest(start: Start, candidate: Candidate) -> float:
+    """The strongest braking in the first action of a candidate, m/s2."""
+    v = np.concatenate([[start.state.v], candidate.plan.v[: start.q.ply]])
+    return float(-np.diff(v).min(initial=0.0)) / start.task.ego.step - ROUNDING
+
+
+def _others(candidate: Candidate) -> float:
+    """What a candidate costs, but for passability."""
+    return candidate.child.best - float(candidate.child.terms[PASSABILITY])
 
 
 def follow_line(

@@ -23,6 +23,7 @@ from sumo_mcts.planners.candidates import (
     Start,
     asked_side,
     cost_in,
+    not_for_a_stop,
     root_candidates,
     warm_start,
 )
@@ -137,6 +138,8 @@ class MctsPlanner(SeededPlanner):
             found, *more = self._weighed(situation, q, found, share)
             done, known = done + more[0], known + more[1]
         chosen, lost = self._choice(found)
+        if not lost:
+            chosen = not_for_a_stop(start, found, chosen, situation.scene.ego.comfort_decel)
         child, plan, line = found[chosen]
         gap = float(tree.leader[0, GAP])
         self._waited_s = waited_s(self._waited_s, local, task.route, state, gap, p.period_s)

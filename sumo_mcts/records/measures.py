@@ -152,7 +152,8 @@ MEASURES = (
             "and distance are those of the way that it drove.",
             label="Rerouted", counted=Count.EPISODES),
     Measure("detours", TEXT, "When and where it did so, by which edges, and why; also where no "
-            "other way led to the goal. Null where neither happened."),
+            "other way led to the goal, and where a stop was given up. Null where none of it "
+            "happened."),
     Measure("decision_flips", COUNT, "How often the plan for the coming second turned from "
             "accelerating to braking or back.", label="Flips", counted=Count.MEAN),
     Measure("red_lights_run", COUNT, "How often the front crossed a stop line at red though the "

@@ -201,15 +201,37 @@ def test_stops_stay_in_the_schedule(tmp_path: Path) -> None:
         assert libsumo.vehicle.getStopParameter("ego", 0, "edge") == "goal"
 
 
-@pytest.mark.parametrize("until", [None, "left"])
-def test_it_does_not_leave_out_where_it_has_to_be(until: str | None, tmp_path: Path) -> None:
-    """A stop, or the goal, on the edge that it cannot reach: no other way will do."""
-    stop = "" if until else '<stop lane="left_0" endPos="100" duration="5"/>'
-    with simulation(network(tmp_path, AROUND), [routes(tmp_path, inside=stop)]):
-        seen = list(drive(80.0, until))
+def test_it_does_not_leave_out_its_goal(tmp_path: Path) -> None:
+    """On the edge that it cannot reach: no other way will do."""
+    with simulation(network(tmp_path, AROUND), [routes(tmp_path)]):
+        seen = list(drive(80.0, "left"))
         assert libsumo.vehicle.getRoute("ego") == BLOCKED
-        assert until or libsumo.vehicle.getStopParameter("ego", 0, "edge") == "left"
     assert all(said.startswith("waits on") for _, said in story(seen)) and story(seen)
+
+
+LEFT_OUT = '<stop lane="left_0" endPos="100" duration="5"/>'
+
+
+@pytest.mark.parametrize("more", ["", '<stop lane="goal_0" endPos="100" duration="5"/>'])
+@pytest.mark.parametrize("lanes", ["", NO_CHANGE])
+def test_after_its_patience_it_leaves_out_the_stop_that_it_cannot_reach(
+    lanes: str, more: str, tmp_path: Path
+) -> None:
+    """And no other one. Before, it waited for ever."""
+    net = network(tmp_path, AROUND, lanes=lanes)
+    with simulation(net, [routes(tmp_path, inside=LEFT_OUT + more)]):
+        seen = []
+        for time, ego in drive(80.0):
+            seen.append((time, ego))
+            if ego.reroutes:
+                break
+        get = libsumo.vehicle
+        assert get.getRoute("ego") == ("in", "out", "around", "goal")
+        edges = [get.getStopParameter("ego", i, "edge") for i in range(len(get.getStops("ego")))]
+        assert edges == (["goal"] if more else [])
+    time, said = story(seen)[-1]
+    assert "by out around goal, without its stop on left: in_0 does not lead to left" in said
+    assert stood_before(seen, time) >= PATIENCE - 0.6
 
 
 def test_after_where_it_has_to_be_the_route_stays_as_it_was(tmp_path: Path) -> None:

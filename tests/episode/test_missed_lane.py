@@ -49,7 +49,7 @@ def test_an_ego_that_nobody_lets_in_arrives_by_another_way(tmp_path: Path) -> No
     words = ["explain", str(folder), "--at", when]
     told = CliRunner().invoke(app, words, catch_exceptions=False).output
     assert f"  {said}\n" in told
-    assert f"  lane missed  {row['detours']}\n" in summary_of(row)
+    assert f"  missed       {row['detours']}\n" in summary_of(row)
     shown = [cycle["detour"] for cycle in replay(trace)["cycles"] if cycle["detour"]]
     assert shown == [said]
     drawn = {

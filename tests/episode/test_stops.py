@@ -125,6 +125,7 @@ KINDS = {
     "behind a junction": ('<stop lane="bc_1" endPos="3" duration="5"/>', {}),
     "waits for a person": ('<stop busStop="bus" triggered="true"/>', {"others": WALKER}),
     "waypoint": ('<stop lane="ab_0" startPos="100" endPos="150" speed="4"/>', {}),
+    "waypoint until": ('<stop lane="ab_0" startPos="100" endPos="150" speed="4" until="30"/>', {}),
     "waypoint beside": ('<stop lane="ab_1" endPos="200" speed="4"/>', {}),
     "second round": (
         LANE.format(0, 150, 3) + '<stop lane="cd_0" endPos="50" duration="3"/>'
@@ -138,16 +139,62 @@ KINDS = {
 def test_stops_are_served_as_sumo_s_driver_does(kind: str, tmp_path: Path) -> None:
     """Before, the ego drove past its stop, and SUMO halted it at the end of the edge."""
     stops, more = KINDS[kind]
+    longer = 0.6 if "waypoint" in kind else 0.0  # s: it is braked for like any lower limit
     road(tmp_path)
     twin, expected = driven(tmp_path, stops, "sumo", **more)
     row, served = driven(tmp_path, stops, "mcts", **more)
     assert (twin["outcome"], row["outcome"]) == ("arrived", "arrived")
-    assert row["max_decel_mps2"] <= 4.5
-    assert row["travel_time_s"] <= 1.2 * twin["travel_time_s"]
+    assert row["max_decel_mps2"] <= 3.31
+    if kind != "second round":  # which has turns, too
+        assert row["travel_time_s"] <= twin["travel_time_s"] + 1.6 * len(served) + longer
     assert [s.lane for s in served] == [s.lane for s in expected]
     assert [s.place for s in served] == pytest.approx([s.place for s in expected], abs=0.5)
     if "waypoint" not in kind and kind != "until":
         assert [s.stood for s in served] == pytest.approx([s.stood for s in expected], abs=0.2)
+
+
+def queue(lane: int, front: float, count: int) -> str:
+    """Vehicles that stand in a lane for ever, bumper to bumper."""
+    return "".join(
+        f'<vehicle id="q{i:02d}" type="car" depart="0" departLane="{lane}" departPos="{at}" '
+        f'departSpeed="0"><route edges="ab bc"/><stop lane="ab_{lane}" endPos="{at + 0.1:.1f}" '
+        'duration="9999"/></vehicle>'
+        for i, at in enumerate(front - 7.5 * i for i in range(count))
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("front", "where"), [(170.0, "behind others"), (290.0, "beside it")])
+def test_a_stop_in_a_full_lane_is_given_up_after_a_while(
+    front: float, where: str, tmp_path: Path
+) -> None:
+    """As SUMO's driver does, the ego stood there for ever."""
+    road(tmp_path)
+    row, served = driven(
+        tmp_path,
+        LANE.format(1, 150, 5),
+        "mcts",
+        others=queue(1, front, int((front - 8.0) // 7.5) if where == "beside it" else 12),
+        overrides=("ego_model.reroute_after_s=10",),
+    )
+    assert (row["outcome"], served) == ("arrived", [])
+    assert row["max_decel_mps2"] <= 4.5 and row["longest_stop_s"] < 20.0
+    assert f"gives up its stop on ab_1 at 150 m: stood {where} 10 s" in row["detours"]
+
+
+@pytest.mark.slow
+def test_for_a_stop_beside_nobody_brakes_harder_than_its_type(tmp_path: Path) -> None:
+    """Too fast for the gentle way to the place, the ego braked with 8 m/s2 where 3 were enough."""
+    road(tmp_path)
+    row, _ = driven(
+        tmp_path,
+        LANE.format(1, 40, 5),
+        "mcts",
+        others=queue(1, 71.0, 9),
+        more='departSpeed="13.9" departLane="0"',
+        overrides=("ego_model.reroute_after_s=3",),
+    )
+    assert row["outcome"] == "arrived" and row["max_decel_mps2"] <= 4.51
 
 
 @pytest.mark.slow
@@ -277,6 +324,21 @@ def test_a_stop_that_comes_too_late_is_given_up(lane: int, tmp_path: Path) -> No
     assert loop.arrived and loop.hardest <= 4.5
     assert loop.stood == 0.0
     assert any("given up" in reason for reason in loop.reasons)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["setSpeedFactor", "setMaxSpeed"])
+def test_a_lower_speed_of_its_own_is_braked_for_as_a_lower_limit_is(
+    method: str, tmp_path: Path
+) -> None:
+    """Before with 8 m/s2, where SUMO's driver brakes with 4.5."""
+
+    def lower(vehicle: Any, time: float) -> None:
+        if time == pytest.approx(8.0):
+            getattr(vehicle, method)("ego", 0.5 if method == "setSpeedFactor" else 6.0)
+
+    loop = looped(tmp_path, lower)
+    assert loop.arrived and 1.5 < loop.hardest <= 2.5
 
 
 @pytest.mark.slow

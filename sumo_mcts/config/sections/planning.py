@@ -56,7 +56,8 @@ class EgoModelConfig(Section):
         60.0,
         description="in a lane that does not lead on along the route, take another way to the goal "
         "after standing there so long as the first in the lane, or at once where no lane change is "
-        "left; null: wait for a gap for ever (not with planner `sumo`)",
+        "left; likewise give up a stop beside which it stood so long; null: wait for a gap for "
+        "ever (not with planner `sumo`)",
     )
     overtakes: Flag = Field(
         True,
