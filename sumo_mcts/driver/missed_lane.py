@@ -7,7 +7,7 @@ from math import inf
 
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.missed_stop import waits_beside
-from sumo_mcts.model.continuation import changes_onward, leads_onto
+from sumo_mcts.model.continuation import changes_onward, leads_onto, missed_leg
 from sumo_mcts.numerics.lanes import against_traffic, with_changes
 from sumo_mcts.numerics.signals import shows
 from sumo_mcts.road import RoadMap
@@ -67,16 +67,20 @@ class MissedLane:
             # SUMO may have driven in between
             self._stood += min(scene.time - self._time, self._period)
         certain = needed is None and not self._tried
-        return self._leave(ego, onto, certain) if certain or self._stood >= self._wait else ""
+        return self._leave(ego, road, certain) if certain or self._stood >= self._wait else ""
 
-    def _leave(self, ego: EgoState, onto: Collection[int], certain: bool) -> str:
+    def _leave(self, ego: EgoState, road: RoadMap, certain: bool) -> str:
         """Take the best other way; `certain`: no lane change is left, and it has not waited."""
         ids, self._tried = self._road.edge_ids, True
         route = [ids[edge] for edge in ego.route]
+        leg, lanes = missed_leg(road, ego.route, ego.vclass, ego.lane)
+        onto = {edge for lane in lanes for edge in leads_onto(road, lane, ego.vclass)}
+        missed = route[min(leg + 1, len(route) - 1)]
         why = "no lane change leads there" if certain else f"stood there {self._stood:.0f} s"
-        lane = f"{self._road.lane_ids[ego.lane]} does not lead to {route[1]}; {why}"
+        lane = f"{self._road.lane_ids[ego.lane]} does not lead to {missed}; {why}"
         stops = detour.stop_edges(self._vehicle)
-        for way in self._ways(route, [ids[edge] for edge in onto], stops, keeps_all=certain):
+        edges = [ids[edge] for edge in sorted(onto)]
+        for way in self._ways(route, leg, edges, stops, keeps_all=certain):
             wait = float(self._patience or 0.0) * 2.0 ** self._taken[way]
             if self._taken[way] and self._stood < wait:
                 self._wait = wait
@@ -91,20 +95,20 @@ class MissedLane:
         return f"waits on, since no other way leads from here to the goal: {lane}"
 
     def _ways(
-        self, route: list[str], onto: list[str], stops: list[str], *, keeps_all: bool
+        self, route: list[str], leg: int, onto: list[str], stops: list[str], *, keeps_all: bool
     ) -> list[tuple[str, ...]]:
-        """The other ways from the present edge on, with what the route has after the next edge
-        where the ego has to be; those taken least often first, then the quickest.
+        """The other ways, which leave the route after its edge number `leg`, with what it has after
+        the next edge where the ego has to be; those taken least often first, then the quickest.
 
         Where there are none, and it need not keep all `stops` (edges), those that leave out the
         fewest of them.
         """
         must = {*self._named, route[-1]}
-        for until in range(1, len(route)):
+        for until in range(leg + 1, len(route)):
             if route[until] not in must and route[until] not in stops:
                 continue
             found = [
-                (way.seconds, (route[0], *way.edges, *route[until + 1 :]))
+                (way.seconds, (*route[: leg + 1], *way.edges, *route[until + 1 :]))
                 for way in detour.ways(self._vehicle, onto, route[until])
             ]
             others = [(self._taken[way], time, way) for time, way in found if way != tuple(route)]

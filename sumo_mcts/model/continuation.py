@@ -127,9 +127,12 @@ def continuation(
         onto = {i: _go_on(nodes, found, i, last=k == legs - 1 and not against[i]) for i in here}
         if halt.node in here:
             _halt(found, nodes, here, halt)
+        goes_on = {i: found.reach[i] for i in here if onto[i] >= 0 and not found.lost[onto[i]]}
+        for i in here if goes_on else ():
+            if onto[i] >= 0 and i not in goes_on:  # SUMO halts it at the end of this lane
+                found.next[i], found.reach[i] = -1, float(nodes.length[i])
         furthest = max((found.reach[i] for i in here), default=0.0)
         good = {i for i in here if found.reach[i] >= furthest - AS_FAR}
-        goes_on = {i: found.reach[i] for i in here if onto[i] >= 0 and not found.lost[onto[i]]}
         if halt.node in here:
             good, goes_on = {halt.node}, {}
         for i in here:
@@ -142,16 +145,55 @@ def continuation(
 
 def changes_onward(road: RoadMap, edges: tuple[int, ...], vclass: int, lane: int) -> int | None:
     """Lane changes from a lane of edges[0], one by one and positive to the left, to the nearest
-    lane that leads onto edges[1]; 0: the lane does, or the route ends with its edge.
+    lane that leads onto edges[1], and there to one that leads on, and so forth; 0: the lane does,
+    or the route ends with its edge.
 
     None: changes that a vehicle of this class may do lead to no such lane.
     """
     if len(edges) < 2:
         return 0
-    nodes = collect(road, edges[:2], vclass)
-    good = {nodes.number[key] for key, paths in nodes.following.items() if paths}
+    nodes = collect(road, edges, vclass)
+    beside = lanes_beside(road, nodes, vclass)
     node = nodes.number.get((0, lane))
-    return None if node is None else nearest(good, node, lanes_beside(road, nodes, vclass))
+    return None if node is None else nearest(_leading_on(nodes, beside, len(edges)), node, beside)
+
+
+def _leading_on(nodes: Nodes, beside: tuple[Indices, Indices], legs: int) -> set[int]:
+    """The nodes of the first of `legs` edges that lead onto the next one, to where lane changes
+    lead on from; all that lead onto it where none does, since SUMO drives on then."""
+    of_leg: list[list[int]] = [[] for _ in range(legs)]
+    for leg, lane in nodes.following:
+        of_leg[leg].append(lane)
+    on, within = set[int](), set(nodes.lane[nodes.leg == legs - 1].tolist())
+    for k in range(legs - 2, -1, -1):
+        exits = {j: {path[-1] for path in nodes.following[k, j]} for j in of_leg[k]}
+        on = {nodes.number[k, j] for j in of_leg[k] if exits[j] & within}
+        on = on or {nodes.number[k, j] for j in of_leg[k] if exits[j]}
+        within = {j for j in of_leg[k] if nearest(on, nodes.number[k, j], beside) is not None}
+    return on
+
+
+def missed_leg(
+    road: RoadMap, edges: tuple[int, ...], vclass: int, lane: int
+) -> tuple[int, list[int]]:
+    """Where a vehicle that stays in a lane of edges[0] leaves its route, whatever lanes it takes
+    further on: the index of the last edge that it drives, and the lanes that it can take there."""
+    nodes = collect(road, edges, vclass)
+    beside = lanes_beside(road, nodes, vclass)
+    leg, lanes = 0, [lane]
+    while leg + 1 < len(edges):
+        onto = {path[-1] for j in lanes for path in nodes.following.get((leg, j), [])}
+        if not onto:
+            break
+        leg += 1
+        those = {nodes.number[leg, j] for j in onto}
+        lanes = [
+            int(nodes.lane[i])
+            for (k, _), i in nodes.number.items()
+            if k == leg and not road.internal[nodes.lane[i]]
+            and any(nearest([i], start, beside) is not None for start in those)
+        ]  # fmt: skip
+    return leg, lanes
 
 
 def leads_onto(road: RoadMap, lane: int, vclass: int) -> dict[int, list[int]]:
@@ -199,7 +241,7 @@ def _onward(
 
 def _go_on(nodes: Nodes, found: Continuation, i: int, *, last: bool) -> int:
     """Fill in the path of node i to the next edge, where it ends there (-1: nowhere). A path to a
-    node that is lost ends with it: only before it can the ego still change."""
+    node that is lost ends before it: only up to there can the ego still change."""
     leg, lane, length = int(nodes.leg[i]), int(nodes.lane[i]), nodes.length
     found.reach[i] = math.inf if last else length[i]
     best, ends = (-math.inf, 0), -1

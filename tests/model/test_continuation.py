@@ -10,7 +10,14 @@ from helpers import lane as lane_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sumo_mcts.model.continuation import changes_onward, leads_onto
+from sumo_mcts.model.continuation import (
+    changes_onward,
+    collect,
+    continuation,
+    lanes_beside,
+    leads_onto,
+    missed_leg,
+)
 from sumo_mcts.road import RoadMap
 
 CAR = 0
@@ -118,3 +125,33 @@ def test_a_lane_leads_onto_what_is_open(made: list[Made]) -> None:
 def test_on_the_last_edge_every_lane_will_do(onto: str) -> None:
     road = road_of([Made(onto, False, False, True, True)])
     assert changes_onward(road, edges(road, "a"), CAR, lane_of(road, "a_0")) == 0
+
+
+def two_in_a_row(*, changes_on_a: bool) -> RoadMap:
+    """Edges a and b of two lanes each; only the left one of b leads to c, the right one to d. Lane
+    changes are banned on b, and perhaps on a."""
+    after = {"a_0": "b_0", "a_1": "b_1", "b_0": "d_0", "b_1": "c_0"}
+    begins = {"a": 0.0, "b": 100.0, "c": 200.0, "d": 200.0}
+    lanes = [
+        Lane(edge, k, ((x, 3.0 * k), (x + 100.0, 3.0 * k)),
+             (after[f"{edge}_{k}"],) if f"{edge}_{k}" in after else (),
+             change_left=ALL_CLASSES if edge == "a" and changes_on_a else 0)
+        for edge, x in begins.items()
+        for k in range(2 if edge in "ab" else 1)
+    ]  # fmt: skip
+    return build(lanes)
+
+
+def test_a_lane_that_leads_to_where_no_change_is_allowed_does_not_lead_on() -> None:
+    """SUMO halts its vehicles at the end of such a lane, within a step."""
+    for changes_on_a, needed in ((True, 1), (False, None)):
+        road = two_in_a_row(changes_on_a=changes_on_a)
+        route, lane = edges(road, "a", "b", "c"), lane_of(road, "a_0")
+        assert changes_onward(road, route, CAR, lane) == needed
+        assert changes_onward(road, route, CAR, lane_of(road, "a_1")) == 0
+        leg, there = missed_leg(road, route, CAR, lane)
+        assert (leg, there) == (1, [lane_of(road, "b_0")])
+        nodes = collect(road, route, CAR)
+        found = continuation(road, nodes, lanes_beside(road, nodes, CAR), len(route))
+        assert (found.next[nodes.number[0, lane]], found.reach[nodes.number[0, lane]]) == (-1, 100)
+        assert found.next[nodes.number[0, lane_of(road, "a_1")]] >= 0

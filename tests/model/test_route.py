@@ -446,7 +446,7 @@ def test_a_lane_that_leads_into_one_that_may_not_be_left_is_no_way() -> None:
     road = build(lanes)
     route = route_map(road, edges(road, "a", "b", "c", "d"), 0, 5.0, 1.0, 50.0, 2.0)
     a, b = (node_of(road, route, name) for name in ("a_0", "b_0"))
-    assert (float(route.reach[a]), int(route.changes[a])) == (110.0, 1)
+    assert (float(route.reach[a]), int(route.changes[a])) == (100.0, 1)
     assert int(route.changes[b]) == 0
 
 
