@@ -17,6 +17,7 @@ from sumo_mcts.model.gaps import (
     lane_left,
     target_lane,
 )
+from sumo_mcts.model.kerbs import stands_aside
 from sumo_mcts.model.local_map import (
     BIT,
     GOES_ROUND,
@@ -51,6 +52,7 @@ from sumo_mcts.model.reactions import seen
 from sumo_mcts.model.route import OWES
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import inlined, kernel
+from sumo_mcts.prediction.on_foot import BODY
 
 # m beyond which agents are ignored, but for those ahead in the ego's lane: a leader that came into
 # sight only there would cost the ego so much at once that it would rather wait out of sight.
@@ -152,8 +154,11 @@ def meet(  # noqa: PLR0915
                 rate += c.claim
         if not near:
             continue
-        other = Box(bx, by, bc, bs, length, local.trait[i, HALF_WIDTH])
-        nearness = _nearness(local, p, c, state, box, wide, other, v, at, t, i, moved)
+        aside = moved and stands_aside(local, p, state, others, i)
+        width = local.trait[i, HALF_WIDTH]
+        # who waits keeps still: no margin
+        other = Box(bx, by, bc, bs, BODY, BODY) if aside else Box(bx, by, bc, bs, length, width)
+        nearness = _nearness(local, p, c, state, box, wide, other, v, at, t, i, moved, aside)
         if math.isinf(nearness):
             return Meeting(True, rate, once, Neighbours(gap, leader_v, followers))
         rate += nearness
@@ -161,7 +166,7 @@ def meet(  # noqa: PLR0915
     if gap > LOOKS_FURTHER:
         neighbours = _with_distant_leader(local, state, x, y, others, neighbours, t)
     if local.node[state.node, OWES] > 0.0 or (changing and local.node[state.other, OWES] > 0.0):
-        rate += yielding_cost(local, p, c, state, t)
+        rate += yielding_cost(local, p, c, state, others, t)
     rate += _headway(c, neighbours.gap, state.v)
     return Meeting(False, rate, once, neighbours)
 
@@ -213,21 +218,24 @@ def _nearness(
     t: int,
     i: int,
     moved: bool,
+    aside: bool,
 ) -> float:
     """Cost per second, at forecast index `t`, of how near agent i is; inf: contact.
 
     Its box is `other`; the forecast has it there at index `at`, which is earlier if it is late.
+    `aside`: it waits for the ego at a kerb.
     """
     # with a deceleration the ego may have come to its stand in this step
     round_it = local.trait[i, GOES_ROUND] > 0.0 and state.v == 0.0 and state.a == 0.0
     if _touch(local, p, state, wide, other, v, at, i):
         return ROUND_SHARE * c.claim if round_it else math.inf
-    if moved:
+    on_foot = local.trait[i, ON_FOOT] > 0.0
+    if moved and (aside or at < t or not on_foot):
         return 0.0
     rate = (ROUND_SHARE if round_it else 1.0) * (
         late_cost(local, c, state, box, t, i) + occupancy_cost(local, c, state, box, t, i)
     )
-    if local.trait[i, ON_FOOT] > 0.0:
+    if on_foot:
         rate += passing_cost(c, state.v, box, other)
     return rate
 

@@ -7,12 +7,15 @@ import numpy as np
 
 from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.model.local_map import (
+    AGENT,
     ELSEWHERE,
     GONE,
+    KERB,
     KINDS,
     LATE,
     NEARBY,
     OCCUPANCY_SAMPLES,
+    PAST,
     UPSTREAM,
     State,
 )
@@ -28,6 +31,7 @@ from sumo_mcts.scene import STARTS, Agents, EgoState, Forecast
 
 MOST_ASKED = 4  # agents behind the ego that may make room in one cycle
 MOST_FOLLOWERS = 63  # bits of a mask
+MOST_AT_KERBS = 12  # people whom the search has wait or walk in one cycle
 CRAWLS = 1.0  # m/s of the ego below which people on foot walk round it
 
 
@@ -81,11 +85,12 @@ def traits(
     beside: tuple[Indices, Ints],
     bits: Indices,
     walks: Bools,
+    owed: Indices,
 ) -> Floats:
-    """LocalMap.trait, from its columns SLOT; BESIDE and UNTIL; BIT; and ON_FOOT."""
+    """LocalMap.trait, from its columns SLOT; BESIDE and UNTIL; BIT; ON_FOOT; and OWED."""
     return np.column_stack([
         forecast.half_length, forecast.half_width, forecast.reacts, traffic.polite,
-        slots, *beside, bits, walks, walks & (state.v < CRAWLS),
+        slots, *beside, bits, walks, walks & (state.v < CRAWLS), owed,
     ])  # fmt: skip
 
 
@@ -191,6 +196,21 @@ def slots_of(
     first = np.arange(len(those)) == traffic.starts
     numbers = _nearest(forecast, np.flatnonzero(those & ~first), ego, most)
     return np.where(first, 0, np.where(numbers >= 0, numbers + first.any(), -1))
+
+
+def owed_at(obligation: Floats, agents: int) -> Indices:
+    """Trait OWED of `agents`: the nearest kerb at which each may wait for the ego."""
+    owed = np.full(agents, -1)
+    those = np.flatnonzero(obligation[:, PAST] > 0.0)
+    furthest_first = those[np.argsort(-obligation[those, KERB], kind="stable")]
+    owed[obligation[furthest_first, AGENT].astype(int)] = furthest_first
+    return owed
+
+
+def with_people(slots: Indices, owed: Indices, forecast: Forecast, ego: EgoState) -> Indices:
+    """`slots` and, after those, the nearest people of trait OWED: the search moves them too."""
+    people = _nearest(forecast, np.flatnonzero(owed >= 0), ego, MOST_AT_KERBS)
+    return np.where(people >= 0, people + slots.max(initial=-1) + 1, slots)
 
 
 def bits_of(forecast: Forecast, node: Indices, ego: EgoState) -> Indices:

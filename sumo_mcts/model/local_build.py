@@ -16,10 +16,12 @@ from sumo_mcts.model.local_agents import (
     followers_of,
     levels,
     on_foot,
+    owed_at,
     reaching_in,
     slots_of,
     traffic_of,
     traits,
+    with_people,
 )
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.obligations import Coming, junction_nodes, obligations, to_oncoming, to_people
@@ -77,7 +79,6 @@ def build_local(
     length, limit = 2.0 * forecast.half_length, float(route.limit[state.node])
     bits = bits_of(forecast, node, scene.ego)
     followers = followers_of(node[0], traffic.s[0], forecast.reacts, bits, ahead, state, first)
-    slots = slots_of(route, state, forecast, traffic, scene.ego, rules)
     beside = reaching_in(
         road, scene.agents, traffic.lane, forecast.half_width, lane_node, forecast.dt
     )
@@ -89,6 +90,9 @@ def build_local(
         to_people(road, route.lane[junction_nodes(route, first, last, here)], lane_node,
                   np.flatnonzero(walks), traffic.pose, traffic.driven, forecast.half_length),
     ])  # fmt: skip
+    waits_at = owed_at(owed, len(bits))
+    slots = slots_of(route, state, forecast, traffic, scene.ego, rules)
+    slots = with_people(slots, waits_at, forecast, scene.ego)
     stands = standing(road, route, ahead, first, scene.agents, (node[0], position[0], v))
     needs = past_standing(route, view, here, stands)
     free_m = limit * len(v) * forecast.dt + FREE_BEYOND
@@ -102,7 +106,7 @@ def build_local(
         closed=closed, yellow=yellow, level=level, place=place,
         agent=np.dstack([traffic.pose, v, node, position, traffic.driven]),
         drawn=drawn(route, view, traffic.lane, traffic.s, length),
-        trait=traits(forecast, traffic, state, slots, beside, bits, walks),
+        trait=traits(forecast, traffic, state, slots, beside, bits, walks, waits_at),
         bounds=bounds(traffic, forecast, rules.claim_s),
         followers=followers, starts=traffic.starts, patience=rules.patience, asked=rules.asked,
         obligation=np.concatenate([owed, to_oncoming(road, route, view, coming)]),

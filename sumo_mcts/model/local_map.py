@@ -54,11 +54,11 @@ class LocalMap(NamedTuple):
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
     # [T, N] the share of its length to which an agent is drawn; [0, 0]: all are drawn in full
     drawn: Floats
-    trait: Floats  # [N, 10] HALF_LENGTH .. GOES_ROUND below
+    trait: Floats  # [N, 11] HALF_LENGTH .. OWED below
     # [T, N, 4] WEST .. NORTH: bounds of an agent's box at that time and LATE earlier, and of its
     # predicted occupancy
     bounds: Floats
-    # [K, 6] OWN_NODE .. MERGES below: stretches of a junction that an agent is going to use and
+    # [K, 8] OWN_NODE .. PAST below: stretches of a junction that an agent is going to use and
     # that the ego has to leave to it, and lanes of oncoming traffic likewise
     obligation: Floats
     # [G, .] NEXT_GATE .. CLOSES below: places ahead where the ego may have to wait
@@ -114,14 +114,25 @@ V, NODE, S, DRIVEN = range(4, 8)
 #   BIT         its bit among the followers; -1: it is too far away to be one
 #   ON_FOOT     1 where it is a person
 #   GOES_ROUND  1 where it is one that walks round the ego once the ego stands
-HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, ON_FOOT, GOES_ROUND = range(10)
+#   OWED        the row of LocalMap.obligation at whose kerb it may wait for the ego; -1: none
+(
+    HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, ON_FOOT, GOES_ROUND, OWED,
+) = range(11)  # fmt: skip
 
 # Columns of LocalMap.obligation: the ego's node; from where on it the ego's front is in the way, m;
 # where the stretch ends, m; the agent; m that it drives or walks until it enters the stretch; 1
 # where both lead into the same lane, HEAD_ON where the agent comes towards the ego on the node, and
-# then drives so far until it leaves it; UNSEEN likewise.
-OWN_NODE, OWED_FROM, STRETCH_END, AGENT, ENTERS, MERGES = range(6)
-HEAD_ON, UNSEEN = 2, 3
+# then drives so far until it leaves it; UNSEEN likewise; WALKS where it is on foot on a crossing
+# where people have to let vehicles pass. Of a person who has to let vehicles pass
+# and is not on the crossing yet: m that it walks to the kerb, and from there until it is past the
+# ego's way; else 0.
+OWN_NODE, OWED_FROM, STRETCH_END, AGENT, ENTERS, MERGES, KERB, PAST = range(8)
+HEAD_ON, UNSEEN, WALKS = 2, 3, 4
+
+# Columns of the array that holds the agents that the search moves (model/reactions.py). CLOCK:
+# forecast index (with fraction) of the place that the agent has reached; its delay at index t is
+# t - CLOCK. SPEED: m/s.
+CLOCK, SPEED = range(2)
 
 # Columns of LocalMap.gate (model/cost_to_go.py): the gate after it, -1: none; s of free driving
 # there; its node, counted from `first`; the sure gate after it, likewise SURE .. SPREAD below; s
@@ -270,6 +281,16 @@ def drawn_share(local: LocalMap, node: int, s: float) -> float:
     """The share of its length to which the ego is drawn, its front at s (m) on `node`."""
     row = int(local.node[node, FIRST_ROW]) + int(max(s, 0.0) / SPACING)
     return float(local.row[min(row, int(local.node[node, LAST_ROW])), DRAWN])
+
+
+@kernel
+def between(local: LocalMap, i: int, clock: float, column: int) -> float:
+    """A column of agent i between two forecast times, at index `clock` (with fraction)."""
+    k = min(int(clock), local.agent.shape[0] - 2)
+    return float(
+        local.agent[k, i, column]
+        + (clock - k) * (local.agent[k + 1, i, column] - local.agent[k, i, column])
+    )
 
 
 @kernel

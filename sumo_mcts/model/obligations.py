@@ -11,11 +11,14 @@ from sumo_mcts.model.local_map import (
     AGENT,
     ENTERS,
     HEAD_ON,
+    KERB,
     MERGES,
     OWED_FROM,
     OWN_NODE,
+    PAST,
     STRETCH_END,
     UNSEEN,
+    WALKS,
 )
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.numerics.kernel import entry, kernel
@@ -43,25 +46,25 @@ class Coming(NamedTuple):
 def obligations(
     road: RoadMap, route: RouteMap, first: int, last: int, here: float, coming: Coming
 ) -> Floats:
-    """[K, 6] LocalMap.obligation, on the nodes [first, last) of the route.
+    """[K, 8] LocalMap.obligation, on the nodes [first, last) of the route.
 
     It covers the junctions of the next JUNCTION_VIEW metres from `here`, m from the start of the
     route.
     """
     nodes = junction_nodes(route, first, last, here)
-    rows = np.zeros((MOST, MERGES + 1))
+    rows = np.zeros((MOST, PAST + 1))
     used = _find_obligations(rows, nodes, route.lane, areas_of(road), ahead_of(road), coming)
     return rows[:used]
 
 
 def to_oncoming(road: RoadMap, route: RouteMap, view: slice, coming: Coming) -> Floats:
-    """[K, 6] LocalMap.obligation: what an ego that overtakes owes to those that come towards it."""
-    rows = [np.zeros((0, MERGES + 1))]
+    """[K, 8] LocalMap.obligation: what an ego that overtakes owes to those that come towards it."""
+    rows = [np.zeros((0, PAST + 1))]
     for n in (view.start + np.flatnonzero(route.oncoming[view])).tolist():
         on_it = (coming.lane == facing(road)[route.lane[n]]) & coming.valid
         those = np.flatnonzero(on_it.any(axis=0))
         at = np.argmax(on_it[:, those], axis=0)
-        row = np.zeros((len(those), MERGES + 1))
+        row = np.zeros((len(those), PAST + 1))
         row[:, OWN_NODE], row[:, AGENT] = n, those
         row[:, MERGES] = np.where(coming.unseen[those], UNSEEN, HEAD_ON)
         row[:, STRETCH_END] = math.inf
@@ -81,21 +84,24 @@ def to_people(
     road: RoadMap, lanes: Indices, lane_node: Indices, people: Indices, pose: Floats,
     driven: Floats, half_length: Floats,
 ) -> Floats:  # fmt: skip
-    """[K, 6] LocalMap.obligation: what the ego owes to people who are going to walk over crossings
+    """[K, 8] LocalMap.obligation: what the ego owes to people who are going to walk over crossings
     of its `lanes`.
 
     `lane_node` [L] the node of each lane of the road; `people`: which of the N agents are on foot;
     `pose` [T, N, 4] and `driven` [T, N]: where the agents are, and how far they have come, m.
     """
-    rows = [np.zeros((0, MERGES + 1))]
+    rows = [np.zeros((0, PAST + 1))]
     crossings = crossings_on(road, lanes if len(people) else lanes[:0])
     for c, lane in enumerate(crossings.lane):
-        enters = entering_m(crossings, c, pose, driven, half_length, people)
-        those = np.flatnonzero(enters < np.inf)
-        row = np.zeros((len(those), MERGES + 1))
+        enters, kerb, past = entering_m(crossings, c, pose, driven, half_length, people)
+        those = np.flatnonzero((enters < np.inf) | (crossings.yields[c] & (past > 0.0)))
+        row = np.zeros((len(those), PAST + 1))
         row[:, OWN_NODE], row[:, STRETCH_END] = lane_node[lane], crossings.last[c]
         row[:, OWED_FROM] = crossings.first[c] - AWAY
         row[:, AGENT], row[:, ENTERS] = people[those], enters[those]
+        if crossings.yields[c]:
+            row[:, KERB], row[:, PAST] = kerb[those], past[those]
+            row[:, MERGES] = np.where(past[those] > 0.0, WALKS, 0.0)
         rows.append(row)
     return np.concatenate(rows)
 
@@ -104,7 +110,7 @@ def to_people(
 def _find_obligations(
     rows: Floats, nodes: Indices, node_lane: Indices, areas: Areas, ahead: Ahead, coming: Coming
 ) -> int:
-    """Write the obligations on `nodes` into `rows` [., 6]; how many were written."""
+    """Write the obligations on `nodes` into `rows` [., 8]; how many were written."""
     used = 0
     for node in nodes:
         here = node_lane[node]

@@ -1,9 +1,12 @@
 """The predicted occupancy of the others and the ego's yield obligations: where other vehicles are
 about to be, and what it costs to be there."""
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.model.cost_params import CostParams
+from sumo_mcts.model.kerbs import stands_aside
 from sumo_mcts.model.local_map import (
     AGENT,
+    CLOCK,
     DRIVEN,
     EAST,
     ENTERS,
@@ -14,17 +17,21 @@ from sumo_mcts.model.local_map import (
     MERGES,
     NORTH,
     OCCUPANCY_SAMPLES,
+    OWED,
     OWED_FROM,
     OWN_NODE,
     POLITE,
     REACTS,
+    SLOT,
     SOUTH,
     STRETCH_END,
     UNSEEN,
+    WALKS,
     WEST,
     LocalMap,
     State,
     V,
+    between,
     boxes_meet,
     is_gone,
     on_other_level,
@@ -38,6 +45,7 @@ LATE_SHARE = 0.5  # of cost.claim, where an agent is if it comes later than its 
 # Of cost.claim, inside a junction, where an agent with the right of way begins to brake; and what
 # the missing share of its safe gap adds: with a quarter missing it is all of cost.claim.
 BRAKES_SHARE, GROWTH = 0.5, 2.0
+STEPS = 0.5  # m, beside a second's way, of who walks where vehicles have the right of way
 
 
 @kernel
@@ -97,7 +105,9 @@ def _meets(local: LocalMap, state: State, box: Box, at: int, i: int) -> bool:
 
 
 @kernel
-def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, t: int) -> float:
+def yielding_cost(
+    local: LocalMap, p: EgoParams, c: CostParams, state: State, others: Floats, t: int
+) -> float:
     """Cost per second of being inside a junction while an agent with the right of way comes near,
     or in the lane of one that comes towards the ego. Drivers brake for any vehicle there."""
     rate = 0.0
@@ -113,7 +123,12 @@ def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, t:
             continue
         if local.obligation[k, STRETCH_END] - state.s + 2.0 * p.half_length < 0.0:
             continue
-        distance = local.obligation[k, ENTERS] - local.agent[t, i, DRIVEN]
+        driven = local.agent[t, i, DRIVEN]
+        if local.trait[i, OWED] >= 0.0 and local.trait[i, SLOT] >= 0.0:
+            if stands_aside(local, p, state, others, i):
+                continue
+            driven = between(local, i, others[int(local.trait[i, SLOT]), CLOCK], DRIVEN)
+        distance = local.obligation[k, ENTERS] - driven
         if head_on:
             distance -= state.s
         # To a driver in SUMO, a vehicle that crosses its path is as good as standing there; one
@@ -121,6 +136,8 @@ def yielding_cost(local: LocalMap, p: EgoParams, c: CostParams, state: State, t:
         needed = STANDSTILL + safe_gap(
             local.agent[t, i, V], state.v if local.obligation[k, MERGES] == 1.0 else 0.0, USUAL_S
         )
+        if local.obligation[k, MERGES] == WALKS:
+            needed = STEPS + local.agent[t, i, V] * USUAL_S
         if 0.0 < distance < needed:
             v = local.agent[t, i, V]
             # an agent that can stop in comfort may have to for an ego that has waited long

@@ -4,6 +4,7 @@ much as the ego holds it up.
 An agent that is held up only falls behind its forecast: it stays clear of the vehicles that the
 forecast has it follow. It brakes as SUMO's drivers do (Krauss 1998, with a reaction time of a
 second and 4.5 m/s2): late and hard. One that has stood brakes for an ego across its path, too.
+People wait at the kerb, or do not (kerbs.py).
 """
 
 import math
@@ -11,15 +12,20 @@ import math
 import numpy as np
 
 from sumo_mcts.arrays import Floats
+from sumo_mcts.model.kerbs import walk
 from sumo_mcts.model.local_map import (
+    CLOCK,
     DRIVEN,
     HALF_LENGTH,
     HALF_WIDTH,
+    OWED,
     SLOT,
+    SPEED,
     LocalMap,
     S,
     State,
     V,
+    between,
     boxes_meet,
     chain_gap,
     is_gone,
@@ -38,10 +44,6 @@ CATCHES_UP = 2.0  # m/s2 with which an agent that is late drives faster again
 # m/s2 with which an agent brakes at most for an ego that asks for room: SUMO's brake with 4.5
 HELPS = 3.0
 IMPOSED = 2.0  # m/s2 of braking that counts as imposed (measures)
-
-# Columns of the array that holds the reacting agents. CLOCK: forecast index (with fraction) of the
-# place that the agent has reached; its delay at index t is t - CLOCK. SPEED: m/s.
-CLOCK, SPEED = range(2)
 
 
 def undisturbed(local: LocalMap, count: int = 0) -> Floats:
@@ -67,9 +69,12 @@ def react(
         r = int(local.trait[i, SLOT])
         if r < 0 or is_gone(local, t, i):
             continue
+        if local.trait[i, OWED] >= 0.0:
+            walk(local, p, state, others, t, i, seconds)
+            continue
         clock, v = others[r, CLOCK], others[r, SPEED]
         k = int(clock)
-        driven = _at(local, i, clock, DRIVEN)
+        driven = between(local, i, clock, DRIVEN)
         gap = _gap_to_ego(
             local,
             p,
@@ -119,19 +124,9 @@ def seen(
     k = int(clock)
     s = _position(local, i, clock)
     return (
-        _at(local, i, clock, X), _at(local, i, clock, Y), _at(local, i, clock, COS),
-        _at(local, i, clock, SIN), others[r, SPEED], s, k,
+        between(local, i, clock, X), between(local, i, clock, Y), between(local, i, clock, COS),
+        between(local, i, clock, SIN), others[r, SPEED], s, k,
     )  # fmt: skip
-
-
-@kernel
-def _at(local: LocalMap, i: int, clock: float, column: int) -> float:
-    """A column of agent i between two forecast times."""
-    k = min(int(clock), local.agent.shape[0] - 2)
-    return float(
-        local.agent[k, i, column]
-        + (clock - k) * (local.agent[k + 1, i, column] - local.agent[k, i, column])
-    )
 
 
 @kernel
@@ -154,7 +149,7 @@ def _gap_across(local: LocalMap, p: EgoParams, state: State, others: Floats, i: 
     r = int(local.trait[i, SLOT])
     x, y, cs, sn = pose_of(local, p, state)
     box, near = Box(x, y, cs, sn, p.half_length, p.half_width), p.half_length + p.half_width
-    v, driven = others[r, SPEED], _at(local, i, others[r, CLOCK], DRIVEN)
+    v, driven = others[r, SPEED], between(local, i, others[r, CLOCK], DRIVEN)
     view = 2.0 * (STANDSTILL + v * USUAL_S + v * v / (2.0 * DECEL))
     for k in range(int(others[r, CLOCK]) + 1, local.agent.shape[0]):
         row = local.agent[k, i]
@@ -207,4 +202,6 @@ def _gap_to(local: LocalMap, others: Floats, i: int, node: int, s: float) -> flo
 def _position(local: LocalMap, i: int, clock: float) -> float:
     """Lane position of agent i between two forecast times, on its lane at the earlier one, m."""
     k = int(clock)
-    return float(local.agent[k, i, S] + _at(local, i, clock, DRIVEN) - local.agent[k, i, DRIVEN])
+    return float(
+        local.agent[k, i, S] + between(local, i, clock, DRIVEN) - local.agent[k, i, DRIVEN]
+    )

@@ -15,7 +15,7 @@ from sumo_mcts.model.cost import (
 )
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.interaction import Neighbours, meet, place_is_free
-from sumo_mcts.model.local_map import LocalMap, State, index_at, urgency_at
+from sumo_mcts.model.local_map import CLOCK, SPEED, LocalMap, State, index_at, urgency_at
 from sumo_mcts.model.motion import (
     GOAL,
     OFF_END,
@@ -29,7 +29,7 @@ from sumo_mcts.model.motion import (
     pose_of,
     within_step,
 )
-from sumo_mcts.model.reactions import CLOCK, SPEED, react
+from sumo_mcts.model.reactions import react
 from sumo_mcts.model.route import LIMIT
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import entry, inlined, kernel

@@ -6,8 +6,15 @@ from typing import NamedTuple
 
 from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.interaction import Neighbours
-from sumo_mcts.model.local_map import MOTION_TURN, WHERE_NODE, WHERE_OTHER, State, keep_state
-from sumo_mcts.model.reactions import CLOCK, SPEED
+from sumo_mcts.model.local_map import (
+    CLOCK,
+    MOTION_TURN,
+    SPEED,
+    WHERE_NODE,
+    WHERE_OTHER,
+    State,
+    keep_state,
+)
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.planners.actions import copy_line
 from sumo_mcts.planners.ply import copy_pairs

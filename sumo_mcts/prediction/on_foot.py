@@ -3,7 +3,9 @@
 A person at a corner faces the corner until it turns onto the crossing. Straight on it would never
 come before the ego. Which way it takes is not known, so the one that matters is expected. Where
 people have to let vehicles pass, one that comes to the crossing stops before it for an ego that is
-near and goes straight on, and goes first where the ego is far, slow or turns.
+near and has not turned yet, and goes first where the ego is far, slow or has turned. Then only
+the search tells whether it waits (model/kerbs.py). An ego that turns to the near side, right where
+traffic drives on the right, counts on nobody to wait.
 """
 
 import math
@@ -16,7 +18,7 @@ import numpy as np
 from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.road import PEOPLE_FIRST, PEOPLE_WAIT, STRAIGHT, RoadMap
+from sumo_mcts.road import LEFT, PEOPLE_FIRST, PEOPLE_WAIT, RIGHT, STRAIGHT, RoadMap
 from sumo_mcts.scene import Agents, EgoState
 
 ENTERS_S = 4.0  # within which a person comes to a crossing that it is expected to walk over
@@ -24,6 +26,7 @@ BESIDE = 0.5  # m: so near to its edges one is on it, and between them enters it
 ALONG = 0.3  # share of its way that leads along the crossing, with less it may go either way
 SAMPLE = 0.25  # m between the points of a lane that are looked at
 MOST_KEPT = 256  # lanes of which the crossings are kept, and with them their road maps
+NOT_TURNED = 0.7  # cosine of the angle by which a vehicle may have turned that they wait for
 EGO_HALF = 1.0  # m from the middle of a lane to the side of the ego
 # s: people who have to let vehicles pass wait if the ego could be there sooner. SUMO's people wait
 # where a vehicle could be at the junction within 3.2 s. In front of one that is inside already they
@@ -32,6 +35,8 @@ GAP_S = 2.5
 SLOW = 5.0  # m/s: they do not wait for an ego that stands or is slower
 LEAST_ACCEL = 0.1  # m/s2 that any ego is taken to have
 KERB = 0.5  # m before a crossing at which they wait
+BODY = 0.25  # m from the middle of a person to its side
+STEP = 0.5  # m of a crossing on which they may be before they are on their way over it
 
 
 class Crossings(NamedTuple):
@@ -46,7 +51,8 @@ class Crossings(NamedTuple):
     near: Floats  # [C] the ego's part of the crossing, from where to where along it, m
     far: Floats  # [C] m
     lane: Ints  # [C] the ego's lane
-    waits: Bools  # [C] people have to let vehicles pass, and the ego does not turn onto it
+    yields: Bools  # [C] people have to let vehicles pass, and the ego counts on it,
+    waits: Bools  # [C] and the ego has not turned when it comes to it
 
 
 class Approach(NamedTuple):
@@ -86,11 +92,15 @@ def crossings_on(road: RoadMap, lanes: Ints | Indices) -> Crossings:
     """The crossings that the ego meets on `lanes` [K]."""
     inside = lanes[road.junction[lanes] >= 0].tolist()
     found = [row for lane in inside for row in _crossings_of(_Same(road), lane)]
-    rows = np.array(found).reshape(-1, 12)
+    rows = np.array(found).reshape(-1, 13)
     length, half, first, last, near, far = rows[:, 4:10].T.copy()
     begin, along, lane = rows[:, :2].copy(), rows[:, 2:4].copy(), rows[:, 10].astype(np.int32)
-    waits = (rows[:, 11] == PEOPLE_WAIT) & (road.direction[lane] == STRAIGHT)
-    return Crossings(begin, along, length, half, first, last, near, far, lane, waits)
+    # who turns to the near side passes so close behind people on the crossing that it needs them
+    # to walk on, and they may stop for it: it waits for all of them
+    near_side = LEFT if road.lefthand else RIGHT
+    yields = (rows[:, 11] == PEOPLE_WAIT) & (road.direction[lane] != near_side)
+    waits = yields & ((road.direction[lane] == STRAIGHT) | (rows[:, 12] > NOT_TURNED))
+    return Crossings(begin, along, length, half, first, last, near, far, lane, yields, waits)
 
 
 def approach(road: RoadMap, lanes: Ints, ego: EgoState, crossings: Crossings) -> Approach:
@@ -134,9 +144,23 @@ def _meeting(road: RoadMap, lane: int, crossing: int) -> Iterator[tuple[float, .
     on, off = away @ along, away @ np.array([-along[1], along[0]])
     meets = (on >= 0.0) & (on <= length) & (np.abs(off) <= half)
     if meets.any():
-        covered = at[meets.any(axis=0)] / road.scale[lane]
+        there = np.flatnonzero(meets.any(axis=0))
+        covered = at[there] / road.scale[lane]
         part = covered[0], covered[-1], on[meets].min(), on[meets].max()
-        yield (*begin, *along, length, half, *part, lane, int(road.rule[crossing]))
+        k = int(there.mean())
+        step = front[min(k + 1, len(at) - 1)] - front[max(k - 1, 0)]
+        ahead = step @ _comes_from(road, lane) / max(float(np.linalg.norm(step)), 1e-9)
+        yield (*begin, *along, length, half, *part, lane, int(road.rule[crossing]), ahead)
+
+
+def _comes_from(road: RoadMap, lane: int) -> Floats:
+    """[2] unit vector along the end of the road by which `lane`, inside a junction, is reached."""
+    while road.internal[lane] and (road.successor == lane).any():
+        into = np.flatnonzero(road.successor == lane)[0]
+        lane = int(np.searchsorted(road.successor_offset, into, side="right")) - 1
+    last = road.points[road.point_offset[lane + 1] - 2 : road.point_offset[lane + 1]]
+    way = last[1] - last[0]
+    return np.asarray(way / max(float(np.linalg.norm(way)), 1e-9))
 
 
 @kernel
@@ -149,15 +173,17 @@ def _place(crossings: Crossings, c: int, x: float, y: float) -> tuple[float, flo
 
 def entering_m(
     crossings: Crossings, c: int, pose: Floats, driven: Floats, half: Floats, people: Indices
-) -> Floats:
+) -> tuple[Floats, Floats, Floats]:
     """[P] m that `people` [P] walk until they are on the ego's part of crossing c; inf: never, or
-    they are there already.
+    they are there already. And until they are at its kerb, and from there past the ego's part; 0
+    where they are on the crossing already.
 
     Agents are at `pose` [T, N, 4] after `driven` [T, N] m, `half` [N] m long to either side.
     """
-    found = np.full(len(people), np.inf)
+    found = np.zeros((3, len(people)))
+    found[0] = np.inf
     _fill_entering(found, crossings, c, pose, driven, half, people)
-    return found
+    return found[0], found[1], found[2]
 
 
 @entry
@@ -165,14 +191,20 @@ def _fill_entering(
     found: Floats, crossings: Crossings, c: int, pose: Floats, driven: Floats, half: Floats,
     people: Indices,
 ) -> None:  # fmt: skip
-    """Fill `found` [P], which is inf before."""
+    """Fill `found` [3, P], which is inf and twice 0 before."""
+    length, middle = crossings.length[c], 0.5 * (crossings.near[c] + crossings.far[c])
     for k in range(len(people)):
         i = people[k]
         low, high = crossings.near[c] - half[i], crossings.far[c] + half[i]
         for t in range(pose.shape[0]):
             on, off = _place(crossings, c, pose[t, i, X], pose[t, i, Y])
-            if low < on < high and abs(off) < crossings.half_width[c] + BESIDE:
-                found[k] = driven[t, i] if t > 0 else np.inf
+            if abs(off) >= crossings.half_width[c] + BESIDE:
+                continue
+            way, before = (middle, on) if on < 0.5 * length else (length - middle, length - on)
+            if found[2, k] == 0.0 and -KERB < before < min(STEP, way - EGO_HALF - BODY):
+                found[1, k], found[2, k] = driven[t, i], way + EGO_HALF
+            if low < on < high:
+                found[0, k] = driven[t, i] if t > 0 else np.inf
                 break
 
 

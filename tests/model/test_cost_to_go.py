@@ -34,6 +34,7 @@ from sumo_mcts.model.local_map import (
     State,
 )
 from sumo_mcts.model.occupancy import yielding_cost
+from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.base import Task
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import AFTER_STOP, GREEN, RED, YELLOW, Signals
@@ -365,4 +366,4 @@ def test_waiting_inside_short_of_the_stream_has_no_price(lane: str, s: float, du
     task = task_of(road, ego)
     local, state = local_of(task, scene_of(ego, road, Agent("x", "ei_0", 75.0, 12.0)))
     assert len(local.obligation) == 1
-    assert (yielding_cost(local, task.ego, task.cost, state, 0) > 0.0) == due
+    assert (yielding_cost(local, task.ego, task.cost, state, undisturbed(local), 0) > 0.0) == due

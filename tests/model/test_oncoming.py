@@ -22,6 +22,7 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.model.motion import begin_change, can_change
 from sumo_mcts.model.oncoming import OVER_LIMIT, Sight
+from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.model.route import route_map
 from sumo_mcts.numerics.geometry import COS, X, Y
 from sumo_mcts.planners.base import Situation, Task, local_of
@@ -184,11 +185,11 @@ def test_whoever_comes_has_room_to_stop() -> None:
     assert rows[:, MERGES].tolist() == [HEAD_ON, UNSEEN]
     for s, owes in ((150.0, False), (265.0, True), (320.0, False)):
         there = State(1, s, 10.0, 0.0, 0.0, -1, 0.0)
-        assert (owing(local, task.ego, task.cost, there, 0) > 0.0) == owes
+        assert (owing(local, task.ego, task.cost, there, undisturbed(local), 0) > 0.0) == owes
     later = round(10.0 / 14.0 / local.dt)  # it has come 10 m nearer
     there = State(1, 262.0, 10.0, 0.0, 0.0, -1, 0.0)
-    assert owing(local, task.ego, task.cost, there, later) > owing(
-        local, task.ego, task.cost, there, 0
+    assert owing(local, task.ego, task.cost, there, undisturbed(local), later) > owing(
+        local, task.ego, task.cost, there, undisturbed(local), 0
     )
 
 

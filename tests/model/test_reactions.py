@@ -20,9 +20,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_mcts.model.interaction import place_is_free
-from sumo_mcts.model.local_map import SLOT, LocalMap, S, State, V
+from sumo_mcts.model.local_map import CLOCK, SLOT, SPEED, LocalMap, S, State, V
 from sumo_mcts.model.motion import begin_change
-from sumo_mcts.model.reactions import CLOCK, HELPS, IMPOSED, SPEED, react, seen, undisturbed
+from sumo_mcts.model.reactions import HELPS, IMPOSED, react, seen, undisturbed
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.planners import base

@@ -11,6 +11,7 @@ from sumo_mcts.model.interaction import meet
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import begin_change
 from sumo_mcts.model.occupancy import yielding_cost
+from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.patience import patience, waited_s
 from sumo_mcts.scene import GREEN, RED
@@ -80,6 +81,6 @@ def test_the_right_of_way_of_those_that_can_stop_in_comfort_gets_cheaper(
     prices = []
     for share in (1.0, 0.25):
         task, local, state = entering(away, share)
-        prices.append(yielding_cost(local, task.ego, task.cost, state, 0))
+        prices.append(yielding_cost(local, task.ego, task.cost, state, undisturbed(local), 0))
     assert prices[1] == pytest.approx(ratio * prices[0])
     assert prices[0] > 0.0

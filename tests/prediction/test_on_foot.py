@@ -14,7 +14,17 @@ from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import AGENT, ENTERS, LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.occupancy import yielding_cost
-from sumo_mcts.road import PEOPLE_FIRST, PEOPLE_WAIT, PRIORITY, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.model.reactions import undisturbed
+from sumo_mcts.prediction.on_foot import crossings_on
+from sumo_mcts.road import (
+    LEFT,
+    PEOPLE_FIRST,
+    PEOPLE_WAIT,
+    PRIORITY,
+    RIGHT,
+    VEHICLE_CLASSES,
+    RoadMap,
+)
 from sumo_mcts.scene import GREEN
 
 SOUTH, NORTH = -math.pi / 2, math.pi / 2
@@ -147,10 +157,45 @@ def test_before_the_crossing_nothing_is_due_and_on_it_no_patience_counts(
 ) -> None:
     """Who is on foot does not brake for an ego that has waited long."""
     local, state, ego, cost = owing(s)
-    price = yielding_cost(local, ego, cost, state, 0)
+    nobody = undisturbed(local)
+    price = yielding_cost(local, ego, cost, state, nobody, 0)
     assert (price > 0.0) == due
-    assert yielding_cost(local._replace(patience=0.1), ego, cost, state, 0) == price
+    assert yielding_cost(local._replace(patience=0.1), ego, cost, state, nobody, 0) == price
 
 
 def test_who_has_passed_or_goes_elsewhere_is_owed_nothing() -> None:
     assert not len(owing(2.0, y=LOW)[0].obligation)
+
+
+def turning(at: float) -> RoadMap:
+    """A turn to the left out of the lane eastward, with a crossing (people wait) `at` m of it."""
+    way = [(-10.0 + r * math.sin(a), -1.6 + r * (1.0 - math.cos(a)))
+           for r in (12.0,) for a in np.linspace(0.0, 0.5 * math.pi, 13)]  # fmt: skip
+    a = at / 12.0
+    x, y, c, s = -10.0 + 12.0 * math.sin(a), -1.6 + 12.0 * (1.0 - math.cos(a)), *(
+        math.cos(a), math.sin(a)
+    )  # fmt: skip
+    return build([
+        Lane("w", 0, ((-100.0, -1.6), (-10.0, -1.6)), (":w_0",)),
+        Lane(":w", 0, tuple(way), ("n_0",), junction="c", direction=LEFT),
+        Lane("n", 0, (way[-1], (2.0, 200.0))),
+        Lane(":c_c0", 0, ((x + 4.0 * s, y - 4.0 * c), (x - 4.0 * s, y + 4.0 * c)), junction="c",
+             width=3.0, classes=ON_FOOT, rule=PEOPLE_WAIT),
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize(("at", "waits"), [(2.0, True), (16.0, False)])
+def test_people_wait_for_one_that_turns_where_it_comes_from_not_where_it_goes(
+    at: float, waits: bool
+) -> None:
+    on = turning(at)
+    crossings = crossings_on(on, np.array([on.lane_ids.index(":w_0")], np.int32))
+    assert crossings.yields.tolist() == [True] and crossings.waits.tolist() == [waits]
+
+
+def test_who_turns_to_the_near_side_counts_on_nobody() -> None:
+    """People on the crossing stop for it, in its way."""
+    on = turning(16.0)
+    on.direction[on.lane_ids.index(":w_0")] = RIGHT
+    crossings = crossings_on(on, np.array([on.lane_ids.index(":w_0")], np.int32))
+    assert crossings.yields.tolist() == crossings.waits.tolist() == [False]

@@ -1,0 +1,81 @@
+"""People at a crossing where they have to let vehicles pass, inside the search."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import Agent, Lane, build, edges, ego_at
+from helpers_model import compiled, local_of, scene_of, task_of
+
+from sumo_mcts.model.kerbs import walk
+from sumo_mcts.model.local_map import CLOCK, KERB, OWED, PAST, SLOT, LocalMap, State
+from sumo_mcts.model.reactions import undisturbed
+from sumo_mcts.planners.base import Task
+from sumo_mcts.road import LEFT, PEOPLE_FIRST, PEOPLE_WAIT, VEHICLE_CLASSES, RoadMap
+
+walk = compiled(walk)
+ON_FOOT = 1 << VEHICLE_CLASSES.index("pedestrian")
+DT = 0.2  # s between forecast times
+V = 1.2  # m/s of the person
+BEGIN, END = 12.0, 16.0  # m along the ego's lane inside the junction: the crossing
+
+
+def road(rule: int = PEOPLE_WAIT) -> RoadMap:
+    """A turn to the left, drawn straight, with a crossing from y = -5 to 2 at its end."""
+    return build([
+        Lane("w", 0, ((-100.0, -1.6), (0.0, -1.6)), (":w_0",)),
+        Lane(":w", 0, ((0.0, -1.6), (16.5, -1.6)), ("e_0",), junction="c", direction=LEFT),
+        Lane("e", 0, ((16.5, -1.6), (200.0, -1.6))),
+        Lane(":c_c0", 0, ((14.0, -5.0), (14.0, 2.0)), junction="c", width=4.0, classes=ON_FOOT,
+             rule=rule),
+    ])  # fmt: skip
+
+
+def meeting(on: RoadMap, lane: str, s: float, v: float, y: float) -> tuple[Task, LocalMap, State]:
+    """The ego on its way over the crossing, and a person at `y` who walks south to it."""
+    ego = ego_at(on, lane, s, v, route=edges(on, "w", "e"))
+    who = Agent("p", "", v=V, length=0.2, width=0.5, x=14.0, y=y, heading=-math.pi / 2)
+    task = task_of(on, ego)
+    return task, *local_of(task, scene_of(ego, on, who))
+
+
+def walked(s: float, v: float, y: float = 3.0, seconds: float = 2.0, lane: str = ":w_0") -> float:
+    """m that the person has walked while the ego drives on from `s`, at a speed of `v`."""
+    task, local, state = meeting(road(), lane, s, v, y)
+    others = undisturbed(local)
+    for t in range(1, round(seconds / DT) + 1):
+        state = state._replace(s=state.s + v * DT)
+        walk(local, task.ego, state, others, t, 0, DT)
+    return float(np.interp(others[0, CLOCK], np.arange(len(local.agent)), local.agent[:, 0, -1]))
+
+
+@pytest.mark.parametrize(
+    ("s", "v", "waits"),
+    [
+        (6.0, 4.0, True),  # it is over the crossing before the person is past its way
+        (10.0, 2.0, True),
+        (1.0, 1.0, False),  # it is not
+        (11.5, 0.0, False),  # who stands is not waited for, however near it is
+    ],
+)
+def test_who_is_at_the_kerb_waits_for_an_ego_that_comes_over_the_crossing(
+    s: float, v: float, waits: bool
+) -> None:
+    local = meeting(road(), ":w_0", s, v, 3.0)[1]
+    kerb = local.obligation[int(local.trait[0, OWED]), KERB]
+    assert 0.0 <= kerb <= 1.0
+    assert (walked(s, v) <= kerb) == waits
+    if not waits:
+        assert walked(s, v) == pytest.approx(2.0 * V)
+
+
+def test_nobody_waits_for_an_ego_that_is_not_in_the_junction_yet() -> None:
+    """It may still stop at its line. Whether it is let pass there is for the forecast to say."""
+    assert walked(85.0, 4.0, lane="w_0") == pytest.approx(2.0 * V)
+
+
+def test_who_is_on_the_crossing_or_has_the_right_of_way_walks_on() -> None:
+    for on, y in ((road(), 1.0), (road(PEOPLE_FIRST), 3.0)):
+        local = meeting(on, ":w_0", 6.0, 4.0, y)[1]
+        assert local.trait[0, SLOT] == local.trait[0, OWED] == -1.0
+        assert not local.obligation[:, PAST].any()
