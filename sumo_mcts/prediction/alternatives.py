@@ -152,8 +152,9 @@ def _turning(seen: _Evidence) -> Iterator[Alternative]:
 
 
 def _turn_likelihood(seen: _Evidence, i: int, lane: int, distance: float) -> float:
+    params, expected = seen.params, seen.expected[i]
     return turn_likelihood(
-        seen.road, seen.agents, i, lane, distance, seen.expected[i], seen.params.decel
+        seen.road, seen.agents, i, lane, distance, expected, params.decel, params.euler
     )
 
 
@@ -165,15 +166,19 @@ def turn_likelihood(
     distance: float,
     expected: float,
     decel: float,
+    euler: float = 0.0,
 ) -> float:
     """Probability of the observations of agent i if it takes the lane `lane`, `distance` m ahead,
     times the share of drivers that do. A factor common to all lanes is left out.
 
     `expected`: its acceleration in the usual forecast, m/s2; `decel`: with which it brakes for a
-    turn in comfort, m/s2.
+    turn in comfort, m/s2; `euler`: as in TrafficParams.
     """
     turn, v = int(road.direction[lane]), float(agents.v[i])
     allowed = limit(road, lane, int(agents.vclass[i]))
+    # The step that brings it onto the lane is driven with the speed at its end: until then it may
+    # brake once more.
+    distance += euler * (v + allowed)
     too_fast = max(0.0, (v * v - allowed * allowed) / (2.0 * max(distance, 1.0)) - decel)
     explained = decel if allowed < v - 1.0 else max(0.0, -expected)
     slows = max(0.0, -float(agents.trend[i]) - explained)

@@ -255,6 +255,23 @@ def test_too_fast_for_a_turn() -> None:
     )
 
 
+@pytest.mark.parametrize("step", [0.1, 0.5, 1.0])
+def test_who_brakes_by_whole_steps_is_not_too_fast_for_its_turn(step: float) -> None:
+    """A driver brakes with 4.5 m/s2 so that it has the turn's speed at the end of the step that
+    brings it onto the turn. Until then it is faster, however near the turn is."""
+    turn, straight, distance = lane(ROAD, ":wn_0"), lane(ROAD, ":we_0"), -0.1
+    scene = seen(may_turn(), blinker=[1])
+    v = float(ROAD.speed[turn])
+    while distance < 20.0:
+        distance, v = distance + step * v, v + step * 4.5
+        agents = scene.agents._replace(v=np.array([v]), trend=np.array([-4.5]))
+        goes_left, goes_on = (
+            turn_likelihood(ROAD, agents, 0, way, distance, 0.0, 4.4, 0.5 * step)
+            for way in (turn, straight)
+        )
+        assert goes_left > 20.0 * goes_on
+
+
 def test_only_ways_that_cars_may_take() -> None:
     classes = ROAD.classes.copy()
     classes[lane(ROAD, ":wn_0")] = 1 << VEHICLE_CLASSES.index("bus")
