@@ -3,7 +3,8 @@
 Every agent is led along its most likely lanes (paths.py). `constant_velocity` keeps its speed.
 `idm` drives there as SUMO's drivers do (behaviour.py). `routes` does so along the lanes that the
 agents really take. `script` reads scripted states, `clone` those of a copy of the simulation.
-No lane change is predicted that has not begun, except by these two.
+No lane change is predicted that has not begun, except by these two, and that who overtakes on a
+lane of the oncoming goes back.
 """
 
 import math
@@ -17,6 +18,7 @@ from sumo_mcts.prediction.behaviour import drive
 from sumo_mcts.prediction.course import Course, course_of
 from sumo_mcts.prediction.drivers import Drivers, TrafficParams
 from sumo_mcts.prediction.on_foot import Ways, approach, crossings_on, ways_on_foot
+from sumo_mcts.prediction.overtaking import Return, going_back
 from sumo_mcts.prediction.paths import NO_PATHS, Paths, changing, likely_paths
 from sumo_mcts.prediction.poses import poses
 from sumo_mcts.road import RoadMap
@@ -73,13 +75,15 @@ class Ground(NamedTuple):
     paths: Paths  # row 0: the ego's, row i + 1: that of agent i
     course: Course | None  # on these paths; None where all keep their speed
     on_foot: Ways
+    back: Return  # of those that overtake
 
 
 def ground_of(road: RoadMap, question: Question, lanes: Mapping[int, Ints] = NO_LANES) -> Ground:
     """Where agents are led; some, by index, along `lanes` that are known."""
     agents = changing(road, question.scene.agents, question.ego_lanes, question.params.aside)
     on_foot = _on_foot(road, agents, question)
-    return led(road, question, Ground(agents, NO_PATHS, None, on_foot), lanes)
+    back = going_back(road, agents, question.scene.ego)
+    return led(road, question, Ground(agents, NO_PATHS, None, on_foot, back), lanes)
 
 
 def led(road: RoadMap, question: Question, ground: Ground, lanes: Mapping[int, Ints]) -> Ground:
@@ -116,7 +120,7 @@ def predict(
         ground = led(road, question, ground, {**oracle.lanes, **way})
     agents, params = ground.agents, question.params
     x, v, polite = _driven(road, question, ground, intent)
-    found = poses(road, agents, ground.paths, ground.on_foot, x, params.step)
+    found = poses(road, agents, ground.paths, ground.on_foot, ground.back, x, params.step)
     forecast = Forecast(
         dt=params.step,
         weight=np.ones(1),

@@ -9,6 +9,7 @@ from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on, swung
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.prediction.on_foot import Ways, walked
+from sumo_mcts.prediction.overtaking import Return
 from sumo_mcts.prediction.paths import OPEN, Paths
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import Agents
@@ -38,7 +39,7 @@ class _Bodies(NamedTuple):
 
 
 def poses(
-    road: RoadMap, agents: Agents, paths: Paths, on_foot: Ways, x: Floats, step: float
+    road: RoadMap, agents: Agents, paths: Paths, on_foot: Ways, back: Return, x: Floats, step: float
 ) -> Poses:
     """The agents at times `step` s apart, from their positions along the paths, x [T, N+1] m; its
     row 0 is the ego."""
@@ -50,19 +51,20 @@ def poses(
         valid=np.ones((times, n), np.bool_),
     )
     bodies = _Bodies(agents.x, agents.y, agents.heading, agents.length, agents.d)
-    _place(out, paths, bodies, on_foot, lines_of(road), x, step)
+    _place(out, paths, bodies, on_foot, back, lines_of(road), x, step)
     return out
 
 
 @entry
 def _place(
-    out: Poses, paths: Paths, bodies: _Bodies, ways: Ways, lines: Lines, x: Floats, step: float
-) -> None:
+    out: Poses, paths: Paths, bodies: _Bodies, ways: Ways, back: Return, lines: Lines, x: Floats,
+    step: float,
+) -> None:  # fmt: skip
     for i in range(x.shape[1] - 1):
         if paths.count[i + 1] == 0:
             _place_off_road(out.pose, ways, x, i)
         else:
-            _place_on_path(out, paths, bodies, lines, x, i, step)
+            _place_on_path(out, paths, bodies, back, lines, x, i, step)
 
 
 @kernel
@@ -75,29 +77,32 @@ def _place_off_road(pose: Floats, ways: Ways, x: Floats, i: int) -> None:
 
 @kernel
 def _place_on_path(
-    out: Poses, paths: Paths, bodies: _Bodies, lines: Lines, x: Floats, i: int, step: float
-) -> None:
+    out: Poses, paths: Paths, bodies: _Bodies, back: Return, lines: Lines, x: Floats, i: int,
+    step: float,
+) -> None:  # fmt: skip
     """Front and rear on the path; the offset from the centre line and the angle to it that the body
-    has now become less as it drives."""
+    has now become less as it drives. Who goes back moves on to the middle of the lane beside."""
     row, length = i + 1, bodies.length[i]
     cs, sn = math.cos(bodies.heading[i]), math.sin(bodies.heading[i])
     start, aside, turn = x[0, row], bodies.aside[i], 0.0
     k, kr = 0, 0
     for t in range(len(x)):
-        front, back = x[t, row], x[t, row] - length
-        k = _lane_at(paths, row, k, front)
+        front, rear = x[t, row], x[t, row] - length
+        before, k = k, _lane_at(paths, row, k, front)
+        if k > before == 0:
+            aside -= back.aside[i]  # the path goes on from the lane to which it goes back
         if front > paths.offset[row, paths.count[row]] + GONE and paths.ends[row] != OPEN:
             out.valid[t, i] = False
         out.lane[t, i], out.s[t, i] = paths.lane[row, k], front - paths.offset[row, k]
         fx, fy = _point(paths, lines, row, k, front)
-        if back < 0.0:
+        if rear < 0.0:
             # its rear is where it has already been: on the line from rear to front now
             moved = front - start
             rx = bodies.x[i] - 0.5 * length * cs + moved * cs
             ry = bodies.y[i] - 0.5 * length * sn + moved * sn
         else:
-            kr = _lane_at(paths, row, kr, back)
-            rx, ry = _point(paths, lines, row, kr, back)
+            kr = _lane_at(paths, row, kr, rear)
+            rx, ry = _point(paths, lines, row, kr, rear)
         _, _, pc, ps = chord(fx, fy, rx, ry, cs, sn)
         if t == 0:
             turn = math.atan2(sn * pc - cs * ps, cs * pc + sn * ps)
@@ -105,9 +110,12 @@ def _place_on_path(
             out.pose[t, i, X], out.pose[t, i, Y] = bodies.x[i], bodies.y[i]
             out.pose[t, i, COS], out.pose[t, i, SIN] = cs, sn
             continue
-        if turn != 0.0 or aside != 0.0:
-            left = -math.copysign(min(SIDEWAYS * step, abs(aside)), aside)
+        goal = back.aside[i] if k == 0 and t * step > back.after[i] else 0.0
+        if turn != 0.0 or aside != goal:
+            left = -math.copysign(min(SIDEWAYS * step, abs(aside - goal)), aside - goal)
             aside, turn = aside + left, swung(turn, x[t, row] - x[t - 1, row], left, length)
+        if k == 0 and back.lane[i] >= 0 and aside < 0.5 * back.aside[i]:
+            out.lane[t, i] = back.lane[i]
         ct, st = math.cos(turn), math.sin(turn)
         c, s = pc * ct - ps * st, ps * ct + pc * st
         out.pose[t, i, X] = fx - aside * ps - 0.5 * length * c

@@ -5,14 +5,16 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from helpers import ALL_CLASSES, Agent, Conflict, Lane, build, ego_at
+from helpers import ALL_CLASSES, Agent, Conflict, Lane, build, edges, ego_at
 from helpers_model import forecast_of, lanes_east, predicted, scene_of, task_of, traffic_params
 
+from sumo_mcts.numerics.geometry import Y
 from sumo_mcts.prediction.alternatives import alternatives
-from sumo_mcts.prediction.forecast import Question
+from sumo_mcts.prediction.forecast import Question, predict
 from sumo_mcts.prediction.paths import LANES, NARROWS, PATH, likely_paths
 from sumo_mcts.road import VEHICLE_CLASSES, RoadMap
 from sumo_mcts.scene import TURNS, Forecast
+from sumo_mcts.world.oncoming import with_oncoming
 
 CYCLE_TRACK = 1 << VEHICLE_CLASSES.index("bicycle")
 NO_BICYCLES = ALL_CLASSES & ~CYCLE_TRACK
@@ -218,3 +220,62 @@ def test_a_fast_driver_has_a_path_for_the_whole_forecast() -> None:
         and slow.count[1] < LANES
         and slow.ends[1] != NARROWS
     )
+
+
+def two_way() -> RoadMap:
+    """Edge a eastward at y = 0 and b westward at y = 3.2, both with a lane to overtake in."""
+    lanes = [
+        Lane("a", 0, ((0.0, 0.0), (600.0, 0.0))),
+        Lane("b", 0, ((600.0, 3.2), (0.0, 3.2))),
+    ]
+    return with_oncoming(build(lanes), {0: 1, 1: 0})
+
+
+def with_ego(road: RoadMap, ego: tuple[str, float], *agents: Agent) -> Forecast:
+    """What is expected of agents, for 7 s, where the ego drives at 10 m/s."""
+    state = ego_at(road, *ego, 10.0, route=edges(road, ego[0][0]))
+    lanes = np.array([road.lane_ids.index(ego[0])], np.int32)
+    scene = scene_of(state, road, *agents)
+    return predict(road, Question(scene, lanes, np.zeros(0), traffic_params(), 7.0))
+
+
+@pytest.mark.parametrize(
+    ("v", "other", "ego", "after"),
+    [
+        (20.0, None, ("a_0", 100.0), 0.0),
+        (20.0, ("b_0", 170.0), ("a_0", 100.0), 0.0),  # it has overtaken this one
+        (20.0, ("b_0", 198.0), ("a_0", 100.0), 1.0),  # this one it passes with 5 m/s
+        (20.0, ("b_0", 208.0), ("a_0", 100.0), 3.0),
+        (20.0, ("b_0", 260.0), ("a_0", 100.0), 0.0),
+        (20.0, None, ("b_0", 198.0), 0.5),  # it overtakes the ego
+        (14.0, ("b_0", 198.0), ("a_0", 100.0), math.inf),
+        (2.0, None, ("a_0", 100.0), math.inf),
+    ],
+)
+def test_who_has_overtaken_goes_back_to_its_lane(
+    v: float, other: tuple[str, float] | None, ego: tuple[str, float], after: float
+) -> None:
+    """It comes towards the ego on the lane of the ego. If it stayed there, whatever the ego did
+    would end in a contact."""
+    road = two_way()
+    agents = [Agent("x", "b_1", 200.0, v), *([] if other is None else [Agent("y", *other, 15.0)])]
+    forecast = with_ego(road, ego, *agents)
+    moves, steps = forecast.pose[0, :, 0, Y], forecast.v.shape[1] - 1
+    stays = min(steps, after / forecast.dt)
+    assert moves[: int(stays) + 1] == pytest.approx(0.0)
+    back = int(min(steps, (after + 3.2) / forecast.dt))
+    assert moves[back:] == pytest.approx(0.0 if after == math.inf else 3.2, abs=0.1)
+    assert road.lane_ids[forecast.lane[0, -1, 0]] == ("b_1" if after == math.inf else "b_0")
+
+
+def test_who_has_not_gone_back_at_the_end_of_the_lane_does_so_behind_it() -> None:
+    """Its path goes on from its own lane; its body does not jump there by a lane."""
+    lanes = [
+        Lane("a", 0, ((0.0, 0.0), (600.0, 0.0))),
+        Lane("b", 0, ((600.0, 3.2), (0.0, 3.2)), ("c_0",)),
+        Lane("c", 0, ((0.0, 3.2), (-300.0, 3.2))),
+    ]
+    road = with_oncoming(build(lanes), {0: 1, 1: 0})
+    forecast = with_ego(road, ("a_0", 100.0), Agent("x", "b_1", 590.0, 20.0))
+    assert np.abs(np.diff(forecast.pose[0, :, 0, Y])).max() < 1.6
+    assert forecast.pose[0, -1, 0, Y] == pytest.approx(3.2, abs=0.1)
