@@ -66,7 +66,10 @@ def _red_lights(
     after_stop = np.zeros(paths.lane.shape, np.bool_)
     rows, places = np.nonzero((paths.lane[:, 1:] >= 0) & (road.signal[paths.lane[:, 1:]] >= 0))
     lanes, which = np.unique(paths.lane[rows, places + 1], return_inverse=True)
-    states = signal_states(signals, road.signal[lanes], road.link[lanes], times)
+    signal, link = road.signal[lanes], road.link[lanes]
+    states = signal_states(signals, signal, link, times)
+    # A light that changes at this very moment has not done so yet: who stands before it waits.
+    states[:, times <= 0.0] = signals.state[signals.offset[signal] + link, :1]
     may_go = states[:, :1] == AFTER_STOP
     red[rows, places + 1] = ((states != GREEN) & ~(may_go & (states == AFTER_STOP)))[which]
     after_stop[rows, places + 1] = may_go[which, 0]

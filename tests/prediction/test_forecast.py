@@ -344,6 +344,18 @@ def test_a_car_stops_for_red_and_goes_on_at_green() -> None:
     assert np.any(forecast.lane[0] > 0)  # too late to stop
 
 
+@pytest.mark.parametrize("left_s", [0.0, 0.1, 2.0])
+def test_who_waits_for_red_goes_at_green_also_where_it_comes_this_moment(left_s: float) -> None:
+    """It has stood for long, but not without a cause."""
+    until = np.array([[left_s, np.inf]])
+    signals = Signals(np.array([0, 1], np.int32), np.array([[RED, GREEN]], np.int32), until)
+    queue = [Agent("a", "a_0", 198.5, 0.0), Agent("b", "a_0", 191.0, 0.0)]
+    _, forecast = predicted(
+        road_with_light(), *queue, signals=signals, seconds=10.0, standing_s=[20.0, 19.0]
+    )
+    assert np.all(forecast.lane[0, -1] > 0)
+
+
 @pytest.mark.parametrize("v", [5.0, 9.0, 13.0])
 def test_a_line_is_braked_for_as_sumo_does(v: float, tmp_path: Path) -> None:
     """As late as possible, and to a stand where SUMO's driver stands."""
