@@ -27,6 +27,7 @@ BROKEN = (
     AttributeError,
     TypeError,
 )
+_TRUE = ("true", "t", "yes", "y", "on", "x", "1")  # as SUMO reads it
 # The element in which each element has to be.
 _PARENTS = {
     "lane": "edge",
@@ -50,6 +51,7 @@ class NetFile(NamedTuple):
     changes: dict[str, tuple[str, str]]
     # type of edges -> vehicle class -> its limit there, m/s
     restrictions: dict[str, dict[str, float]]
+    lefthand: bool  # traffic drives on the left
 
 
 def read_net(net_file: str) -> NetFile:
@@ -73,7 +75,7 @@ def read_net(net_file: str) -> NetFile:
         raise ValueError(
             f"line {parser.getLineNumber()}: {missing or type(error).__name__}"
         ) from error
-    return NetFile(reader.getNet(), reader.changes, reader.restrictions)
+    return NetFile(reader.getNet(), reader.changes, reader.restrictions, reader.lefthand)
 
 
 class _Reader(sumolib.net.NetReader):  # type: ignore[misc]  # sumolib has no types
@@ -87,13 +89,16 @@ class _Reader(sumolib.net.NetReader):  # type: ignore[misc]  # sumolib has no ty
         self._type = ""
         self.changes: dict[str, tuple[str, str]] = {}
         self.restrictions: dict[str, dict[str, float]] = {}
+        self.lefthand = False
 
     def startElement(self, name: str, attrs: Any) -> None:  # noqa: N802  # the parser's name
         """Called by the parser."""
         parent = self._inside[-1] if self._inside else ""
         if _PARENTS.get(name, parent) != parent:
             raise ValueError(f"{name}: inside {parent}, not {_PARENTS[name]}")
-        if name == "edge":
+        if name == "net":
+            self.lefthand = attrs.get("lefthand", "").lower() in _TRUE
+        elif name == "edge":
             self._edge, self._lanes = attrs["id"], 0
         elif name == "lane":
             if attrs["id"] != f"{self._edge}_{self._lanes}":

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts import files
-from sumo_mcts.arrays import Bools, Floats, Ints
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.errors import ConfigError, near
 from sumo_mcts.road import ALLWAY, LEAST_SPEED, PRIORITY, STOP, STRAIGHT, VEHICLE_CLASSES, RoadMap
 from sumo_mcts.world.conflicts import (
@@ -135,7 +135,7 @@ def _convert(file: NetFile) -> RoadMap:
     junctions = {node.getID(): i for i, node in enumerate(net.getNodes())}
     following = [following_lane(lane, number) for lane in lanes]
     offset, points, point_s = _flatten(_shapes(lanes, following))
-    fields = _lane_fields(edges, lanes, junctions, offset, points)
+    fields = _lane_fields(edges, lanes, junctions, file.lefthand)
     signal_ids, links = read_links(net, number, junctions)
     if any(not link.chain and (link.signal >= 0 or link.rule in (STOP, ALLWAY)) for link in links):
         raise NoInternalLanesError
@@ -202,10 +202,9 @@ def _lane_fields(
     edges: Sequence[Any],
     lanes: Sequence[Any],
     junctions: dict[str, int],
-    offset: Ints,
-    points: Floats,
+    lefthand: bool,
 ) -> dict[str, Any]:
-    """The fields of a RoadMap that concern each lane alone; `offset` and `points` as there."""
+    """The fields of a RoadMap that concern each lane alone."""
     edge = np.repeat(
         np.arange(len(edges), dtype=np.int32), [len(each.getLanes()) for each in edges]
     )
@@ -223,7 +222,6 @@ def _lane_fields(
     )
     closed = speed < LEAST_SPEED
     classes[closed] = 0
-    lefthand = _is_lefthand(edge, internal, offset, points)
     return {
         "lefthand": lefthand,
         "edge": edge,
@@ -281,19 +279,6 @@ def _neighbours(edge: Ints, step: int) -> Ints:
     inside = (there >= 0) & (there < len(edge))
     there[~inside] = 0
     return np.where(inside & (edge[there] == edge), there, -1).astype(np.int32)
-
-
-def _is_lefthand(edge: Ints, internal: Bools, offset: Ints, points: Floats) -> bool:
-    """Whether the second lane of an edge lies to the right of the first one.
-
-    The network file says it too, but sumolib does not read it.
-    """
-    pairs = np.flatnonzero((edge[1:] == edge[:-1]) & ~internal[1:])
-    if not len(pairs):
-        return False
-    along = points[offset[pairs] + 1] - points[offset[pairs]]
-    aside = points[offset[pairs + 1]] - points[offset[pairs]]
-    return bool(np.median(along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]) < 0.0)
 
 
 def _link_fields(

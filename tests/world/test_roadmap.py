@@ -337,6 +337,20 @@ def test_zipper(tmp_path: Path) -> None:
     assert road.conflict_merge[k]
 
 
+@pytest.mark.parametrize(("options", "lefthand"), [((), False), (("--lefthand",), True)])
+@pytest.mark.parametrize("lanes", [1, 2])
+def test_on_which_side_people_drive(
+    lanes: int, options: tuple[str, ...], lefthand: bool, tmp_path: Path
+) -> None:
+    """With one lane each way it cannot be seen from the lanes of an edge."""
+    nodes = '<node id="a" x="0" y="0"/><node id="b" x="300" y="0"/>'
+    edges = "".join(
+        f'<edge id="{way}" from="{way[0]}" to="{way[1]}" numLanes="{lanes}"/>'
+        for way in ("ab", "ba")
+    )
+    assert read_roadmap(netconvert(tmp_path, nodes, edges, "", *options)).lefthand == lefthand
+
+
 def test_network_without_internal_lanes(tmp_path: Path) -> None:
     road = read_roadmap(crossing(tmp_path, "--no-internal-links", "true"))
     number = lane_index(road)
