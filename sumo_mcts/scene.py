@@ -83,6 +83,15 @@ class Stop(NamedTuple):
 NO_STOP = Stop()
 
 
+class Sideways(NamedTuple):
+    """How a vehicle may move within its lane; as it is where SUMO does not divide lanes (option
+    lateral-resolution)."""
+
+    speed: float = 0.0  # m/s to the side at most; 0: lanes are not divided
+    gap: float = 0.0  # m that it keeps to others beside it
+    wish: float = 0.0  # where it likes to drive, m off the middle of its lane, left positive
+
+
 class EgoState(NamedTuple):
     """The ego vehicle, from its own sensors and documents."""
 
@@ -115,6 +124,7 @@ class EgoState(NamedTuple):
     detour: str = ""
     stop: Stop = NO_STOP  # the next one that it has to serve
     held: bool = False  # SUMO has it stand at that stop
+    sideways: Sideways = Sideways()
 
 
 class Scene(NamedTuple):
@@ -240,6 +250,7 @@ class Follow(NamedTuple):
     lane_change: int  # -1 right, 0 none, 1 left, at once
     asks: int = 0  # side on which others are asked for room: -1 right, 0 none, 1 left
     skips_stop: bool = False  # the next stop cannot be served any more and is given up
+    shift: float = 0.0  # m to the left that it moves within its lane, as SUMO's drivers do
 
 
 class Release(NamedTuple):

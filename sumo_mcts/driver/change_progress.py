@@ -21,6 +21,9 @@ def as_seen(road: RoadMap, ego: EgoState) -> EgoState:
         return ego
     side = 1 if road.left[ego.change_from] == ego.change_to else -1
     moved = ego.d * side < 0.0  # past the middle
+    if moved and ego.lane == ego.change_from and ego.sideways.speed > 0.0:
+        # it began on the other side of the middle of its lane
+        return ego._replace(changing=CENTRED)
     other = int((road.left if (side > 0) != moved else road.right)[ego.lane])
     if abs(ego.d) < CENTRED or other < 0:
         return ego._replace(changing=0.0)

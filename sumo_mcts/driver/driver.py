@@ -24,6 +24,7 @@ from sumo_mcts.driver.route_keeper import Kept, RouteKeeper
 from sumo_mcts.driver.stops import without_stop
 from sumo_mcts.errors import in_one_line
 from sumo_mcts.model.local_map import State
+from sumo_mcts.model.sideways import own_path, shifted
 from sumo_mcts.numerics.kernel import Stopwatch
 from sumo_mcts.planners.base import Planner, Remembering, Situation, Task
 from sumo_mcts.planners.budget import Timekeeper
@@ -119,6 +120,7 @@ class Driver:
             forecast=self._forecaster.nothing() if forecast is None else forecast,
             cleared=frozenset(self._keeper.stood),
             until=until + watch.loading_s,
+            path=own_path(task.road, task.route, state, scene),
         )
         self.question = (task, situation)
         decision, why = self._plan(situation, failure)
@@ -130,6 +132,8 @@ class Driver:
         assert decision is not None, "whatever fails has a reason"
         if scene.ego.stop == self._keeper.missed:
             decision = without_stop(decision)
+        if situation.path is not None and not why:
+            decision = shifted(decision, situation.path)
         self._last = LastDecision(decision.plan, decision.command, scene.time)
         self._timekeeper.note(until, watch.began + watch.seconds)
         return PlanningResult(

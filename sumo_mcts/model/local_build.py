@@ -27,6 +27,7 @@ from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.obligations import Coming, junction_nodes, obligations, to_oncoming, to_people
 from sumo_mcts.model.oncoming import KEEPS_RIGHT, closed_table, may_overtake, with_unseen
 from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap
+from sumo_mcts.model.sideways import in_the_way
 from sumo_mcts.model.standing import past_standing, standing
 from sumo_mcts.model.stop_lines import Rules, closed_lines, is_open, stop_at
 from sumo_mcts.numerics.kernel import entry
@@ -74,7 +75,7 @@ def build_local(
     view, ahead = slice(first, last), _ahead(route, first, last)
     lane_node, seen = _lane_nodes(road, route, view), len(forecast.reacts)
     scene, forecast = with_unseen(road, route, view, here, scene, forecast, rules.sight)
-    traffic = traffic_of(route, forecast, hypothesis, lane_node)
+    traffic = _traffic(route, scene, forecast, hypothesis, lane_node)
     node, position, v = traffic.node, traffic.position, traffic.v
     length, limit = 2.0 * forecast.half_length, float(route.limit[state.node])
     bits = bits_of(forecast, node, scene.ego)
@@ -119,6 +120,18 @@ def build_local(
         stop_at=to_stop, stands_before=stands_before, near_stop=near_stop,
         stop_decel=rules.stop_decel, aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
     )  # fmt: skip
+
+
+def _traffic(
+    route: RouteMap, scene: Scene, forecast: Forecast, hypothesis: int, lane_node: Indices
+) -> Traffic:
+    """The agents in a hypothesis; where lanes are divided, who leaves room is on none of them."""
+    found = traffic_of(route, forecast, hypothesis, lane_node)
+    if scene.ego.sideways.speed <= 0.0:
+        return found
+    return found._replace(
+        node=in_the_way(route, scene, forecast, found.pose, found.node, found.position)
+    )
 
 
 def _lane_nodes(road: RoadMap, route: RouteMap, view: slice) -> Indices:

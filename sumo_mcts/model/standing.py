@@ -45,11 +45,11 @@ def standing(
             axis=1
         )
         those = those[~queues]
-    those = those[[not _waits(road, int(route.lane[node[i]]), float(s[i])) for i in those]]
+    those = those[[not waits(road, int(route.lane[node[i]]), float(s[i])) for i in those]]
     return node[those], s[those] - agents.length[those], s[those]
 
 
-def _waits(road: RoadMap, lane: int, s: float) -> bool:
+def waits(road: RoadMap, lane: int, s: float) -> bool:
     """Whether a vehicle at s (m) on a lane may be waiting for its turn there."""
     todo = [(lane, float(road.length[lane]) - s)]
     while todo:

@@ -12,6 +12,7 @@ from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.oncoming import Sight
 from sumo_mcts.model.route import RouteMap
+from sumo_mcts.model.sideways import Path
 from sumo_mcts.model.stop_lines import Rules
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import Decision, Forecast, PlannerMemory, Scene
@@ -39,6 +40,7 @@ class Situation(NamedTuple):
     cleared: frozenset[int]  # route nodes at whose stop line the ego has stood
     # time.perf_counter() at which a search has to end; inf: iterations count
     until: float = math.inf
+    path: Path | None = None  # within its lanes; None: in the middle of them
 
 
 def local_of(
@@ -63,8 +65,10 @@ def local_of(
         reactive=reactive,
         sight=task.sight,
     )
+    path = situation.path
+    route = task.route if path is None else task.route._replace(rows=path.rows)
     return build_local(
-        task.road, task.route, situation.state, situation.scene, situation.forecast, rules,
+        task.road, route, situation.state, situation.scene, situation.forecast, rules,
         hypothesis,
     )  # fmt: skip
 

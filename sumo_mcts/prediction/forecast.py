@@ -76,6 +76,7 @@ class Ground(NamedTuple):
     course: Course | None  # on these paths; None where all keep their speed
     on_foot: Ways
     back: Return  # of those that overtake
+    keeps: Bools  # [N] an agent has a place of its own within its lane
 
 
 def ground_of(road: RoadMap, question: Question, lanes: Mapping[int, Ints] = NO_LANES) -> Ground:
@@ -83,7 +84,9 @@ def ground_of(road: RoadMap, question: Question, lanes: Mapping[int, Ints] = NO_
     agents = changing(road, question.scene.agents, question.ego_lanes, question.params.aside)
     on_foot = _on_foot(road, agents, question)
     back = going_back(road, agents, question.scene.ego)
-    return led(road, question, Ground(agents, NO_PATHS, None, on_foot, back), lanes)
+    # where lanes are divided, drivers have places of their own within them
+    keeps = (agents.lane == question.scene.agents.lane) & (question.scene.ego.sideways.speed > 0.0)
+    return led(road, question, Ground(agents, NO_PATHS, None, on_foot, back, keeps), lanes)
 
 
 def led(road: RoadMap, question: Question, ground: Ground, lanes: Mapping[int, Ints]) -> Ground:
@@ -120,7 +123,9 @@ def predict(
         ground = led(road, question, ground, {**oracle.lanes, **way})
     agents, params = ground.agents, question.params
     x, v, polite = _driven(road, question, ground, intent)
-    found = poses(road, agents, ground.paths, ground.on_foot, ground.back, x, params.step)
+    found = poses(
+        road, agents, ground.paths, ground.on_foot, ground.back, x, params.step, ground.keeps
+    )
     forecast = Forecast(
         dt=params.step,
         weight=np.ones(1),

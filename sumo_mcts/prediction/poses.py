@@ -36,13 +36,18 @@ class _Bodies(NamedTuple):
     heading: Floats  # rad
     length: Floats  # m
     aside: Floats  # m off the centre line, left positive
+    keeps: Bools  # it stays so far off the centre line
 
 
 def poses(
-    road: RoadMap, agents: Agents, paths: Paths, on_foot: Ways, back: Return, x: Floats, step: float
-) -> Poses:
+    road: RoadMap, agents: Agents, paths: Paths, on_foot: Ways, back: Return, x: Floats,
+    step: float, keeps: Bools,
+) -> Poses:  # fmt: skip
     """The agents at times `step` s apart, from their positions along the paths, x [T, N+1] m; its
-    row 0 is the ego."""
+    row 0 is the ego.
+
+    They move to the centre lines of their lanes but where `keeps` [N] says otherwise.
+    """
     times, n = len(x), len(agents.ids)
     out = Poses(
         pose=np.zeros((times, n, 4)),
@@ -50,7 +55,7 @@ def poses(
         s=np.zeros((times, n)),
         valid=np.ones((times, n), np.bool_),
     )
-    bodies = _Bodies(agents.x, agents.y, agents.heading, agents.length, agents.d)
+    bodies = _Bodies(agents.x, agents.y, agents.heading, agents.length, agents.d, keeps)
     _place(out, paths, bodies, on_foot, back, lines_of(road), x, step)
     return out
 
@@ -113,6 +118,7 @@ def _place_on_path(
         goal = back.aside[i] if k == 0 and t * step > back.after[i] else 0.0
         if turn != 0.0 or aside != goal:
             left = -math.copysign(min(SIDEWAYS * step, abs(aside - goal)), aside - goal)
+            left = 0.0 if bodies.keeps[i] and goal == 0.0 else left
             aside, turn = aside + left, swung(turn, x[t, row] - x[t - 1, row], left, length)
         if k == 0 and back.lane[i] >= 0 and aside < 0.5 * back.aside[i]:
             out.lane[t, i] = back.lane[i]

@@ -25,9 +25,9 @@ MOST_BYTES = 1 << 30  # of a trace or map, unpacked: five times what an hour in 
 COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/poses")
 # Columns that traces of this format may lack: their fields then have their default.
 ADDED = (
-    "Follow/asks", "Follow/skips_stop", "memory/planner/waited_s", "memory/stop", "ego/asks",
-    "ego/can_ask", "ego/reroutes", "ego/detour", "ego/stop", "stop/waits", "ego/held",
-    "cycles/changes", "answers/told", "roadmap/oncoming",
+    "Follow/asks", "Follow/skips_stop", "Follow/shift", "memory/planner/waited_s", "memory/stop",
+    "ego/asks", "ego/can_ask", "ego/reroutes", "ego/detour", "ego/stop", "stop/waits", "ego/held",
+    "ego/sideways", "cycles/changes", "answers/told", "roadmap/oncoming",
 )  # fmt: skip
 Columns = dict[str, NDArray[Any]]
 _SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}

@@ -123,6 +123,7 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "lane": _index("lanes"), "begin": Rule(), "place": _positive(most=LONGEST),
         "speed": _positive(), "after": _COUNT,
     },
+    "Sideways": {"speed": _positive(), "gap": Rule(), "wish": Rule()},
     "Agents": {
         "ids": Rule(("N",)), "x": _place("N"), "y": _place("N"), "heading": Rule(("N",)),
         "v": Rule(("N",)), "a": Rule(("N",)), "trend": Rule(("N",)),
@@ -146,7 +147,8 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
     "Intent": {"agent": _index("F"), "does": Rule((), 0, 4), "way": _index("lanes", "w", least=0)},
     "Decision": {"children": Rule(("c",)), "chosen": _index("c"), "iterations": _COUNT,
     "known": _COUNT},
-    "Follow": {"speeds": Rule(("m",)), "lane_change": _SIDE, "asks": _SIDE},
+    "Follow": {"speeds": Rule(("m",)), "lane_change": _SIDE, "asks": _SIDE,
+               "shift": Rule()},
     "Release": {},
     "Plan": {"time": Rule(("m",)), "v": Rule(("m",)), "lane": _index("lanes", "m"),
     "s": Rule(("m",)), "pose": _place("m", 4)},

@@ -25,6 +25,9 @@ def action_words(cycle: CycleRecord) -> str:
     command = cycle.decision.command
     if isinstance(command, Follow) and command.asks:
         words.append("asks for room on the " + ("left" if command.asks > 0 else "right"))
+    if isinstance(command, Follow) and command.shift:
+        side = "left" if command.shift > 0 else "right"
+        words.append(f"{abs(command.shift):.1f} m to the {side} within its lane")
     reason = cycle.decision.reason.partition(":")[0]  # the fail-safe's has an explanation, too
     if reason not in ("", "search", words[0].split()[0]):
         words.append(reason)

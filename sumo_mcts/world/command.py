@@ -15,6 +15,7 @@ from sumo_mcts.world.library import import_libsumo
 from sumo_mcts.world.observe import Change, departure
 from sumo_mcts.world.places import Places
 from sumo_mcts.world.roadmap import sumo_lane
+from sumo_mcts.world.sideways import Aside
 from sumo_mcts.world.stops import skip_next
 from sumo_mcts.world.wish import Wish
 
@@ -55,6 +56,7 @@ class Commander:
         self._get: Any = import_libsumo().vehicle
         self._vehicle, self._road, self._bounds = vehicle, road, bounds
         self._places = Places(import_libsumo(), road, lanes)
+        self._aside = Aside(import_libsumo(), road)
         self._against = against_traffic(road)
         self._profile: Floats = np.zeros(0)
         self._at = 0
@@ -79,6 +81,8 @@ class Commander:
         self._ask(0 if busy else command.asks)
         if command.lane_change != 0:
             self._begin_change(command.lane_change)
+        elif command.shift != 0.0 and self.change.target < 0:
+            self._aside.shift(self._vehicle, command.shift)
         if command.skips_stop:
             skip_next(self._vehicle)
 
@@ -195,12 +199,20 @@ class Commander:
         # SUMO drops the wish where the change before, begun at a stand, takes one step more than
         # its duration: then it is held for a step.
         held = self._bounds.step if self._is_aside() else 0.0
-        if self._against[source] or self._against[target]:  # SUMO has no number for that lane
+        if self._aside.moves(self._vehicle):
+            self._aside.shift(self._vehicle, self._apart(source, target))
+        elif self._against[source] or self._against[target]:  # SUMO has no number for that lane
             self._get.changeLaneRelative(self._vehicle, side, held)
         else:
             self._get.changeLane(self._vehicle, sumo_lane(self._road, target), held)
         if takes_time:
             self.change = Change(0.0, source, target)
+
+    def _apart(self, source: int, target: int) -> float:
+        """m to the left from where the vehicle is on one lane to the middle of another, beside."""
+        apart = 0.5 * float(self._road.width[source] + self._road.width[target])
+        left = apart if self._road.left[source] == target else -apart
+        return left - self._places.of(self._vehicle).d
 
     def _ask(self, side: int) -> None:
         """Ask for room on a side (1 left, -1 right), or no longer (0)."""
@@ -225,7 +237,14 @@ class Commander:
     def _go_on_changing(self, steps: int = 1) -> None:
         """SUMO moves the vehicle sideways for change_duration; the same clock runs here."""
         progress = self.change.progress + steps * self._bounds.step / self._bounds.change_duration
+        if progress >= 1.0 - 1e-9 and self._is_late():
+            return
         self.change = self.change._replace(progress=progress) if progress < 1.0 - 1e-9 else Change()
+
+    def _is_late(self) -> bool:
+        """Whether the vehicle is still on its way to the edge of the lane that it leaves: where
+        lanes are divided SUMO takes longer for wide ones."""
+        return self._aside.moves(self._vehicle) and self._here() == self.change.source
 
 
 def bounded(wanted: float, v: float, a: float, bounds: Bounds) -> float:

@@ -17,6 +17,7 @@ from sumo_mcts.world.library import import_libsumo
 from sumo_mcts.world.places import Places
 from sumo_mcts.world.road_changes import RoadReader
 from sumo_mcts.world.roadmap import lane_index
+from sumo_mcts.world.sideways import Aside
 from sumo_mcts.world.signals import PHASES, SignalReader
 from sumo_mcts.world.simulation import step_length
 from sumo_mcts.world.stops import StopReader
@@ -56,6 +57,7 @@ class Observer:
         self._agents = AgentReader(self._libsumo, self._types, self._bodies)
         self._signals = SignalReader(self._libsumo, road)
         self._stops = StopReader(self._libsumo, road, self.lanes)
+        self._aside = Aside(self._libsumo, road)
         self._surrogates = SurrogateReader(self._libsumo)
         self._truth = TruthReader(self._libsumo, road, self.lanes)
         self._road = road
@@ -161,6 +163,7 @@ class Observer:
             change_from=change.source,
             stop=stop,
             held=held,
+            sideways=self._aside.read(vehicle, place, kind.width),
         )
 
     def timing(self, x: float, y: float) -> Signals:

@@ -30,7 +30,17 @@ from sumo_mcts.prediction.behaviour import HARD, MOST_HABIT
 from sumo_mcts.prediction.course import Course, waiting_place
 from sumo_mcts.prediction.forecast import CRUISING, OracleData, Question, predict
 from sumo_mcts.road import ALLWAY, LEFT, STRAIGHT, RoadMap
-from sumo_mcts.scene import AFTER_STOP, BRAKES, GREEN, RED, YELLOW, Forecast, Intent, Signals
+from sumo_mcts.scene import (
+    AFTER_STOP,
+    BRAKES,
+    GREEN,
+    RED,
+    YELLOW,
+    Forecast,
+    Intent,
+    Sideways,
+    Signals,
+)
 from sumo_mcts.world.observe import Change, Observer
 from sumo_mcts.world.roadmap import known_roadmap, read_roadmap
 
@@ -186,6 +196,18 @@ def test_an_offset_from_the_lane_dies_away_and_people_walk_on() -> None:
     assert forecast.pose[0, -1, 1, :2] == pytest.approx((50.0, -10.0)) and np.all(
         forecast.lane[0, :, 1] == -1
     )
+
+
+@pytest.mark.parametrize(("blinker", "stays"), [(0, True), (1, False)])
+def test_where_lanes_are_divided_an_offset_stays(blinker: int, stays: bool) -> None:
+    """But for who changes lanes."""
+    road = lanes_east(3, 900.0)
+    ego = ego_at(road, "a_0", 6.0, 0.0)._replace(sideways=Sideways(1.0, 0.6))
+    scene = scene_of(ego, road, Agent("a", "a_1", 100.0, 9.0, d=1.0))
+    scene.agents.blinker[:] = blinker
+    forecast = forecast_of(task_of(road, ego), scene)
+    aside = forecast.pose[0, :, 0, 1] - forecast.lane[0, :, 0] * 3.2 + 3.2
+    assert (abs(aside[-1] - 1.0) < 1e-6) == stays and (abs(aside[-1]) < 0.05) != stays
 
 
 @pytest.mark.parametrize(
