@@ -95,7 +95,8 @@ class RoadMap(NamedTuple):
     conflict_yields: Bools  # [C] traffic on this lane must let the other pass
 
     # The last V lanes are lanes of oncoming traffic, as who overtakes there drives them: beside the
-    # leftmost lane, of its edge, and leading nowhere. [V] which lanes those are for the oncoming.
+    # lane in the middle of the road, of its edge, and leading nowhere but straight through
+    # junctions into the next such lane. [V] which lanes those are for the oncoming.
     oncoming: Ints = np.zeros(0, np.int32)
 
 

@@ -8,8 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.arrays import Bools, Floats, Indices
-from sumo_mcts.numerics.lanes import against_traffic, connection, of_class, successors, usable
-from sumo_mcts.road import RoadMap
+from sumo_mcts.numerics.lanes import (
+    against_traffic,
+    connection,
+    facing,
+    of_class,
+    successors,
+    usable,
+)
+from sumo_mcts.road import PRIORITY, RoadMap
 
 AS_FAR = 1e-6  # m within which lanes count as leading equally far
 
@@ -51,6 +58,7 @@ def collect(
 
     A lane that was closed under the ego ends, unless all beside it are closed too.
     """
+    against = against_traffic(road)
     lanes: list[int] = []
     legs: list[int] = []
     following: dict[tuple[int, int], list[list[int]]] = {}
@@ -61,12 +69,14 @@ def collect(
         legs += [leg] * len([*here, *shut])
         if leg + 1 == len(edges):
             break
-        target = set(_edge_lanes(road, edges[leg + 1], vclass))
+        target = set(_edge_lanes(road, edges[leg + 1], vclass, oncoming))
         following.update({(leg, lane): [] for lane in shut})
         for lane in here or shut:
             paths = []
             for k in range(road.successor_offset[lane], road.successor_offset[lane + 1]):
                 path = connection(road, int(road.successor[k]))
+                if against[path[0]] and not _is_plain(road, path[0]):
+                    continue  # who comes from aside does not expect the ego there
                 if path[-1] in target and usable(road, np.array(path), vclass).all():
                     paths.append(path)
                     lanes += path[:-1]
@@ -75,6 +85,16 @@ def collect(
     number = {key: i for i, key in enumerate(zip(legs, lanes, strict=True))}
     all_lanes = np.array(lanes, np.int64)
     return Nodes(all_lanes, np.array(legs, np.int64), road.length[all_lanes], number, following)
+
+
+def _is_plain(road: RoadMap, lane: int) -> bool:
+    """Whether the junction of a lane is nothing but a road that goes on, in both directions and
+    without a signal."""
+    there = np.flatnonzero(road.junction == road.junction[lane])
+    pair = road.edge[[lane, facing(road)[lane]]]
+    alone = np.isin(road.edge[there], pair).all()
+    free = (road.rule[there] == PRIORITY).all() and (road.signal[there] < 0).all()
+    return bool(alone and free)
 
 
 def lanes_beside(road: RoadMap, nodes: Nodes, vclass: int) -> tuple[Indices, Indices]:

@@ -16,12 +16,17 @@ from sumo_mcts.model.local_map import (
     ONCOMING,
     STREAM,
     LocalMap,
+    S,
     State,
+    V,
+    chain_gap,
+    index_at,
+    node_of,
     to_end,
     urgency_at,
 )
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.model.route import INTERNAL, LIMIT, NEXT, NUMBER, REACH, RIGHT_NODE, STATION
+from sumo_mcts.model.route import HOME, INTERNAL, LIMIT, NEXT, NUMBER, REACH, STATION
 from sumo_mcts.numerics.kernel import kernel
 
 # m/s2: by so much / limit for each metre of gap the ego's useful speed is above its leader's. Up to
@@ -38,6 +43,8 @@ MOVE_UP = 4.0  # m/s, the time that driving up to it with this speed takes
 # Factor of an additional cost at the horizon, in a lane that the route leaves: for an ego that can
 # no longer reach the speed of the vehicles between which it has to move.
 RUN_UP = 0.1
+# times tail_s that is lost at most behind a queue: in a longer one nothing is gained by passing one
+MOST_STUCK = 2.0
 LEAST_LOSS = 0.5  # of cost.contact: what a contact costs at least, at the horizon
 
 
@@ -131,19 +138,27 @@ def terminal(
     red light or the end of the road it has none (LocalMap.open_ahead). The limit is that of the
     lane where the ego is now, in all states.
     """
+    stuck = 0.0
     if is_against(local, state) > 0.0:
         state = _back(local, state)
+    else:
+        stuck = stuck_behind(local, state.node, state.s, 0.0, time)
     useful = min(state.v, leader_v + CLOSING * gap / local.limit)
     missing = max(0.0, local.limit - useful) if local.open_ahead else 0.0
-    behind = max(
-        _behind(local, c, gap, leader_v),
-        _behind(local, c, to_end(local, state), 0.0),
+    lost_behind = max(
+        behind(local, c, gap, leader_v),
+        behind(local, c, to_end(local, state), 0.0),
     )
     picks_up = missing * missing / (2.0 * PICK_UP * local.limit)
     waits = 0.0
     if c.beyond_s > 0.0:
         waits = c.beyond_s * (1.0 - math.exp(-waiting_s(local, state, time, picks_up) / c.beyond_s))
-    lost = picks_up + waits + c.tail_s * behind + min(_to_stop(local, state), UP_TO_STOP) / MOVE_UP
+    lost = (
+        picks_up
+        + waits
+        + c.tail_s * (lost_behind + stuck)
+        + min(_to_stop(local, state), UP_TO_STOP) / MOVE_UP
+    )
     return c.progress * lost + c.route * abs(urgency_at(local, state)) * c.tail_s * (
         1.0 + RUN_UP * _too_slow(local, state)
     )
@@ -152,8 +167,8 @@ def terminal(
 @kernel
 def _back(local: LocalMap, state: State) -> State:
     """The ego at its place in the lane that it left to overtake (see model/completing.py)."""
-    node = int(local.node[state.node, RIGHT_NODE])
-    if local.to_leave[state.node - local.first, ONCOMING] == 0.0:
+    node = int(local.node[state.node, HOME])
+    if node < 0:
         node = state.node
     return State(node, state.s, state.v, state.a, 0.0, -1, 0.0)
 
@@ -203,7 +218,22 @@ def _to_stop(local: LocalMap, state: State) -> float:
 
 
 @kernel
-def _behind(local: LocalMap, c: CostParams, gap: float, leader_v: float) -> float:
+def stuck_behind(local: LocalMap, node: int, s: float, beyond: float, time: float) -> float:
+    """Share of the coming tail_s that is lost behind all vehicles more than `beyond` m ahead of a
+    place, where only the lane of the oncoming leads past them: behind each one as long again."""
+    if local.stuck == 0.0:
+        return 0.0
+    t, share = min(index_at(local, time), local.agent.shape[0] - 1), 0.0
+    for i in range(local.agent.shape[1]):
+        there, v = node_of(local, t, i), min(local.agent[t, i, V], local.limit)
+        ahead = chain_gap(local, node, s, there, local.agent[t, i, S]) if there >= 0 else math.inf
+        if beyond < ahead < math.inf:
+            share += 1.0 - v / local.limit
+    return min(share, MOST_STUCK)
+
+
+@kernel
+def behind(local: LocalMap, c: CostParams, gap: float, leader_v: float) -> float:
     """Share of the coming tail_s that is lost behind a slower vehicle, or something that stands."""
     return (1.0 - min(leader_v, local.limit) / local.limit) * max(
         0.0, 1.0 - TAIL_SLOPE * gap / (c.tail_s * local.limit + 1e-9)

@@ -25,7 +25,14 @@ from sumo_mcts.model.local_agents import (
 )
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.obligations import Coming, junction_nodes, obligations, to_oncoming, to_people
-from sumo_mcts.model.oncoming import KEEPS_RIGHT, closed_table, may_overtake, with_unseen
+from sumo_mcts.model.oncoming import (
+    WANTS_BACK,
+    closed_table,
+    is_there,
+    may_overtake,
+    side_back,
+    with_unseen,
+)
 from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap
 from sumo_mcts.model.sideways import in_the_way
 from sumo_mcts.model.standing import past_standing, standing
@@ -99,10 +106,10 @@ def build_local(
     free_m = limit * len(v) * forecast.dt + FREE_BEYOND
     gate, to_gate = _gates(road, route, needs, view, scene, forecast.dt, owed, closed)
     urgency, now = _urgency(needs, view, here), (comes_to(node[0]), position[0], v[0])
+    overtakes = may_overtake(route, state, scene.agents, node[0])
     to_stop, stands_before, near_stop = stop_at(route, state, rules, here)
     return LocalMap(
-        node=route.table if may_overtake(route, state, scene.agents, node[0])
-        else closed_table(route),
+        node=route.table if overtakes else closed_table(route),
         row=route.rows, first=first, ahead=ahead, limit=limit, dt=forecast.dt,
         closed=closed, yellow=yellow, level=level, place=place,
         agent=np.dstack([traffic.pose, v, node, position, traffic.driven]),
@@ -110,7 +117,7 @@ def build_local(
         trait=traits(forecast, traffic, state, slots, beside, bits, walks, waits_at),
         bounds=bounds(traffic, forecast, rules.claim_s),
         followers=followers, starts=traffic.starts, patience=rules.patience, asked=rules.asked,
-        obligation=np.concatenate([owed, to_oncoming(road, route, view, coming)]),
+        obligation=np.concatenate([owed, to_oncoming(road, route, view, here, coming)]),
         gate=gate, to_gate=to_gate, urgency=urgency,
         to_leave=np.column_stack([
             leaving(needs, view, here, urgency, now), route.oncoming[view]
@@ -119,6 +126,7 @@ def build_local(
         open_ahead=is_open(route, closed, first, state, free_m),
         stop_at=to_stop, stands_before=stands_before, near_stop=near_stop,
         stop_decel=rules.stop_decel, aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
+        stuck=float(overtakes), committed=bool(is_there(route, state)),
     )  # fmt: skip
 
 
@@ -205,7 +213,8 @@ def _urgency(route: RouteMap, view: slice, here: float) -> Floats:
         * needed,
         0.0,
     )
-    return np.where(route.oncoming[view], np.minimum(weight, -KEEPS_RIGHT), weight)
+    back = side_back(route) * np.maximum(np.abs(weight), WANTS_BACK)
+    return np.where(route.oncoming[view], back, weight)
 
 
 def _target_lane_speed(route: RouteMap, view: slice, here: float, stream: Stream) -> float:

@@ -86,6 +86,8 @@ class LocalMap(NamedTuple):
     # share of its price that comfortable braking of others costs an ego that has waited for a gap
     patience: float
     asked: int  # the side on which the ego asks for room: 1 left, -1 right, 0 neither
+    committed: bool  # the ego is in a lane of oncoming traffic, or changes to one, when it decides
+    stuck: float  # 1 where only a lane of oncoming traffic leads past a slow leader, else 0
     # The agent that starts in this hypothesis though it has stood for a while; -1: none. It looks
     # first: the search moves it, and it waits for an ego that is in its way before it is there,
     # whoever has the right of way.

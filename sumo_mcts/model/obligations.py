@@ -57,18 +57,28 @@ def obligations(
     return rows[:used]
 
 
-def to_oncoming(road: RoadMap, route: RouteMap, view: slice, coming: Coming) -> Floats:
-    """[K, 8] LocalMap.obligation: what an ego that overtakes owes to those that come towards it."""
+def to_oncoming(road: RoadMap, route: RouteMap, view: slice, here: float, coming: Coming) -> Floats:
+    """[K, 8] LocalMap.obligation: what an ego that overtakes owes to those that come towards it, on
+    the lanes that end ahead of `here`, m from the start of the route."""
     rows = [np.zeros((0, PAST + 1))]
-    for n in (view.start + np.flatnonzero(route.oncoming[view])).tolist():
-        on_it = (coming.lane == facing(road)[route.lane[n]]) & coming.valid
-        those = np.flatnonzero(on_it.any(axis=0))
-        at = np.argmax(on_it[:, those], axis=0)
-        row = np.zeros((len(those), PAST + 1))
-        row[:, OWN_NODE], row[:, AGENT] = n, those
-        row[:, MERGES] = np.where(coming.unseen[those], UNSEEN, HEAD_ON)
+    nodes = view.start + np.flatnonzero(route.oncoming[view])
+    nodes = nodes[route.station[nodes] + route.length[nodes] > here]
+    if not len(nodes):
+        return rows[0]
+    place = np.full(len(road.lane_ids), np.nan)  # m from the start of the route to a lane's start
+    back = nodes[::-1]  # of an edge that is driven twice the first time counts
+    place[facing(road)[route.lane[back]]] = route.station[back] + route.length[back]
+    on_it = ~np.isnan(place[coming.lane]) & (coming.lane >= 0) & coming.valid
+    those = np.flatnonzero(on_it.any(axis=0))
+    at = np.argmax(on_it[:, those], axis=0)
+    front = place[coming.lane[at, those]] - coming.s[at, those] + coming.driven[at, those]
+    for n in nodes.tolist():
+        ahead = front >= route.station[n]
+        row = np.zeros((int(ahead.sum()), PAST + 1))
+        row[:, OWN_NODE], row[:, AGENT] = n, those[ahead]
+        row[:, MERGES] = np.where(coming.unseen[those[ahead]], UNSEEN, HEAD_ON)
         row[:, STRETCH_END] = math.inf
-        row[:, ENTERS] = route.length[n] - coming.s[at, those] + coming.driven[at, those]
+        row[:, ENTERS] = (front - route.station[n])[ahead]
         rows.append(row)
     return np.concatenate(rows)
 

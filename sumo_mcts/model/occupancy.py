@@ -144,9 +144,14 @@ def yielding_cost(
             copes = v * v < 2.0 * c.cut_in_decel_mps2 * max(distance - STANDSTILL, 0.0)
             reacts = local.trait[i, REACTS] > 0.0  # who is on foot does not wait for it
             share = local.patience if copes and reacts and not head_on else 1.0
-            price = min(1.0, BRAKES_SHARE + GROWTH * (1.0 - distance / needed))
-            rate = max(rate, share * c.claim * price)
+            rate = max(rate, share * c.claim * brakes_share(distance, needed))
     return rate
+
+
+@kernel
+def brakes_share(distance: float, needed: float) -> float:
+    """Share of cost.claim for an agent that is so near, m, and needs more for its safe gap."""
+    return min(1.0, BRAKES_SHARE + GROWTH * (1.0 - distance / needed)) if distance < needed else 0.0
 
 
 @kernel

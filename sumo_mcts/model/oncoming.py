@@ -9,19 +9,19 @@ import numpy as np
 from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.model.caps import SPACING
 from sumo_mcts.model.local_map import State
-from sumo_mcts.model.route import FIRST_ROW, LAST_ROW, LEFT_NODE, RouteMap
+from sumo_mcts.model.route import FIRST_ROW, HOME, LAST_ROW, LEFT_NODE, RIGHT_NODE, RouteMap
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.lanes import facing, limits
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import Agents, EgoState, Forecast, Scene
 
 # Urgency (LocalMap.urgency) of leaving the lane of the oncoming, wherever the ego is on it.
-KEEPS_RIGHT = 0.3
+WANTS_BACK = 0.1
 # A leader is worth overtaking that is slower than this share of the limit, does not pick up speed
 # (m/s2), and is so near, in s of driving at the limit, and m.
 SLOWER, STARTS_OFF = 0.8, 0.5
 NEAR_S, NEAR_M = 4.0, 40.0
-CLEAR_END = 60.0  # m before the end of the lane in which nothing is overtaken
+CLEAR_END = 60.0  # m before the end of the lane of the oncoming in which nothing is overtaken
 OVER_LIMIT = 1.2  # times the limit: the speed at which the unseen is taken to come
 UNSEEN_LENGTH, UNSEEN_WIDTH = 5.0, 1.8  # m
 LOOKS_M = 2.0  # m between the places of a lane that are looked at
@@ -39,22 +39,62 @@ def may_overtake(route: RouteMap, state: State, agents: Agents, node: Indices) -
 
     `node` [N]: of the agents now.
     """
-    if route.oncoming[[state.node, max(state.other, 0)]].any():
+    if is_there(route, state):
         return True
-    left, limit = int(route.left[state.node]), float(route.limit[state.node])
-    if left < 0 or not route.oncoming[left] or len(agents.ids) != len(node):
+    if not route.oncoming.any() or len(agents.ids) != len(node):
         return False
-    slow = (agents.v < SLOWER * limit) & (agents.trend < STARTS_OFF)
-    room = (node == state.node) & (agents.s < route.length[state.node] - CLEAR_END)
-    away = agents.s - state.s
-    return bool((room & slow & (away > 0.0) & (away < NEAR_M + NEAR_S * limit)).any())
+    path, begins = _path(route, state)
+    beside = _beside(route)[path]
+    has, ends = beside >= 0, begins + route.reach[beside] - CLEAR_END
+    limit = float(route.limit[state.node])
+    for i in np.flatnonzero((node >= 0) & (agents.trend < STARTS_OFF)).tolist():
+        on = np.flatnonzero(path == node[i])
+        if not len(on) or agents.v[i] >= SLOWER * min(limit, float(route.limit[node[i]])):
+            continue
+        away = float(begins[on[0]] + agents.s[i])
+        room = (has & (begins <= away) & (away < ends)).any()
+        if room and 0.0 < away < NEAR_M + NEAR_S * limit:
+            return True
+    return False
+
+
+def is_there(route: RouteMap, state: State) -> bool:
+    """Whether the ego is in a lane of oncoming traffic, or changes to or from one."""
+    return bool(route.oncoming[[state.node, max(state.other, 0)]].any())
+
+
+def _path(route: RouteMap, state: State) -> tuple[Indices, Floats]:
+    """The nodes that the ego drives without changing lanes, as far as a leader counts, and m from
+    its front to where each begins."""
+    nodes, begins = [state.node], [-state.s]
+    reach = NEAR_M + NEAR_S * float(route.limit[state.node])
+    while route.next[nodes[-1]] >= 0:
+        begin = begins[-1] + float(route.length[nodes[-1]])
+        if begin > reach:
+            break
+        nodes.append(int(route.next[nodes[-1]]))
+        begins.append(begin)
+    return np.array(nodes, np.int64), np.array(begins)
+
+
+def _beside(route: RouteMap) -> Indices:
+    """[W] the lane of the oncoming beside each node, -1: none."""
+    found = np.full(len(route.lane), -1, np.int64)
+    home = route.table[route.oncoming, HOME].astype(np.int64)
+    found[home[home >= 0]] = np.flatnonzero(route.oncoming)[home >= 0]
+    return found
+
+
+def side_back(route: RouteMap) -> int:
+    """The side to which the ego leaves a lane of oncoming traffic: 1 left, -1 right."""
+    return 1 if (route.left[route.oncoming] >= 0).any() else -1
 
 
 def closed_table(route: RouteMap) -> Floats:
     """RouteMap.table without ways to the lanes of the oncoming."""
     table = route.table.copy()
-    left = route.left
-    table[(left >= 0) & route.oncoming[left], LEFT_NODE] = -1.0
+    for column, side in ((LEFT_NODE, route.left), (RIGHT_NODE, route.right)):
+        table[(side >= 0) & route.oncoming[side], column] = -1.0
     return table
 
 

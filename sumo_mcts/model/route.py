@@ -22,7 +22,7 @@ from sumo_mcts.model.halts import halt_of
 from sumo_mcts.numerics.drawn import Drawing, drawing, drawn_shares
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.numerics.lanes import against_traffic, limits
+from sumo_mcts.numerics.lanes import against_traffic, home_lanes, limits
 from sumo_mcts.road import ALLWAY, STOP, RoadMap
 from sumo_mcts.scene import NO_STOP, Stop
 
@@ -43,7 +43,8 @@ from sumo_mcts.scene import NO_STOP, Stop
     JUNCTION,
     NUMBER,
     OWES,
-) = range(14)
+    HOME,
+) = range(15)
 HALT_LINE = 2.0  # in column STOP_LINE: the line behind the place of a stop
 CAP, DRAWN = 4, 5  # columns of RouteMap.rows after those of the pose
 SOON_S = 0.5  # s until the ego brakes
@@ -92,9 +93,10 @@ class RouteMap(NamedTuple):
     pose: Floats  # [R, 4] centre x, y, cos, sin of the ego's box with its front there
     # [R] highest speed from which approach_decel is enough for all lower limits and lane ends ahead
     cap: Floats
-    # [W, 14] next .. station, reach, stop, internal, first and last row, and junction, once more,
+    # [W, 15] next .. station, reach, stop, internal, first and last row, and junction, once more,
     # for compiled code; and which lane it is, counted from the right among those that the ego may
-    # use, inside junctions 0; and 1 where it may owe something to others (LocalMap.obligation)
+    # use, inside junctions 0; and 1 where it may owe something to others (LocalMap.obligation); and
+    # of a lane of oncoming traffic the node that it lies beside, -1: an ordinary one
     table: Floats
     # [R, 6] X .. SIN of the pose and CAP, likewise, and the share of the ego's length to which it
     # is drawn there
@@ -193,7 +195,7 @@ def route_map(
         np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
         np.column_stack([nxt, left, right, node_length, limit, station, reach, closes, internal,
         row[:-1], row[1:] - 1, road.junction[lane], _numbers(road, nodes),
-        internal | against]).astype(np.float64),
+        internal | against, _homes(road, nodes)]).astype(np.float64),
         np.column_stack([pose, cap, _drawn(drawn, lane, row, length)]), _upstream(road, lane),
         against, drawn, halt,
     )  # fmt: skip
@@ -258,6 +260,14 @@ def _numbers(road: RoadMap, nodes: Nodes) -> Indices:
         here = np.flatnonzero((nodes.leg == leg) & ~road.internal[nodes.lane])
         found[here[np.argsort(road.index[nodes.lane[here]])]] = np.arange(len(here))
     return found
+
+
+def _homes(road: RoadMap, nodes: Nodes) -> Indices:
+    """[W] the node that a lane of oncoming traffic lies beside, -1: it is an ordinary lane."""
+    home = np.full(len(road.lane_ids), -1, np.int64)
+    home[against_traffic(road)] = home_lanes(road)
+    places = zip(nodes.leg.tolist(), home[nodes.lane].tolist(), strict=True)
+    return np.array([nodes.number.get(place, -1) for place in places], np.int64)
 
 
 def _upstream(road: RoadMap, own: Indices) -> Upstream:

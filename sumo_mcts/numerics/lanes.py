@@ -49,6 +49,11 @@ def against_traffic(road: RoadMap) -> Bools:
     return np.arange(lanes) >= lanes - len(road.oncoming)
 
 
+def home_lanes(road: RoadMap) -> Ints:
+    """[V] the lanes beside those of oncoming traffic, from which they are entered."""
+    return (road.left if road.lefthand else road.right)[against_traffic(road)]
+
+
 def facing(road: RoadMap) -> Ints:
     """[L] the lane in which the same place is driven the other way round, -1: none."""
     found = np.full(len(road.lane_ids), -1, np.int32)
@@ -96,7 +101,7 @@ def with_changes(road: RoadMap, changes: RoadChanges) -> RoadMap:
     speed = _put(road.speed, lane, changes.speed)
     classes = _put(road.classes, lane, changes.classes)
     against = np.flatnonzero(against_traffic(road))
-    speed[against], classes[against] = speed[road.right[against]], classes[road.oncoming]
+    speed[against], classes[against] = speed[home_lanes(road)], classes[road.oncoming]
     return road._replace(
         speed=speed,
         classes=classes,

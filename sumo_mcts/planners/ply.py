@@ -30,7 +30,7 @@ from sumo_mcts.model.motion import (
     within_step,
 )
 from sumo_mcts.model.reactions import react
-from sumo_mcts.model.route import LIMIT
+from sumo_mcts.model.route import HOME, LIMIT
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import entry, inlined, kernel
 from sumo_mcts.planners.actions import FOLLOW, NO_SPEED, Action, action_at
@@ -43,6 +43,9 @@ IMPOSSIBLE = -2
 ALIVE, LOST, ARRIVED = range(3)
 DRIVEN_S, DRIVEN_V = range(2)  # columns of what is written down of a drive: m, m/s
 ROLLING = 2.0  # m/s below which a lane change begins with driving off
+# s from now up to which an overtaking through oncoming traffic may begin: who comes later than that
+# is not seen yet, and the ego would fall back for it again and again.
+OVERTAKES_SOON = 2.0
 
 
 class SearchParams(NamedTuple):
@@ -196,9 +199,12 @@ def may_change(
     """
     if state.v < ROLLING and accel <= 0.0 and not leads_nowhere(local, state.node):
         return False
-    return can_change(local, p, state, side) and place_is_free(
-        local, p, c, begin_change(local, p, state, side), others, index_at(local, time), most
-    )
+    if not can_change(local, p, state, side):
+        return False
+    changed = begin_change(local, p, state, side)
+    if time > OVERTAKES_SOON and local.node[changed.other, HOME] >= 0.0:
+        return False
+    return place_is_free(local, p, c, changed, others, index_at(local, time), most)
 
 
 @entry

@@ -202,7 +202,8 @@ class Commander:
         if self._aside.moves(self._vehicle):
             self._aside.shift(self._vehicle, self._apart(source, target))
         elif self._against[source] or self._against[target]:  # SUMO has no number for that lane
-            self._get.changeLaneRelative(self._vehicle, side, held)
+            outwards = -side if self._road.lefthand else side  # it counts as its lanes do
+            self._get.changeLaneRelative(self._vehicle, outwards, held)
         else:
             self._get.changeLane(self._vehicle, sumo_lane(self._road, target), held)
         if takes_time:

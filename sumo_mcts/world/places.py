@@ -36,7 +36,7 @@ class Places:
         d = self._left * float(self._get.getLateralLanePosition(vehicle))
         if lane not in self._of_edge or self._on_route(vehicle) == self._of_edge[lane]:
             return Place(lane, s, d)
-        # SUMO's drivers go on overtaking through junctions; such lanes are not in the map
+        # SUMO's drivers overtake through any junction; ways straight on are in the map
         return Place(self._against.get(lane, -1), float(self._road.length[lane]) - s, -d)
 
     def _on_route(self, vehicle: str) -> str:

@@ -17,6 +17,10 @@ EDGES = "".join(
     f'<edge id="{name}" from="{name[0]}" to="{name[1]}" numLanes="1" speed="13.9"/>'
     for name in ("wa", "aw", "ab", "ba", "be", "eb")
 )
+SHORTER = "".join(
+    f'<edge id="{name}" from="{name[0]}" to="{name[1]}" numLanes="1" speed="13.9"/>'
+    for name in ("wa", "aw", "am", "ma", "mb", "bm", "be", "eb")
+)
 PARKED = (
     '<vehicle id="s" type="car" depart="0" departPos="200" departSpeed="0"><route edges="ab be"/>'
     '<stop lane="ab_0" startPos="190" endPos="210" duration="3600"/></vehicle>'
@@ -29,6 +33,8 @@ FLOW = (
     '<flow id="o" type="car" begin="0" end="300" period="exp(0.08)" departSpeed="max">'
     '<route edges="eb ba aw"/></flow>'
 )
+QUICKER = SLOW.replace('"slow"', '"lorry"')  # half of the limit
+IN_TWO = {" ab": " am mb", "ba ": "bm ma "}  # the same road in two edges
 STREAM = (  # so dense that nobody gets past
     '<flow id="o" type="car" begin="0" end="300" period="2.5" departSpeed="max">'
     '<route edges="eb ba aw"/></flow>'
@@ -36,18 +42,32 @@ STREAM = (  # so dense that nobody gets past
 
 
 def driven(
-    folder: Path, others: str, *sets: str, planner: str = "mcts", seed: int = 1
+    folder: Path,
+    others: str,
+    *sets: str,
+    planner: str = "mcts",
+    seed: int = 1,
+    in_two: bool = False,
+    side: tuple[str, ...] = (),
+    after: str = "",
 ) -> dict[str, Any]:
-    """The row of an episode among these others, on a road of one lane each way."""
+    """The row of an episode among these others, on a road of one lane each way; `in_two` edges
+    between its ends; `side`: where people drive, an option of netconvert; `after`: who departs
+    later than the ego."""
     if not (folder / "x.net.xml").exists():
-        netconvert(folder, NODES, EDGES, "", "--opposites.guess")
+        nodes = NODES + '<node id="m" x="300" y="0"/>'
+        netconvert(folder, nodes, SHORTER if in_two else EDGES, "", "--opposites.guess", *side)
     ego = (
         '<vehicle id="ego" type="car" depart="20" departSpeed="max"><route edges="wa ab be"/>'
         "</vehicle>"
     )
     cars = others + ego if "<flow" not in others else others.replace("<flow", ego + "<flow", 1)
+    cars += after
+    for whole, parts in IN_TWO.items() if in_two else ():
+        cars = cars.replace(whole, parts)
     (folder / "x.rou.xml").write_text(
-        f'<routes><vType id="car" speedDev="0.1"/><vType id="slow" maxSpeed="4"/>{cars}</routes>'
+        '<routes><vType id="car" speedDev="0.1"/><vType id="slow" maxSpeed="4"/>'
+        f'<vType id="lorry" vClass="truck" length="10" maxSpeed="7"/>{cars}</routes>'
     )
     scene = {
         "name": "overtakes",
@@ -73,6 +93,37 @@ def test_the_ego_overtakes_about_as_soon_as_sumos_driver(others: str, tmp_path: 
     assert row["travel_time_s"] < 1.25 * twin["travel_time_s"]
     assert row["lane_changes"] >= 2
     assert row["detours"] is None  # the lane of the oncoming leads nowhere, and is no missed lane
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", [(), ("--lefthand",)])
+@pytest.mark.parametrize("others", [QUICKER, QUICKER + FLOW])
+def test_it_goes_on_across_a_plain_junction(
+    others: str, side: tuple[str, ...], tmp_path: Path
+) -> None:
+    """A lorry at half of the limit needs a longer road than each edge is."""
+    how: Any = {"in_two": True, "side": side}
+    twin = driven(tmp_path, others, planner="sumo", **how)
+    row = driven(tmp_path, others, "sensor.range_m=500", **how)
+    assert row["outcome"] == "arrived" and row["imposed_brakes_2"] == 0
+    assert row["travel_time_s"] < 1.1 * twin["travel_time_s"]
+    assert row["lane_changes"] == 2 and row["detours"] is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("failsafe", ["failsafe.on=false", "failsafe.on=true"])
+@pytest.mark.parametrize("away", [150, 250])
+def test_somebody_appears_while_it_is_beside_the_other(
+    away: int, failsafe: str, tmp_path: Path
+) -> None:
+    """A car departs from the roadside, in the lane in which the ego is: it goes on or back."""
+    place = 600 - 184 - away  # the ego is at 184 m then, in the lane of the oncoming since 90 m
+    appears = (
+        f'<vehicle id="o" type="car" depart="44" departPos="{place}" departSpeed="max" '
+        'insertionChecks="none"><route edges="ba aw"/></vehicle>'
+    )
+    row = driven(tmp_path, QUICKER, "sensor.range_m=500", failsafe, after=appears)
+    assert row["outcome"] == "arrived" and row["lane_changes"] >= 2
 
 
 @pytest.mark.slow

@@ -473,9 +473,9 @@ NEEDED = {
     "completing": "unfinished",
     "cost_to_go": "_fill_to_gate waiting_s",
     "cost": """
-        _before_stop _behind _to_stop _too_slow is_against leads_nowhere step_comfort
+        _before_stop _to_stop _too_slow behind is_against leads_nowhere step_comfort
         step_own
-        step_passability terminal
+        step_passability stuck_behind terminal
     """,
     "gaps": "gap_ahead gap_behind gap_to_leaving lane_left",
     "geometry": "boxes_touch chord point_at point_on swung",
