@@ -134,6 +134,7 @@ def test_it_may_be_told_not_to(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="open: who is not seen gets no room to brake in comfort")
 def test_it_waits_where_somebody_always_comes(tmp_path: Path) -> None:
     row = driven(tmp_path, SLOW + STREAM)
     assert row["outcome"] == "arrived" and row["lane_changes"] == 0
