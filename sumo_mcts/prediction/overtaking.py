@@ -35,8 +35,9 @@ def going_back(road: RoadMap, agents: Agents, ego: EgoState) -> Return:
         np.append(getattr(agents, name), getattr(ego, name))
         for name in ("lane", "s", "v", "length")
     )
+    home, side = (road.left, 1.0) if road.lefthand else (road.right, -1.0)
     for i in np.flatnonzero(there):
-        own = int(road.right[agents.lane[i]])
+        own = int(home[agents.lane[i]])
         ahead = s - agents.s[i]
         passes = (
             (lane == own)
@@ -48,5 +49,5 @@ def going_back(road: RoadMap, agents: Agents, ego: EgoState) -> Return:
         after = np.where(faster > 0.0, past / np.maximum(faster, 1e-9), math.inf)
         found.after[i] = after.max(initial=0.0)
         found.lane[i] = own
-        found.aside[i] = -0.5 * (road.width[agents.lane[i]] + road.width[own])
+        found.aside[i] = side * 0.5 * (road.width[agents.lane[i]] + road.width[own])
     return found

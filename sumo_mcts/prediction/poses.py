@@ -120,7 +120,7 @@ def _place_on_path(
             left = -math.copysign(min(SIDEWAYS * step, abs(aside - goal)), aside - goal)
             left = 0.0 if bodies.keeps[i] and goal == 0.0 else left
             aside, turn = aside + left, swung(turn, x[t, row] - x[t - 1, row], left, length)
-        if k == 0 and back.lane[i] >= 0 and aside < 0.5 * back.aside[i]:
+        if k == 0 and back.lane[i] >= 0 and aside / back.aside[i] > 0.5:
             out.lane[t, i] = back.lane[i]
         ct, st = math.cos(turn), math.sin(turn)
         c, s = pc * ct - ps * st, ps * ct + pc * st
