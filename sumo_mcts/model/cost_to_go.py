@@ -37,7 +37,7 @@ from sumo_mcts.model.local_map import (
     index_at,
     node_of,
 )
-from sumo_mcts.model.route import LEFT_NODE, LENGTH, LIMIT, NEXT, RIGHT_NODE, RouteMap
+from sumo_mcts.model.route import LENGTH, LIMIT, NEXT, RouteMap
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import AFTER_STOP, GREEN, Signals
@@ -81,24 +81,39 @@ def gates(
     to_gate = np.full((last - first, SPREAD + 1), np.inf)
     at = np.full(last - first, -1)
     at[those] = np.arange(len(those))
-    _fill_to_gate(to_gate, gate, at, route.table, route.changes, first)
+    _fill_to_gate(to_gate, gate, at, route.table, _needed(route, first, last), first)
     return gate, to_gate
+
+
+def _needed(route: RouteMap, first: int, last: int) -> Indices:
+    """[W] the lane beside each node to which the route has it change, as far as lanes lie there;
+    counted from `first`."""
+    found, left = np.arange(last - first), route.changes[first:last].copy()
+    for _ in range(int(np.abs(left).max(initial=0))):
+        here = first + found
+        beside = np.where(left > 0, route.left[here], route.right[here]) - first
+        moves = (left != 0) & (beside >= 0) & (beside < last - first)
+        found = np.where(moves, beside, found)
+        left = np.where(moves, left - np.sign(left), 0)
+    return found
 
 
 @entry
 def _fill_to_gate(
-    to_gate: Floats, gate: Floats, at: Indices, table: Floats, changes: Indices, first: int
+    to_gate: Floats, gate: Floats, at: Indices, table: Floats, needed: Indices, first: int
 ) -> None:
     """Fill LocalMap.to_gate, and NEXT_GATE and NEXT_FREE_S of the gates; `at` [W]: the gate at the
     end of a node, -1: none.
 
-    A lane that the route leaves has the gates and the queue of the lane that it needs: leaving the
-    queue saves nothing.
+    A lane that the route leaves has the gates and the queue of the lane that it needs, and so has
+    what leads onto it: neither leaving the queue nor staying before it saves anything.
     """
     w = to_gate.shape[0]
     for i in range(w - 1, -1, -1):
         n = first + i
         after = int(table[n, NEXT]) - first
+        if 0 <= after < w:
+            after = needed[after]
         to_gate[i, GATE], to_gate[i, QUEUE] = -1.0, n
         g = at[i]
         if g >= 0:
@@ -111,14 +126,8 @@ def _fill_to_gate(
         to_gate[i, FREE_S] += table[n, LENGTH] / table[n, LIMIT]
         to_gate[i, AWAY] += table[n, LENGTH]
     for i in range(w):
-        lane = first + i
-        for _ in range(abs(changes[lane])):
-            beside = int(table[lane, LEFT_NODE if changes[lane] > 0 else RIGHT_NODE])
-            if not first <= beside < first + w:
-                break
-            lane = beside
         for k in range(QUEUE + 1):
-            to_gate[i, k] = to_gate[lane - first, k]
+            to_gate[i, k] = to_gate[needed[i], k]
 
 
 def open_times(

@@ -226,6 +226,28 @@ def test_leaving_the_queue_for_a_lane_that_leads_elsewhere_saves_nothing() -> No
     assert found[0] == found[1] > 4 * DISCHARGE_S
 
 
+def test_what_leads_onto_a_lane_that_the_route_leaves_is_worth_as_much_as_that() -> None:
+    """Else the ego would gain by creeping towards it: the wait at the light would begin there."""
+    road = build(
+        [
+            Lane("a", 0, ((0.0, 1.6), (200.0, 1.6)), ("b_1",)),
+            Lane("b", 0, ((200.0, -1.6), (300.0, -1.6)), (":m_0",)),
+            Lane("b", 1, ((200.0, 1.6), (300.0, 1.6)), ("d_0",)),
+            Lane(
+                ":m", 0, ((300.0, -1.6), (320.0, -1.6)), ("c_0",), junction="m", signal="t", link=0
+            ),
+            Lane("c", 0, ((320.0, -1.6), (520.0, -1.6))),
+            Lane("d", 0, ((300.0, 1.6), (520.0, 1.6))),
+        ]
+    )
+    for lane, s, away in (("a_0", 150.0, 150.0), ("b_1", 50.0, 50.0), ("b_0", 50.0, 50.0)):
+        route = edges(road, *"abc"["abc".index(lane[0]) :])
+        ego = ego_at(road, lane, s, 0.0, route=route)
+        found = local_of(task_of(road, ego), scene_of(ego, road, signals=RED_FOR_20))
+        waits = waiting_s(*found, 0.0, 0.0)
+        assert waits == pytest.approx(20.0 - away / 15.0)
+
+
 def turn_off(side: int) -> RoadMap:
     """Three lanes a to a light; only the outermost on `side` leads through it to b, which gives way
     to a stream d that comes across."""
