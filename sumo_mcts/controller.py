@@ -1,12 +1,13 @@
 """Drives one vehicle in a libsumo loop of your own:
 
-libsumo.start(["sumo", "-c", "my.sumocfg"])
+libsumo.start(["sumo", "-c", "my.sumocfg", "--collision.mingap-factor", "0"])
 with Controller("ego") as controller:
     while libsumo.simulation.getMinExpectedNumber():
         controller.step()
         libsumo.simulationStep()
 """
 
+import logging
 import math
 import weakref
 from collections.abc import Mapping
@@ -35,6 +36,10 @@ _NOT_HERE = {
     "clone": "copies a simulation that `sumo-mcts run` plays: what your loop is going to command "
     "is not known",
 }
+_MOVED = (
+    "%s: SUMO teleports a vehicle that stops a little nearer to another than its minGap; start it "
+    "with --collision.mingap-factor 0"
+)
 
 
 class Controller:
@@ -130,6 +135,8 @@ class Controller:
         )
         self._noise = streams(self._seed).noise.spawn(1)[0]
         warm_up(self._config, self._world.road, self._world.physics)
+        if simulation.moves_who_comes_near():
+            logging.getLogger(__name__).warning(_MOVED, self._ego)
         self.thought: PlanningResult | None = None  # the last decision, and what it rests on
         self._told: Told | None = None  # what it tells of that decision
         self._over = False

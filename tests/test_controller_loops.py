@@ -537,3 +537,24 @@ def test_a_simulation_with_a_window_is_driven_in_alike() -> None:
     finally:
         server.terminate()
         server.wait()
+
+
+@pytest.mark.parametrize(
+    ("options", "warned"),
+    [
+        ([], True),
+        (["--collision.mingap-factor", "0"], False),
+        (["--collision.action", "warn"], False),
+    ],
+)
+def test_that_sumo_teleports_who_comes_near_is_logged(
+    options: list[str], warned: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    libsumo.start(["sumo", *arguments(), *options])
+    try:
+        with Controller("ego", SETTINGS) as controller:
+            add()
+            drive(controller)
+    finally:
+        libsumo.close()
+    assert ("--collision.mingap-factor 0" in caplog.text) == warned

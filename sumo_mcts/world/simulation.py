@@ -272,6 +272,12 @@ def require_running() -> None:
         )
 
 
+def moves_who_comes_near() -> bool:
+    """Whether SUMO teleports or removes a vehicle that is nearer to another than its minGap."""
+    moves = option("collision.action") in ("teleport", "remove")
+    return moves and float(option("collision.mingap-factor")) != 0.0
+
+
 def number() -> int:
     """A number that the running simulation alone has, until it is closed or another one is loaded;
     0: none runs."""

@@ -48,7 +48,8 @@ def test_an_emergency_vehicle_behind(more: str, tmp_path: Path) -> None:
 
 def test_what_sumo_sets_is_set_back_before_the_next_step(tmp_path: Path) -> None:
     written(tmp_path, case_with(SUBLANE))
-    libsumo.start(["sumo", "-c", str(tmp_path / "a.sumocfg"), "--no-step-log", "--no-warnings"])
+    options = ["--no-step-log", "--no-warnings", "--collision.mingap-factor", "0"]
+    libsumo.start(["sumo", "-c", str(tmp_path / "a.sumocfg"), *options])
     get, held, modes = libsumo.vehicle, set(), set()
     try:
         with Controller("ego", {"planner": {"iterations": 50}}) as controller:
