@@ -47,7 +47,8 @@ class MissedStop:
         if self._stood < self._patience:
             return ""
         skip_next(self._vehicle)
-        return f"gives up {named(self._road, stop)}: stood {where} {self._stood:.0f} s"
+        stood, self._stood = self._stood, 0.0  # the next one may be on the same lane
+        return f"gives up {named(self._road, stop)}: stood {where} {stood:.0f} s"
 
 
 def waits_beside(road: RoadMap, scene: Scene) -> bool:

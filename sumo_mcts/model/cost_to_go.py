@@ -16,6 +16,7 @@ from sumo_mcts.model.local_map import (
     AGENT,
     AWAY,
     CLOSES,
+    ENTERS,
     FREE_S,
     GAP_S,
     GATE,
@@ -179,6 +180,7 @@ def gap_times(
     counts for all of them, or the ego would change lanes for a difference that is noise.
     """
     found = np.zeros(last - first)
+    owed = owed[owed[:, ENTERS] < math.inf]  # the others wait at the kerb
     nodes = owed[:, OWN_NODE].astype(np.int64)
     for n in np.unique(nodes):
         rows = owed[nodes == n]

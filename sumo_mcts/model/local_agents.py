@@ -15,6 +15,7 @@ from sumo_mcts.model.local_map import (
     LATE,
     NEARBY,
     OCCUPANCY_SAMPLES,
+    OWN_NODE,
     PAST,
     UPSTREAM,
     State,
@@ -198,12 +199,17 @@ def slots_of(
     return np.where(first, 0, np.where(numbers >= 0, numbers + first.any(), -1))
 
 
-def owed_at(obligation: Floats, agents: int) -> Indices:
-    """Trait OWED of `agents`: the nearest kerb at which each may wait for the ego."""
+def owed_at(obligation: Floats, agents: int, first: int, ahead: Floats) -> Indices:
+    """Trait OWED of `agents`: the nearest kerb at which each may wait for the ego, on the way of
+    the ego's lane if there is one. Lanes beside it lead over the same crossing.
+
+    `ahead` [W]: the row of LocalMap.ahead of the ego's node, for nodes from `first` on.
+    """
     owed = np.full(agents, -1)
     those = np.flatnonzero(obligation[:, PAST] > 0.0)
-    furthest_first = those[np.argsort(-obligation[those, KERB], kind="stable")]
-    owed[obligation[furthest_first, AGENT].astype(int)] = furthest_first
+    own = np.isfinite(ahead[obligation[those, OWN_NODE].astype(int) - first])
+    best_last = those[np.lexsort((-obligation[those, KERB], own))]
+    owed[obligation[best_last, AGENT].astype(int)] = best_last
     return owed
 
 

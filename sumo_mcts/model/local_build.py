@@ -98,7 +98,7 @@ def build_local(
         to_people(road, route.lane[junction_nodes(route, first, last, here)], lane_node,
                   np.flatnonzero(walks), traffic.pose, traffic.driven, forecast.half_length),
     ])  # fmt: skip
-    waits_at = owed_at(owed, len(bits))
+    waits_at = owed_at(owed, len(bits), first, ahead[state.node - first])
     slots = slots_of(route, state, forecast, traffic, scene.ego, rules)
     slots = with_people(slots, waits_at, forecast, scene.ego)
     stands = standing(road, route, ahead, first, scene.agents, (node[0], position[0], v))

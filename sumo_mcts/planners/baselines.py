@@ -289,6 +289,7 @@ def with_yield_lines(local: LocalMap, state: State, critical_gap: float) -> Loca
         if (
             not state.v**2 / (2.0 * STOP_DECEL) <= to_line < math.inf
             or int(each[OWN_NODE]) == state.node
+            or math.isinf(each[ENTERS])  # it waits at the kerb
         ):
             continue
         arrives = (

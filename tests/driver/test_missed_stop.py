@@ -91,3 +91,12 @@ def test_a_queue_that_moves_on_is_waited_for() -> None:
     for _ in range(4):
         assert not told(watch, ego_on("a_0", 280.0), 8, *queue)
         assert not told(watch, ego_on("a_0", 280.0, v=2.0), 1, *queue)
+
+
+def test_for_the_next_stop_on_the_same_lane_it_waits_anew() -> None:
+    """It gave that one up, too, as soon as it stood beside it."""
+    watch = watch_of()
+    first = ego_on("a_1", 198.0)._replace(stop=Stop(0, 199.8, 200.0))
+    ((k, _), *_) = told(watch, first, int(PATIENCE / PERIOD))
+    ((again, _), *_) = told(watch, ego_on("a_1", 298.0), 12)
+    assert k == again == PATIENCE / PERIOD

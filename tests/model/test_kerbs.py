@@ -7,13 +7,15 @@ import pytest
 from helpers import Agent, Lane, build, edges, ego_at
 from helpers_model import compiled, local_of, scene_of, task_of
 
-from sumo_mcts.model.kerbs import walk
+from sumo_mcts.model.kerbs import stands_aside, walk
 from sumo_mcts.model.local_map import CLOCK, KERB, OWED, PAST, SLOT, LocalMap, State
 from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.base import Task
+from sumo_mcts.planners.baselines import with_yield_lines
 from sumo_mcts.road import LEFT, PEOPLE_FIRST, PEOPLE_WAIT, VEHICLE_CLASSES, RoadMap
 
 walk = compiled(walk)
+stands_aside = compiled(stands_aside)
 ON_FOOT = 1 << VEHICLE_CLASSES.index("pedestrian")
 DT = 0.2  # s between forecast times
 V = 1.2  # m/s of the person
@@ -28,6 +30,20 @@ def road(rule: int = PEOPLE_WAIT) -> RoadMap:
         Lane("e", 0, ((16.5, -1.6), (200.0, -1.6))),
         Lane(":c_c0", 0, ((14.0, -5.0), (14.0, 2.0)), junction="c", width=4.0, classes=ON_FOOT,
              rule=rule),
+    ])  # fmt: skip
+
+
+def road_of_two() -> RoadMap:
+    """The same with a lane on the right."""
+    return build([
+        Lane("w", 0, ((-100.0, -4.8), (0.0, -4.8)), (":w_0",)),
+        Lane("w", 1, ((-100.0, -1.6), (0.0, -1.6)), (":w_1",)),
+        Lane(":w", 0, ((0.0, -4.8), (16.5, -4.8)), ("e_0",), junction="c", direction=LEFT),
+        Lane(":w", 1, ((0.0, -1.6), (16.5, -1.6)), ("e_1",), junction="c", direction=LEFT),
+        Lane("e", 0, ((16.5, -4.8), (200.0, -4.8))),
+        Lane("e", 1, ((16.5, -1.6), (200.0, -1.6))),
+        Lane(":c_c0", 0, ((14.0, -8.0), (14.0, 2.0)), junction="c", width=4.0, classes=ON_FOOT,
+             rule=PEOPLE_WAIT),
     ])  # fmt: skip
 
 
@@ -79,3 +95,22 @@ def test_who_is_on_the_crossing_or_has_the_right_of_way_walks_on() -> None:
         local = meeting(on, ":w_0", 6.0, 4.0, y)[1]
         assert local.trait[0, SLOT] == local.trait[0, OWED] == -1.0
         assert not local.obligation[:, PAST].any()
+
+
+@pytest.mark.parametrize("lane", [":w_0", ":w_1"])
+def test_they_wait_for_an_ego_in_any_of_several_lanes(lane: str) -> None:
+    """The crossing is owed to them on each lane; the last one counted, wherever the ego was."""
+    task, local, state = meeting(road_of_two(), lane, 8.0, 4.0, 3.0)
+    assert stands_aside(local, task.ego, state, undisturbed(local), 0)
+
+
+def test_nobody_waits_in_turn_for_who_stands_at_the_kerb() -> None:
+    """It never enters, and counted as who enters at once, and as a stream without a gap."""
+    ego = ego_at(on := road(), "w_0", 60.0, 10.0, route=edges(on, "w", "e"))
+    task = task_of(on, ego)
+    for v, waits in ((V, True), (0.0, False)):
+        who = Agent("p", "", v=v, length=0.2, width=0.5, x=14.0, y=2.4, heading=-math.pi / 2)
+        local, state = local_of(task, scene_of(ego, on, who))
+        assert local.obligation[:, PAST].any()
+        assert with_yield_lines(local, state, 5.0).closed.any() == waits
+        assert (len(local.gate) > 0) == waits
