@@ -37,6 +37,8 @@ class MissedLane:
         self._wait = 0.0  # s to stand before the next try
         self._tried = False  # on this edge
         self._said = ""
+        self._asked: tuple[object, ...] = ()  # what the answer of changes_onward rests on
+        self._needed: int | None = None  # and that answer
         self.reroutes = 0  # so far
 
     def note(self, scene: Scene) -> str:
@@ -58,7 +60,7 @@ class MissedLane:
             return ""
         if against_traffic(road)[ego.lane]:
             return ""  # it overtakes
-        needed = changes_onward(road, ego.route, ego.vclass, ego.lane)
+        needed = self._changes_onward(road, scene)
         if needed == 0:
             return ""
         onto = leads_onto(road, ego.lane, ego.vclass)
@@ -68,6 +70,15 @@ class MissedLane:
             self._stood += min(scene.time - self._time, self._period)
         certain = needed is None and not self._tried
         return self._leave(ego, road, certain) if certain or self._stood >= self._wait else ""
+
+    def _changes_onward(self, road: RoadMap, scene: Scene) -> int | None:
+        """As the function; it looks along the whole route, so the last answer is kept."""
+        ego = scene.ego
+        asked = (ego.route, ego.vclass, ego.lane, *(each.tobytes() for each in scene.changes))
+        if asked != self._asked:
+            self._asked = asked
+            self._needed = changes_onward(road, ego.route, ego.vclass, ego.lane)
+        return self._needed
 
     def _leave(self, ego: EgoState, road: RoadMap, certain: bool) -> str:
         """Take the best other way; `certain`: no lane change is left, and it has not waited."""

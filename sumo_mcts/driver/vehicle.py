@@ -108,8 +108,9 @@ class EgoVehicle:
         self._held = truth.ego.held
         ego = truth.ego._replace(asks=self._commander.asks, can_ask=self._commander.can_ask)
         seen = self._senses.perceive(truth._replace(ego=ego))
-        watches = (self._missed, self._missed_stop) if self._drives else ()
-        detour = "; ".join(text for watch in watches if (text := watch.note(seen)))
+        detour = ""
+        if self._drives:  # on another way the next stop may be another one
+            detour = self._missed.note(seen) or self._missed_stop.note(seen)
         if detour:  # a stop is told by its place on the route
             ego = self._world.observer.ego(self._vehicle, Change())
         ego = seen.ego._replace(

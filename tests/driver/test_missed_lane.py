@@ -4,16 +4,23 @@ which."""
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from unittest import mock
 
 import libsumo
 import numpy as np
 import pytest
+from helpers import agents_at, ego_at, lights
 from helpers_detour import AROUND, BACK, NO_CHANGE, network, routes
+from helpers_model import lanes_east, scenario
 from helpers_networks import simulation
 
 from sumo_mcts.config import ScenarioConfig, build
+from sumo_mcts.driver import missed_lane
+from sumo_mcts.driver.missed_lane import MissedLane
+from sumo_mcts.driver.missed_stop import MissedStop
 from sumo_mcts.driver.vehicle import EgoVehicle, running_world
-from sumo_mcts.scene import Decision, EgoState, Follow, Release
+from sumo_mcts.road import RoadChanges
+from sumo_mcts.scene import Decision, EgoState, Follow, Release, Scene
 
 PATIENCE = 10.0
 BLOCKED = ("in", "left", "goal")
@@ -252,3 +259,31 @@ def test_a_stop_that_it_serves_is_no_waiting_for_a_gap(tmp_path: Path) -> None:
             held = time if libsumo.vehicle.isStopped("ego") else held
     ((time, _),) = story(seen)
     assert 40.0 < held < time - PATIENCE
+
+
+def test_it_looks_along_the_whole_route_once_a_lane() -> None:
+    """On a route of 80 edges that took 6 ms in each decision."""
+    road = lanes_east(3)
+    watch = MissedLane("ego", road, scenario(), 0.5)
+    unchanged = RoadChanges()
+    closed = RoadChanges(*(np.array([x]) for x in (2, 13.9, 0, 0, 0)))
+    with mock.patch.object(
+        missed_lane, "changes_onward", wraps=missed_lane.changes_onward
+    ) as asked:
+        for k, (lane, changes) in enumerate(
+            [("a_0", unchanged), ("a_0", unchanged), ("a_1", unchanged), ("a_1", closed)]
+        ):
+            ego = ego_at(road, lane, 10.0 * k, 10.0)
+            watch.note(Scene(0.5 * k, 0.1, ego, agents_at(road), lights(), changes))
+    assert asked.call_count == 3
+
+
+def test_where_it_takes_another_way_no_stop_is_given_up_in_the_same_moment(tmp_path: Path) -> None:
+    """On the new route the next stop may be another one than that which was waited for."""
+    notes = []
+    with (
+        simulation(network(tmp_path, AROUND), [routes(tmp_path)]),
+        mock.patch.object(MissedStop, "note", lambda _, scene: notes.append(scene.time) or ""),
+    ):
+        ((time, _),) = story(list(drive(60.0)))
+    assert time not in notes and time + 0.5 in [pytest.approx(each) for each in notes]

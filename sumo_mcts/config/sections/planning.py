@@ -33,7 +33,9 @@ class EgoModelConfig(Section):
     jerk_mps3: Jerk = Field(4.0, description="jerk of ordinary actions")
     emergency_jerk_mps3: Jerk = Field(20.0, description="jerk of braking beyond comfort_decel_mps2")
     comfort_decel_mps2: Acceleration = Field(
-        3.0, description="strongest braking with the ordinary jerk"
+        3.0,
+        description="strongest braking with the ordinary jerk; never beyond the vehicle type's "
+        "decel",
     )
     max_decel_mps2: Acceleration = Field(
         8.0, description="strongest braking at all; never beyond the vehicle type's emergencyDecel"
