@@ -541,7 +541,7 @@ def _functions(module: ModuleType) -> Iterator[FunctionType]:
 # compilation.
 CHEAP = {
     "advance", "begin_change", "box_distance", "can_change", "follow_accel",
-    "lane_pose", "may_change", "place_is_free", "pose_of",
+    "lane_pose", "may_change", "place_is_free", "pose_of", "safe_gap",
     "step_comfort",
 }  # fmt: skip
 
