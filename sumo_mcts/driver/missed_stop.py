@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.numerics.lanes import usable
+from sumo_mcts.numerics.lanes import against_traffic, usable
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import NO_STOP, STANDING, Scene, Stop
 from sumo_mcts.world.stops import skip_next
@@ -60,12 +60,13 @@ def waits_beside(road: RoadMap, scene: Scene) -> bool:
 
 def _is_behind(road: RoadMap, scene: Scene) -> bool:
     """Whether the ego stands in the lane of its stop behind others who stand before the place,
-    while it could drive past them on another lane."""
+    while it could drive past them on another lane of its direction."""
     ego, stop = scene.ego, scene.ego.stop
     if not _stands_before(road, scene) or ego.lane != stop.lane or not _between(scene, ego.lane):
         return False
     beside = np.array([road.left[ego.lane], road.right[ego.lane]])
-    beside = beside[(beside >= 0) & usable(road, beside, ego.vclass)]
+    ours = (beside >= 0) & ~against_traffic(road)[beside]
+    beside = beside[ours & usable(road, beside, ego.vclass)]
     return any(not _between(scene, lane) for lane in beside)
 
 

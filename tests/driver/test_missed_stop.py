@@ -2,6 +2,7 @@
 
 from unittest import mock
 
+import numpy as np
 import pytest
 from helpers import Agent, agents_at, ego_at, lights
 from helpers_model import lanes_east
@@ -9,6 +10,7 @@ from helpers_model import lanes_east
 from sumo_mcts import config
 from sumo_mcts.driver import missed_stop
 from sumo_mcts.driver.missed_stop import MissedStop
+from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import EgoState, Scene, Stop
 
 PERIOD, PATIENCE = 0.5, 5.0
@@ -16,14 +18,14 @@ ROAD = lanes_east(3)
 STOP = Stop(0, 299.8, 300.0)
 
 
-def watch_of(patience: float | None = PATIENCE) -> MissedStop:
+def watch_of(patience: float | None = PATIENCE, road: RoadMap = ROAD) -> MissedStop:
     scenario = {
         "name": "x",
         "sumo": {"net": "x.net.xml"},
         "egos": [{"id": "ego"}],
         "ego_model": {"reroute_after_s": patience},
     }
-    return MissedStop("ego", ROAD, config.build(scenario, "test"), PERIOD)
+    return MissedStop("ego", road, config.build(scenario, "test"), PERIOD)
 
 
 def told(watch: MissedStop, ego: EgoState, cycles: int, *others: Agent) -> list[tuple[int, str]]:
@@ -100,3 +102,12 @@ def test_for_the_next_stop_on_the_same_lane_it_waits_anew() -> None:
     ((k, _), *_) = told(watch, first, int(PATIENCE / PERIOD))
     ((again, _), *_) = told(watch, ego_on("a_1", 298.0), 12)
     assert k == again == PATIENCE / PERIOD
+
+
+def test_a_lane_of_the_oncoming_is_no_way_past_a_queue() -> None:
+    """Where the road has one, a stop behind a long red light was given up."""
+    queue = standing("x", "a_1", 290.0)
+    ego = ego_on("a_1", 280.0)._replace(stop=STOP._replace(lane=1))
+    alone = ROAD._replace(right=np.full_like(ROAD.right, -1))  # but for the lane on the left
+    for road, gives_up in ((alone, True), (alone._replace(oncoming=np.zeros(1, np.int32)), False)):
+        assert bool(told(watch_of(road=road), ego, 12, queue)) == gives_up
