@@ -6,12 +6,11 @@ from collections.abc import Collection
 from math import inf
 
 from sumo_mcts.config import ScenarioConfig
-from sumo_mcts.driver.missed_stop import waits_beside
+from sumo_mcts.driver.missed_stop import all_red, waits_beside
 from sumo_mcts.model.continuation import changes_onward, leads_onto, missed_leg
 from sumo_mcts.numerics.lanes import against_traffic, with_changes
-from sumo_mcts.numerics.signals import shows
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import RED, STANDING, EgoState, Scene
+from sumo_mcts.scene import STANDING, EgoState, Scene
 from sumo_mcts.world import detour
 
 NAMED = 3  # edges of a new way that are named, beside its last
@@ -134,7 +133,7 @@ def _blocked(road: RoadMap, scene: Scene, onward: Collection[int]) -> bool:
     ego, agents = scene.ego, scene.agents
     if ego.v >= STANDING or ((agents.lane == ego.lane) & (agents.s > ego.s)).any():
         return False
-    return not onward or any(shows(scene.signals, road, lane) != RED for lane in onward)
+    return not all_red(road, scene, onward)
 
 
 def _short(edges: tuple[str, ...]) -> str:

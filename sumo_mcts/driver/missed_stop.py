@@ -1,14 +1,17 @@
 """What becomes of an ego that finds no gap in the lane of its next stop: it stands beside the place
 and waits, and goes on without the stop where that is in vain."""
 
+from collections.abc import Collection
 from math import inf
 
 import numpy as np
 
 from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.model.continuation import leads_onto
 from sumo_mcts.numerics.lanes import against_traffic, usable
+from sumo_mcts.numerics.signals import shows
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import NO_STOP, STANDING, Scene, Stop
+from sumo_mcts.scene import NO_STOP, RED, STANDING, Scene, Stop
 from sumo_mcts.world.stops import skip_next
 
 
@@ -64,6 +67,9 @@ def _is_behind(road: RoadMap, scene: Scene) -> bool:
     ego, stop = scene.ego, scene.ego.stop
     if not _stands_before(road, scene) or ego.lane != stop.lane or not _between(scene, ego.lane):
         return False
+    onto = leads_onto(road, ego.lane, ego.vclass)
+    if all_red(road, scene, [lane for lanes in onto.values() for lane in lanes]):
+        return False  # they wait for green
     beside = np.array([road.left[ego.lane], road.right[ego.lane]])
     ours = (beside >= 0) & ~against_traffic(road)[beside]
     beside = beside[ours & usable(road, beside, ego.vclass)]
@@ -83,6 +89,11 @@ def _between(scene: Scene, lane: int) -> bool:
     ego, agents = scene.ego, scene.agents
     ahead = (agents.s > ego.s - ego.length) & (agents.s - agents.length < ego.stop.place)
     return bool(((agents.lane == lane) & ahead & (agents.v < STANDING)).any())
+
+
+def all_red(road: RoadMap, scene: Scene, onward: Collection[int]) -> bool:
+    """Whether red lights keep everybody from going on by the lanes `onward` of a junction."""
+    return bool(onward) and all(shows(scene.signals, road, lane) == RED for lane in onward)
 
 
 def named(road: RoadMap, stop: Stop) -> str:

@@ -4,14 +4,14 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from helpers import Agent, agents_at, ego_at, lights
+from helpers import Agent, Lane, agents_at, build, edges, ego_at, lights
 from helpers_model import lanes_east
 
 from sumo_mcts import config
 from sumo_mcts.driver import missed_stop
 from sumo_mcts.driver.missed_stop import MissedStop
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import EgoState, Scene, Stop
+from sumo_mcts.scene import GREEN, RED, EgoState, Scene, Stop
 
 PERIOD, PATIENCE = 0.5, 5.0
 ROAD = lanes_east(3)
@@ -111,3 +111,22 @@ def test_a_lane_of_the_oncoming_is_no_way_past_a_queue() -> None:
     alone = ROAD._replace(right=np.full_like(ROAD.right, -1))  # but for the lane on the left
     for road, gives_up in ((alone, True), (alone._replace(oncoming=np.zeros(1, np.int32)), False)):
         assert bool(told(watch_of(road=road), ego, 12, queue)) == gives_up
+
+
+@pytest.mark.parametrize(("light", "gives_up"), [(RED, False), (GREEN, True)])
+def test_a_queue_before_a_red_light_is_waited_for(light: int, gives_up: bool) -> None:
+    """A red of a minute took the ego the stop that it would have come to with the next green."""
+    road = build([
+        Lane("a", 0, ((0.0, 0.0), (300.0, 0.0)), (":m_0",)),
+        Lane("a", 1, ((0.0, 3.2), (300.0, 3.2))),
+        Lane(":m", 0, ((300.0, 0.0), (320.0, 0.0)), ("b_0",), junction="m", signal="t", link=0),
+        Lane("b", 0, ((320.0, 0.0), (600.0, 0.0))),
+    ])  # fmt: skip
+    ego = ego_at(road, "a_0", 180.0, 0.0, route=edges(road, "a", "b"))
+    ego = ego._replace(stop=Stop(0, 199.8, 200.0, after=1))
+    watch, agents = watch_of(road=road), agents_at(road, standing("x", "a_0", 190.0))
+    with mock.patch.object(missed_stop, "skip_next"):
+        said = [
+            watch.note(Scene(k * PERIOD, 0.1, ego, agents, lights(light))) for k in range(1, 13)
+        ]
+    assert any(said) == gives_up
