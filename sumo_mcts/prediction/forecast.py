@@ -85,7 +85,8 @@ def ground_of(road: RoadMap, question: Question, lanes: Mapping[int, Ints] = NO_
     on_foot = _on_foot(road, agents, question)
     back = going_back(road, agents, question.scene.ego)
     # where lanes are divided, drivers have places of their own within them
-    keeps = (agents.lane == question.scene.agents.lane) & (question.scene.ego.sideways.speed > 0.0)
+    keeps = (agents.lane == question.scene.agents.lane) & (back.lane < 0)
+    keeps &= question.scene.ego.sideways.speed > 0.0
     return led(road, question, Ground(agents, NO_PATHS, None, on_foot, back, keeps), lanes)
 
 

@@ -13,7 +13,7 @@ from sumo_mcts.prediction.alternatives import alternatives
 from sumo_mcts.prediction.forecast import Question, predict
 from sumo_mcts.prediction.paths import LANES, NARROWS, PATH, likely_paths
 from sumo_mcts.road import VEHICLE_CLASSES, RoadMap
-from sumo_mcts.scene import TURNS, Forecast
+from sumo_mcts.scene import TURNS, Forecast, Sideways
 from sumo_mcts.world.oncoming import with_oncoming
 
 CYCLE_TRACK = 1 << VEHICLE_CLASSES.index("bicycle")
@@ -222,23 +222,30 @@ def test_a_fast_driver_has_a_path_for_the_whole_forecast() -> None:
     )
 
 
-def two_way() -> RoadMap:
-    """Edge a eastward at y = 0 and b westward at y = 3.2, both with a lane to overtake in."""
+def two_way(y: float = 3.2, *more: Lane, leads_to: tuple[str, ...] = ()) -> RoadMap:
+    """Edge a eastward at y = 0 and b westward, both with a lane to overtake in. With b at y < 0
+    people drive on the left."""
     lanes = [
         Lane("a", 0, ((0.0, 0.0), (600.0, 0.0))),
-        Lane("b", 0, ((600.0, 3.2), (0.0, 3.2))),
+        Lane("b", 0, ((600.0, y), (0.0, y)), leads_to),
+        *more,
     ]
-    return with_oncoming(build(lanes), {0: 1, 1: 0})
+    return with_oncoming(build(lanes)._replace(lefthand=y < 0.0), {0: 1, 1: 0})
 
 
-def with_ego(road: RoadMap, ego: tuple[str, float], *agents: Agent) -> Forecast:
-    """What is expected of agents, for 7 s, where the ego drives at 10 m/s."""
+def with_ego(
+    road: RoadMap, ego: tuple[str, float], *agents: Agent, divided: bool = False
+) -> Forecast:
+    """What is expected of agents, for 7 s, where the ego drives at 10 m/s; `divided`: so are the
+    lanes."""
     state = ego_at(road, *ego, 10.0, route=edges(road, ego[0][0]))
+    state = state._replace(sideways=Sideways(1.0 if divided else 0.0))
     lanes = np.array([road.lane_ids.index(ego[0])], np.int32)
     scene = scene_of(state, road, *agents)
     return predict(road, Question(scene, lanes, np.zeros(0), traffic_params(), 7.0))
 
 
+@pytest.mark.parametrize("y", [3.2, -3.2])
 @pytest.mark.parametrize(
     ("v", "other", "ego", "after"),
     [
@@ -253,29 +260,30 @@ def with_ego(road: RoadMap, ego: tuple[str, float], *agents: Agent) -> Forecast:
     ],
 )
 def test_who_has_overtaken_goes_back_to_its_lane(
-    v: float, other: tuple[str, float] | None, ego: tuple[str, float], after: float
+    v: float, other: tuple[str, float] | None, ego: tuple[str, float], after: float, y: float
 ) -> None:
     """It comes towards the ego on the lane of the ego. If it stayed there, whatever the ego did
     would end in a contact."""
-    road = two_way()
+    road = two_way(y)
     agents = [Agent("x", "b_1", 200.0, v), *([] if other is None else [Agent("y", *other, 15.0)])]
     forecast = with_ego(road, ego, *agents)
     moves, steps = forecast.pose[0, :, 0, Y], forecast.v.shape[1] - 1
     stays = min(steps, after / forecast.dt)
     assert moves[: int(stays) + 1] == pytest.approx(0.0)
     back = int(min(steps, (after + 3.2) / forecast.dt))
-    assert moves[back:] == pytest.approx(0.0 if after == math.inf else 3.2, abs=0.1)
+    assert moves[back:] == pytest.approx(0.0 if after == math.inf else y, abs=0.1)
     assert road.lane_ids[forecast.lane[0, -1, 0]] == ("b_1" if after == math.inf else "b_0")
 
 
-def test_who_has_not_gone_back_at_the_end_of_the_lane_does_so_behind_it() -> None:
-    """Its path goes on from its own lane; its body does not jump there by a lane."""
-    lanes = [
-        Lane("a", 0, ((0.0, 0.0), (600.0, 0.0))),
-        Lane("b", 0, ((600.0, 3.2), (0.0, 3.2)), ("c_0",)),
-        Lane("c", 0, ((0.0, 3.2), (-300.0, 3.2))),
-    ]
-    road = with_oncoming(build(lanes), {0: 1, 1: 0})
-    forecast = with_ego(road, ("a_0", 100.0), Agent("x", "b_1", 590.0, 20.0))
+@pytest.mark.parametrize("y", [3.2, -3.2])
+@pytest.mark.parametrize("divided", [False, True])
+def test_who_has_not_gone_back_at_the_end_of_the_lane_does_so_behind_it(
+    divided: bool, y: float
+) -> None:
+    """Its path goes on from its own lane; its body does not jump there by a lane, nor stay between
+    the two where drivers have places of their own within their lanes."""
+    road = two_way(y, Lane("c", 0, ((0.0, y), (-300.0, y))), leads_to=("c_0",))
+    there = Agent("x", "b_1", 590.0, 20.0)
+    forecast = with_ego(road, ("a_0", 100.0), there, divided=divided)
     assert np.abs(np.diff(forecast.pose[0, :, 0, Y])).max() < 1.6
-    assert forecast.pose[0, -1, 0, Y] == pytest.approx(3.2, abs=0.1)
+    assert forecast.pose[0, -1, 0, Y] == pytest.approx(y, abs=0.1)
