@@ -15,6 +15,7 @@ from sumo_mcts.model.local_map import (
     MERGES,
     ONCOMING,
     OWN_NODE,
+    UNSEEN,
     LocalMap,
     S,
     State,
@@ -24,10 +25,10 @@ from sumo_mcts.model.local_map import (
     node_of,
 )
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.model.occupancy import brakes_share
+from sumo_mcts.model.occupancy import brakes_share, room_to_stop
 from sumo_mcts.model.route import HOME, LIMIT, REACH
 from sumo_mcts.numerics.kernel import kernel
-from sumo_mcts.numerics.krauss import CAREFUL_S, STANDSTILL, USUAL_S, safe_gap
+from sumo_mcts.numerics.krauss import CAREFUL_S, STANDSTILL, USUAL_S
 
 PLATOON = 4  # vehicles without a gap between them that may be overtaken beyond the horizon
 LEAST_FASTER = 1.0  # m/s
@@ -117,7 +118,7 @@ def _share_owed(local: LocalMap, state: State, there: int, t: int, seconds: floa
     share = 0.0
     for k in range(local.obligation.shape[0]):
         kind = local.obligation[k, MERGES]
-        if int(local.obligation[k, OWN_NODE]) != there or kind < HEAD_ON:
+        if int(local.obligation[k, OWN_NODE]) != there or kind not in (HEAD_ON, UNSEEN):
             continue
         i = int(local.obligation[k, AGENT])
         v = local.agent[t, i, V]
@@ -127,9 +128,9 @@ def _share_owed(local: LocalMap, state: State, there: int, t: int, seconds: floa
         left = distance - (state.v + v) * seconds
         if left < USUAL_S * v:
             return math.inf
-        if kind != HEAD_ON:  # who is not seen may have to brake
+        if kind == UNSEEN and local.committed:  # it may have to brake
             continue
-        owed = brakes_share(left, STANDSTILL + safe_gap(v, 0.0, USUAL_S))
+        owed = brakes_share(left, room_to_stop(local, k, t))
         if owed > 0.0 and not local.committed:  # only an ego that is there already goes on
             return math.inf
         share = max(share, owed)

@@ -37,6 +37,7 @@ from sumo_mcts.model.local_map import (
     on_other_level,
 )
 from sumo_mcts.model.motion import EgoParams
+from sumo_mcts.model.oncoming import OVER_LIMIT
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.numerics.krauss import STANDSTILL, USUAL_S, safe_gap
@@ -115,8 +116,9 @@ def yielding_cost(
         node, i = int(local.obligation[k, OWN_NODE]), int(local.obligation[k, AGENT])
         # Where a turn has a place to wait, its path through the junction is two lanes: those that
         # it yields to on the second pass a vehicle that waits on the first.
-        head_on = local.obligation[k, MERGES] == HEAD_ON
-        if local.obligation[k, MERGES] == UNSEEN:  # it may have to brake
+        unseen = local.obligation[k, MERGES] == UNSEEN
+        head_on = unseen or local.obligation[k, MERGES] == HEAD_ON
+        if unseen and local.committed:  # it may have to brake
             continue
         here = node == state.node or (head_on and node == state.other)
         if not here or state.s < local.obligation[k, OWED_FROM]:
@@ -136,6 +138,8 @@ def yielding_cost(
         needed = STANDSTILL + safe_gap(
             local.agent[t, i, V], state.v if local.obligation[k, MERGES] == 1.0 else 0.0, USUAL_S
         )
+        if head_on:
+            needed = room_to_stop(local, k, t)
         if local.obligation[k, MERGES] == WALKS:
             needed = STEPS + local.agent[t, i, V] * USUAL_S
         if 0.0 < distance < needed:
@@ -146,6 +150,16 @@ def yielding_cost(
             share = local.patience if copes and reacts and not head_on else 1.0
             rate = max(rate, share * c.claim * brakes_share(distance, needed))
     return rate
+
+
+@kernel
+def room_to_stop(local: LocalMap, k: int, t: int) -> float:
+    """m that the agent of an obligation needs to stop as SUMO's drivers usually do; one that is not
+    seen if it drives at the limit."""
+    v = local.agent[t, int(local.obligation[k, AGENT]), V]
+    if local.obligation[k, MERGES] == UNSEEN:
+        v /= OVER_LIMIT
+    return STANDSTILL + safe_gap(v, 0.0, USUAL_S)
 
 
 @kernel
@@ -164,6 +178,6 @@ def someone_comes(local: LocalMap, p: EgoParams, node: int, s: float, t: int) ->
         i = int(local.obligation[k, AGENT])
         distance = local.obligation[k, ENTERS] - local.agent[t, i, DRIVEN] - s
         beside = -2.0 * (p.half_length + local.trait[i, HALF_LENGTH])
-        if beside < distance < STANDSTILL + safe_gap(local.agent[t, i, V], 0.0, USUAL_S):
+        if beside < distance < room_to_stop(local, k, t):
             return True
     return False

@@ -216,6 +216,28 @@ def test_whoever_comes_has_room_to_stop() -> None:
     )
 
 
+def test_who_is_not_seen_has_room_at_the_limit_unless_the_ego_is_there() -> None:
+    """The ego begins nothing for which it would have to brake hard, but it does go on."""
+    task, there, _ = seen(SLOW, ego="a_1")
+    begins = there._replace(committed=False)
+    from_ego = 200.0 - 2.5 - 50.0  # m from the state below to where the unseen is
+    for short, owes in ((30.0, True), (45.0, False)):
+        state = State(1, 100.0 + from_ego - short, 10.0, 0.0, 0.0, -1, 0.0)
+        rates = [
+            owing(each, task.ego, task.cost, state, undisturbed(each), 0)
+            for each in (begins, there)
+        ]
+        assert (rates[0] > 0.0) == owes and rates[1] == 0.0
+    # to complete it after the horizon takes 4.5 s; it is 35 m short of the ego then, or 65 m
+    for sight, may in ((350.0, False), (380.0, True)):
+        task, there, _ = seen(SLOW, ego="a_1", s=90.0, sight=Sight(sight))
+        prices = [
+            at_end(each, task.ego, task.cost, State(1, 125.0, 12.0, 0.0, 0.0, -1, 0.0), 8.0)
+            for each in (there._replace(committed=False), there)
+        ]
+        assert (prices[0] < 20.0) == may and prices[1] < 20.0
+
+
 def test_its_box_counts_though_it_is_on_another_edge() -> None:
     task, local, state = seen(SLOW, Agent("o", "b_0", LONG - 47.0, 14.0))
     assert lane(ROAD, "b_0") == 1
