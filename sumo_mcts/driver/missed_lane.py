@@ -2,7 +2,6 @@
 takes another way to its goal where that is in vain."""
 
 from collections import Counter
-from collections.abc import Collection
 from math import inf
 
 from sumo_mcts.config import ScenarioConfig
@@ -62,9 +61,7 @@ class MissedLane:
         needed = self._changes_onward(road, scene)
         if needed == 0:
             return ""
-        onto = leads_onto(road, ego.lane, ego.vclass)
-        onward = [lane for lanes in onto.values() for lane in lanes]
-        if not ego.held and not waits_beside(road, scene) and _blocked(road, scene, onward):
+        if not ego.held and not waits_beside(road, scene) and _blocked(road, scene):
             # SUMO may have driven in between
             self._stood += min(scene.time - self._time, self._period)
         certain = needed is None and not self._tried
@@ -127,13 +124,13 @@ class MissedLane:
         return []
 
 
-def _blocked(road: RoadMap, scene: Scene, onward: Collection[int]) -> bool:
-    """Whether the ego stands as the first in its lane, and no red light would keep it from going on
-    by the lanes `onward` of the junction."""
+def _blocked(road: RoadMap, scene: Scene) -> bool:
+    """Whether the ego stands as the first in its lane, and no red light would keep it from going
+    on."""
     ego, agents = scene.ego, scene.agents
     if ego.v >= STANDING or ((agents.lane == ego.lane) & (agents.s > ego.s)).any():
         return False
-    return not all_red(road, scene, onward)
+    return not all_red(road, scene)
 
 
 def _short(edges: tuple[str, ...]) -> str:

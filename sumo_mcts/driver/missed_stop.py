@@ -1,7 +1,6 @@
 """What becomes of an ego that finds no gap in the lane of its next stop: it stands beside the place
 and waits, and goes on without the stop where that is in vain."""
 
-from collections.abc import Collection
 from math import inf
 
 import numpy as np
@@ -67,8 +66,7 @@ def _is_behind(road: RoadMap, scene: Scene) -> bool:
     ego, stop = scene.ego, scene.ego.stop
     if not _stands_before(road, scene) or ego.lane != stop.lane or not _between(scene, ego.lane):
         return False
-    onto = leads_onto(road, ego.lane, ego.vclass)
-    if all_red(road, scene, [lane for lanes in onto.values() for lane in lanes]):
+    if all_red(road, scene):
         return False  # they wait for green
     beside = np.array([road.left[ego.lane], road.right[ego.lane]])
     ours = (beside >= 0) & ~against_traffic(road)[beside]
@@ -91,8 +89,10 @@ def _between(scene: Scene, lane: int) -> bool:
     return bool(((agents.lane == lane) & ahead & (agents.v < STANDING)).any())
 
 
-def all_red(road: RoadMap, scene: Scene, onward: Collection[int]) -> bool:
-    """Whether red lights keep everybody from going on by the lanes `onward` of a junction."""
+def all_red(road: RoadMap, scene: Scene) -> bool:
+    """Whether red lights keep everybody in the ego's lane from going on."""
+    onto = leads_onto(road, scene.ego.lane, scene.ego.vclass)
+    onward = [lane for lanes in onto.values() for lane in lanes]
     return bool(onward) and all(shows(scene.signals, road, lane) == RED for lane in onward)
 
 

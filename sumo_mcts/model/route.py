@@ -218,14 +218,13 @@ def eased(
     braked = np.where(here, braking(np.maximum(ahead, 0.0), pace, decel, jerk), 0.0)
     if (braked <= most).all():
         return route
-    cap, table = np.zeros(len(most)), route.rows.copy()
+    cap = np.zeros(len(most))
     goal = (route.next < 0) & np.isinf(route.reach)
     along = (cap, route.next, route.row, route.length)
     fill_caps(*along, np.maximum(most, braked), goal, decel)
     if route.halt.node >= 0 and stop.speed > 0.0:
         slow_down(*along, route.halt.node, stop, decel)
-    table[:, CAP] = cap
-    return route._replace(cap=cap, rows=table)
+    return _with_cap(route, cap)
 
 
 def cap_at(route: RouteMap, node: int, s: float) -> float:
@@ -248,9 +247,14 @@ def steepened(route: RouteMap, pace: Pace, decels: tuple[float, ...], stop: Stop
             break
     if stop.speed > 0.0:
         slow_down(*along, route.halt.node, stop, decel)
-    table = route.rows.copy()
-    table[:, CAP] = cap
-    return route._replace(cap=cap, rows=table)
+    return _with_cap(route, cap)
+
+
+def _with_cap(route: RouteMap, cap: Floats) -> RouteMap:
+    """The route with other highest speeds, [R] m/s."""
+    rows = route.rows.copy()
+    rows[:, CAP] = cap
+    return route._replace(cap=cap, rows=rows)
 
 
 def _numbers(road: RoadMap, nodes: Nodes) -> Indices:

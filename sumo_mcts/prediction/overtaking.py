@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.arrays import Floats, Indices
-from sumo_mcts.numerics.lanes import against_traffic
+from sumo_mcts.numerics.lanes import against_traffic, home_lanes
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import Agents, EgoState
 
@@ -30,14 +30,15 @@ def going_back(road: RoadMap, agents: Agents, ego: EgoState) -> Return:
     found = Return(np.full(n, np.inf), np.full(n, -1), np.zeros(n))
     if len(road.oncoming) == 0:
         return found
-    there = (agents.lane >= 0) & against_traffic(road)[agents.lane] & (agents.v >= CREEPS)
     lane, s, v, length = (
         np.append(getattr(agents, name), getattr(ego, name))
         for name in ("lane", "s", "v", "length")
     )
-    home, side = (road.left, 1.0) if road.lefthand else (road.right, -1.0)
+    against, side = against_traffic(road), 1.0 if road.lefthand else -1.0
+    there = (agents.lane >= 0) & against[agents.lane] & (agents.v >= CREEPS)
+    homes, first = home_lanes(road), len(against) - len(road.oncoming)
     for i in np.flatnonzero(there):
-        own = int(home[agents.lane[i]])
+        own = int(homes[agents.lane[i] - first])
         ahead = s - agents.s[i]
         passes = (
             (lane == own)
