@@ -16,15 +16,8 @@ from sumo_mcts.driver.stops import NONE_MISSED, is_missed
 from sumo_mcts.model.caps import Pace
 from sumo_mcts.model.local_map import State, ego_state
 from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.model.route import (
-    RouteMap,
-    cap_at,
-    eased,
-    is_rest_of,
-    moved_to,
-    route_map,
-    steepened,
-)
+from sumo_mcts.model.route import RouteMap, is_rest_of, moved_to, route_map
+from sumo_mcts.model.too_fast import with_time_to_brake
 from sumo_mcts.numerics.lanes import usable, with_changes
 from sumo_mcts.numerics.signals import shown
 from sumo_mcts.road import RoadChanges, RoadMap
@@ -176,16 +169,11 @@ class RouteKeeper:
         state = None if ego.lane < 0 else ego_state(plain, as_seen(self.road, ego))
         if state is None:
             return plain
+        params, pace = self.params(ego), Pace(state.node, state.s, state.v, state.a)
         slower = state.v > float(plain.limit[state.node]) + TOO_FAST
-        if plain.halt.ends and not slower and state.v > cap_at(plain, state.node, state.s):
-            decels = (self.params(ego).comfort_decel, ego.comfort_decel)
-            pace = Pace(state.node, state.s, state.v, state.a)
-            plain = steepened(plain, pace, decels, self.stop)
-        if not slower and not len(self._changes.lane):
-            return plain
-        lowered, params = slower | np.isin(plain.lane, self._changes.lane), self.params(ego)
-        pace = Pace(state.node, state.s, state.v, state.a)
-        return eased(plain, lowered, pace, params.approach_decel, params.jerk, self.stop)
+        lowered = slower | np.isin(plain.lane, self._changes.lane)
+        decels = (params.approach_decel, params.comfort_decel, ego.comfort_decel)
+        return with_time_to_brake(plain, lowered, pace, decels, params.jerk, self.stop)
 
     def _closed_under(self, ego: EgoState) -> tuple[int, ...]:
         """The lanes under the ego that the simulation has closed to it."""

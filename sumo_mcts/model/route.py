@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.arrays import Bools, Floats, Indices
-from sumo_mcts.model.caps import SPACING, Pace, braking, fill_caps, slow_down
+from sumo_mcts.model.caps import SPACING, fill_caps, slow_down
 from sumo_mcts.model.continuation import (
     NO_HALT,
     Halt,
@@ -47,7 +47,6 @@ from sumo_mcts.scene import NO_STOP, Stop
 ) = range(15)
 HALT_LINE = 2.0  # in column STOP_LINE: the line behind the place of a stop
 CAP, DRAWN = 4, 5  # columns of RouteMap.rows after those of the pose
-SOON_S = 0.5  # s until the ego brakes
 UPSTREAM_VIEW = 200.0  # m before the route over which the lanes that lead into it are followed
 
 
@@ -199,62 +198,6 @@ def route_map(
         np.column_stack([pose, cap, _drawn(drawn, lane, row, length)]), _upstream(road, lane),
         against, drawn, halt,
     )  # fmt: skip
-
-
-def eased(
-    route: RouteMap, lowered: Bools, pace: Pace, decel: float, jerk: float, stop: Stop = NO_STOP
-) -> RouteMap:
-    """The route for an ego that drives too fast for a limit lowered before or under it: there the
-    limit is what braking from now on, with `jerk` (m/s3) up to `decel` (m/s2), leads to.
-
-    lowered [W]: the nodes whose limits were changed; `stop`: the one that the route was laid out
-    for. The same route where the ego is slow enough.
-    """
-    rows = np.diff(route.row)
-    most = np.repeat(route.limit, rows)
-    at = np.concatenate([np.arange(n) * SPACING for n in rows])
-    ahead = np.repeat(route.station, rows) + at - float(route.station[pace.node]) - pace.s
-    here = np.repeat(lowered, rows) & (ahead >= -SPACING)
-    braked = np.where(here, braking(np.maximum(ahead, 0.0), pace, decel, jerk), 0.0)
-    if (braked <= most).all():
-        return route
-    cap = np.zeros(len(most))
-    goal = (route.next < 0) & np.isinf(route.reach)
-    along = (cap, route.next, route.row, route.length)
-    fill_caps(*along, np.maximum(most, braked), goal, decel)
-    if route.halt.node >= 0 and stop.speed > 0.0:
-        slow_down(*along, route.halt.node, stop, decel)
-    return _with_cap(route, cap)
-
-
-def cap_at(route: RouteMap, node: int, s: float) -> float:
-    """RouteMap.cap at a place of a node, m/s."""
-    cap = route.cap[route.row[node] : route.row[node + 1]]
-    return float(np.interp(s / SPACING, np.arange(len(cap)), cap))
-
-
-def steepened(route: RouteMap, pace: Pace, decels: tuple[float, ...], stop: Stop) -> RouteMap:
-    """The route for an ego that comes to a `stop` too fast for what it was laid out for: with the
-    first of these decelerations (m/s2) that is enough after half a second, else with the last."""
-    rows = np.diff(route.row)
-    most, goal = np.repeat(route.limit, rows), (route.next < 0) & np.isinf(route.reach)
-    soon = pace.s + SOON_S * pace.v
-    for decel in decels:
-        cap = np.zeros(len(most))
-        along = (cap, route.next, route.row, route.length)
-        fill_caps(*along, most, goal, decel)
-        if cap_at(route._replace(cap=cap), pace.node, soon) >= pace.v:
-            break
-    if stop.speed > 0.0:
-        slow_down(*along, route.halt.node, stop, decel)
-    return _with_cap(route, cap)
-
-
-def _with_cap(route: RouteMap, cap: Floats) -> RouteMap:
-    """The route with other highest speeds, [R] m/s."""
-    rows = route.rows.copy()
-    rows[:, CAP] = cap
-    return route._replace(cap=cap, rows=rows)
 
 
 def _numbers(road: RoadMap, nodes: Nodes) -> Indices:

@@ -28,12 +28,11 @@ from hypothesis import strategies as st
 
 from sumo_mcts.config import load
 from sumo_mcts.config.builtin import root, scenario_path
-from sumo_mcts.model.caps import SPACING, Pace
+from sumo_mcts.model.caps import SPACING
 from sumo_mcts.model.route import (
     NUMBER,
     UPSTREAM_VIEW,
     RouteMap,
-    eased,
     lane_pose,
     route_map,
 )
@@ -358,24 +357,6 @@ def test_a_lane_that_was_closed_under_the_ego_ends_unless_the_whole_edge_was() -
         else:
             assert route.next[node] == node_of(road, route, "b_0")
             assert not route.lost[node]
-
-
-def test_a_limit_lowered_under_the_ego_leaves_time_to_brake() -> None:
-    """The caps are those of an ego that brakes from now on; they need no more than `decel`, and
-    elsewhere nothing changes."""
-    road = build([Lane("a", 0, ((0, 0), (400, 0)), ("b_0",), speed=5.0),
-                  Lane("b", 0, ((400, 0), (500, 0)), speed=15.0)])  # fmt: skip
-    plain = route_map(road, edges(road, "a", "b"), 0, 5.0, 1.0, 50.0, 2.0)
-    lowered = plain.lane == lane_index(road)["a_0"]
-    route = eased(plain, lowered, Pace(0, 50.0, 15.0, 1.0), 2.0, 2.0)
-    cap = route.cap[: route.row[1]]
-    assert cap[50] >= 15.0 and cap[51] >= 15.0
-    braking = (cap[50:-1] ** 2 - cap[51:] ** 2) / 2.0
-    assert braking.max() < 2.05
-    assert cap[190] == 5.0 and np.array_equal(route.rows[:, 4], route.cap)
-    assert np.array_equal(route.cap[route.row[1] :], plain.cap[route.row[1] :])
-    assert eased(plain, lowered, Pace(0, 50.0, 5.0, 0.0), 2.0, 2.0) is plain
-    assert eased(plain, ~lowered, Pace(0, 50.0, 15.0, 0.0), 2.0, 2.0) is plain
 
 
 def test_of_two_ways_that_end_alike_the_one_with_fewer_changes_to_come_is_taken() -> None:
