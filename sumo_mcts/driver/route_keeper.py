@@ -43,6 +43,8 @@ class RouteKeeper:
     ) -> None:
         """`overtakes`: the route has lanes of oncoming traffic, too."""
         self._config, self._physics, self._overtakes = config, physics, overtakes
+        bound = config.ego_model.max_lateral_accel_mps2
+        self._lateral_accel = math.inf if bound is None else bound
         self._map = self.road = road  # as it was read, and as it is now
         self._changes = RoadChanges()
         # as it is driven, and without the time to brake for changes; None: there is none
@@ -160,6 +162,7 @@ class RouteKeeper:
             self._closed_under(ego),
             self.stop,
             self._overtakes,
+            self._lateral_accel,
         )
 
     def _eased(self, ego: EgoState, plain: RouteMap) -> RouteMap:

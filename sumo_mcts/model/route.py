@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.arrays import Bools, Floats, Indices
+from sumo_mcts.model.bends import bend_speeds
 from sumo_mcts.model.caps import SPACING, fill_caps, slow_down
 from sumo_mcts.model.continuation import (
     NO_HALT,
@@ -90,7 +91,9 @@ class RouteMap(NamedTuple):
     # its end
     row: Indices
     pose: Floats  # [R, 4] centre x, y, cos, sin of the ego's box with its front there
-    # [R] highest speed from which approach_decel is enough for all lower limits and lane ends ahead
+    most: Floats  # [R] the limit, or what bends allow where that is less, m/s
+    # [R] highest speed from which approach_decel is enough for all that is lower ahead, and for the
+    # ends of lanes
     cap: Floats
     # [W, 15] next .. station, reach, stop, internal, first and last row, and junction, once more,
     # for compiled code; and which lane it is, counted from the right among those that the ego may
@@ -149,12 +152,14 @@ def route_map(
     under: tuple[int, ...] = (),
     stop: Stop = NO_STOP,
     oncoming: bool = False,
+    lateral_accel: float = math.inf,
 ) -> RouteMap:
     """Lay out the route for a vehicle of this class, length (m), speed factor and top speed (m/s).
 
     `decel` (m/s2) shapes `cap`; `under`: lanes that the vehicle is on, though they may be closed;
     `oncoming`: lanes of oncoming traffic beside the route count too. A `stop` closes its lane at
-    its place, as a stop sign would; a waypoint bounds the speed there.
+    its place, as a stop sign would; a waypoint bounds the speed there. `lateral_accel` (m/s2)
+    bounds the speed in bends.
     """
     nodes = collect(road, edges, vclass, under, oncoming)
     halt = halt_of(road, nodes, len(edges), stop)
@@ -184,19 +189,22 @@ def route_map(
     if halt.ends:
         closes[halt.node] = HALT_LINE
     cap = np.zeros(row[-1])
-    most = np.repeat(limit, np.diff(row))
+    bends = bend_speeds(pose, row, lateral_accel, decel)
+    most = np.minimum(np.repeat(limit, np.diff(row)), bends)
     fill_caps(cap, nxt, row, node_length, most, (nxt < 0) & np.isinf(reach), decel)
     if halt.node >= 0 and stop.speed > 0.0:
         slow_down(cap, nxt, row, node_length, halt.node, stop, decel)
+    table = np.column_stack(
+        [nxt, left, right, node_length, limit, station, reach, closes, internal, row[:-1],
+         row[1:] - 1, road.junction[lane], _numbers(road, nodes), internal | against,
+         _homes(road, nodes)]
+    ).astype(np.float64)  # fmt: skip
     return RouteMap(
         lane, leg, nxt, left, right, node_length, limit, station, changes,
         changes_ahead(nxt, changes), reach, lost, line, signal,
-        np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, cap,
-        np.column_stack([nxt, left, right, node_length, limit, station, reach, closes, internal,
-        row[:-1], row[1:] - 1, road.junction[lane], _numbers(road, nodes),
-        internal | against, _homes(road, nodes)]).astype(np.float64),
-        np.column_stack([pose, cap, _drawn(drawn, lane, row, length)]), _upstream(road, lane),
-        against, drawn, halt,
+        np.where(has, road.link[entered], -1).astype(np.int64), sign, internal, row, pose, most,
+        cap, table, np.column_stack([pose, cap, _drawn(drawn, lane, row, length)]),
+        _upstream(road, lane), against, drawn, halt,
     )  # fmt: skip
 
 

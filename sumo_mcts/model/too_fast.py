@@ -29,7 +29,7 @@ def with_time_to_brake(
     """
     most = _eased(route, lowered, pace, decels[0], jerk)
     decel = _enough(route, most, pace, decels) if route.halt.ends else decels[0]
-    if decel == decels[0] and (most == _limits(route)).all():
+    if decel == decels[0] and (most == route.most).all():
         return route
     caps, rows = _caps(route, most, decel), route.rows.copy()
     if route.halt.node >= 0 and stop.speed > 0.0:
@@ -41,13 +41,13 @@ def with_time_to_brake(
 def _eased(route: RouteMap, lowered: Bools, pace: Pace, decel: float, jerk: float) -> Floats:
     """[R] the limits, m/s; on `lowered` nodes at least what the ego gets to by braking."""
     if not lowered.any():
-        return _limits(route)
+        return route.most
     rows = np.diff(route.row)
     at = np.concatenate([np.arange(n) * SPACING for n in rows])
     ahead = np.repeat(route.station, rows) + at - float(route.station[pace.node]) - pace.s
     here = np.repeat(lowered, rows) & (ahead >= -SPACING)
     braked = np.where(here, braking(np.maximum(ahead, 0.0), pace, decel, jerk), 0.0)
-    return np.maximum(_limits(route), braked)
+    return np.maximum(route.most, braked)
 
 
 def _enough(route: RouteMap, most: Floats, pace: Pace, decels: tuple[float, ...]) -> float:
@@ -59,11 +59,6 @@ def _enough(route: RouteMap, most: Floats, pace: Pace, decels: tuple[float, ...]
         if _at(route, caps, pace.node, s) >= min(pace.v, _at(route, most, pace.node, s)):
             return decel
     return decels[-1]
-
-
-def _limits(route: RouteMap) -> Floats:
-    """[R] the limits, m/s."""
-    return np.repeat(route.limit, np.diff(route.row))
 
 
 def _caps(route: RouteMap, most: Floats, decel: float) -> Floats:

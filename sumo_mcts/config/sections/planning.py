@@ -43,6 +43,11 @@ class EgoModelConfig(Section):
     max_accel_mps2: Acceleration = Field(
         2.6, description="strongest acceleration; never beyond the vehicle type's accel"
     )
+    max_lateral_accel_mps2: Acceleration | None = Field(
+        None,
+        description="bound on the lateral acceleration in bends, of the route as SUMO draws it; "
+        "null: as fast as the limit allows, like SUMO's vehicles",
+    )
     approach_decel_mps2: Acceleration = Field(
         2.0, description="braking towards lower limits, stop lines and the end of a lane"
     )
