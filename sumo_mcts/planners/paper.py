@@ -12,18 +12,22 @@ import numpy as np
 
 from sumo_mcts.arrays import Floats
 from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.model.caps import SPACING
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import GOAL, advance, begin_change, pose_of
+from sumo_mcts.model.route import RouteMap
+from sumo_mcts.numerics.geometry import X, Y
 from sumo_mcts.planners.actions import ACCEL, SIDE
 from sumo_mcts.planners.base import SeededPlanner, Situation, Task, local_of
 from sumo_mcts.planners.budget import SLICE, passes_within
-from sumo_mcts.planners.paper_search import Guide, PaperTree, Weights, new_tree, search
+from sumo_mcts.planners.paper_cost import Guide, Weights
+from sumo_mcts.planners.paper_search import PaperTree, new_tree, search
 from sumo_mcts.planners.ply import LOST
 from sumo_mcts.road import LEFT, RIGHT
 from sumo_mcts.scene import Decision, Follow, Plan, RootChild
 
 EMERGENCY = -8.0  # m/s2, when every action was discarded
-TIMED_SLICE = 20  # iterations between looks at the clock
+LOOK_SLICE = 20  # iterations between looks at the clock, and at what would be decided
 
 
 def forecast_s(scenario: ScenarioConfig, step: float, forecast_step: float) -> float:
@@ -51,21 +55,31 @@ class PaperPlanner(SeededPlanner):
 
     def plan(self, situation: Situation) -> Decision:
         """Search from the present state; emergency braking when every child was discarded."""
-        task, p, state = self._task, self._scenario.paper, situation.state
-        local = local_of(task, situation)
-        weights = _weights(self._scenario, task.ego.step)
-        guide = _guide(task, state, p.goal_distance_m, p.lane_distance_m)
-        most = passes_within(
-            self._scenario.planner.iterations, situation.until - time.perf_counter()
-        )
-        actions = len(self._actions)
+        task, p = self._task, self._scenario.paper
+        local, weights = local_of(task, situation), _weights(self._scenario, task.ego.step)
+        left = situation.until - time.perf_counter()
+        most, actions = passes_within(self._scenario.planner.iterations, left), len(self._actions)
         tree = new_tree(min(most, _full_size(actions, p.look_ahead_steps)) * actions + 2, actions)
-        done = 0
-        while done < most and (done == 0 or time.perf_counter() < situation.until):
-            count = min(SLICE if math.isinf(situation.until) else TIMED_SLICE, most - done)
-            search(tree, local, task.ego, weights, self._actions, state, guide, count, self._rng)
-            done += count
+        done = self._search(tree, local, weights, situation, most)
         return self._decision(tree, local, weights, situation, done)
+
+    def _search(
+        self, tree: PaperTree, local: LocalMap, weights: Weights, situation: Situation, most: int
+    ) -> int:
+        """Grow the tree until one of the criteria of termination holds. Returns the iterations."""
+        task, p, state = self._task, self._scenario.paper, situation.state
+        guide = _guide(task, state, p.goal_distance_m, p.lane_distance_m)
+        patience = math.inf if p.settled_after is None else p.settled_after
+        at_once = SLICE if math.isinf(situation.until) and math.isinf(patience) else LOOK_SLICE
+        done, settled, best = 0, 0, -1
+        while done < most and settled < patience:
+            if done > 0 and time.perf_counter() >= situation.until:
+                break
+            count = min(at_once, most - done)
+            search(tree, local, task.ego, weights, self._actions, state, guide, count, self._rng)
+            done, before, best = done + count, best, _best(tree)
+            settled = settled + count if best == before else 0
+        return done
 
     def _decision(
         self, tree: PaperTree, local: LocalMap, weights: Weights, situation: Situation, done: int
@@ -98,6 +112,15 @@ class PaperPlanner(SeededPlanner):
         return Decision(command, plans[chosen], tuple(children), chosen, "search", done, 0)
 
 
+def _best(tree: PaperTree) -> int:
+    """The root's child of lowest mean cost, as a number of an action; -1: none has a visit."""
+    mean = [
+        tree.total[i] / tree.visits[i] if i >= 0 and tree.visits[i] > 0 else math.inf
+        for i in tree.child[0]
+    ]
+    return -1 if math.isinf(min(mean)) else int(np.argmin(mean))
+
+
 def _full_size(actions: int, levels: int) -> int:
     """Nodes of the whole tree: more are never expanded."""
     return sum(actions**k for k in range(levels + 1))
@@ -111,6 +134,7 @@ def _weights(scenario: ScenarioConfig, step: float) -> Weights:
         check=max(1, round(scenario.planner.check_s / step)),
         look_ahead=p.look_ahead_steps,
         rollout=p.rollout_steps,
+        skips=p.collided == "skip",
         exploration=p.exploration,
         brake_probability=p.brake_probability,
         accelerate_probability=p.accelerate_probability,
@@ -119,12 +143,18 @@ def _weights(scenario: ScenarioConfig, step: float) -> Weights:
         passability=p.weight_passability,
         other=p.weight_other,
         threshold=p.safety_threshold_m,
+        highway_threshold=p.highway_threshold_m or p.safety_threshold_m,
+        closing=p.closing_speed_mps or math.inf,
         contact=p.contact_cost,
         jerk_factor=p.jerk_factor,
+        lateral_factor=p.lateral_factor,
         goal_factor=p.goal_factor,
+        straight=p.goal_along == "line",
         junction_penalty=p.junction_penalty,
         lane_change=p.lane_change_cost,
+        bypass=p.bypass_cost,
         stop=p.stop_cost,
+        stop_sign=p.stop_sign_cost,
         turn=p.turn_cost,
         emergency=p.emergency_cost,
     )
@@ -138,9 +168,21 @@ def _guide(task: Task, state: State, distance: float, lane_distance: float) -> G
     here = (route.leg == route.leg[state.node]) & ~route.internal
     return Guide(
         float(route.station[state.node] + state.s + distance),
+        *_place(route, state.node, state.s + distance),
         np.where(here, np.abs(route.changes) * lane_distance, 0.0),
         turns,
+        route.sign,
     )
+
+
+def _place(route: RouteMap, node: int, s: float) -> tuple[float, float]:
+    """Where the middle of a box on the route is with its front at s (m) of a node or, beyond its
+    end, on those that follow; at most at the end of the last."""
+    while s > route.length[node] and route.next[node] >= 0:
+        s -= float(route.length[node])
+        node = int(route.next[node])
+    row = int(route.row[node]) + min(int(s / SPACING), int(np.diff(route.row)[node]) - 1)
+    return float(route.pose[row, X]), float(route.pose[row, Y])
 
 
 def _drive(local: LocalMap, task: Task, w: Weights, state: State, action: Floats) -> Plan:

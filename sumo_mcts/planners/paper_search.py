@@ -9,20 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from sumo_mcts.arrays import Bools, Floats, Indices
-from sumo_mcts.model.local_map import (
-    HALF_LENGTH,
-    HALF_WIDTH,
-    LocalMap,
-    State,
-    drawn_share,
-    follows,
-    index_at,
-    is_gone,
-    keep_state,
-    kept_state,
-    on_other_level,
-)
+from sumo_mcts.arrays import Floats, Indices
+from sumo_mcts.model.local_map import LocalMap, State, keep_state, kept_state
 from sumo_mcts.model.motion import (
     FREE,
     GOAL,
@@ -32,54 +20,24 @@ from sumo_mcts.model.motion import (
     advance,
     begin_change,
     can_change,
-    pose_of,
-    towards_other,
 )
-from sumo_mcts.model.route import INTERNAL, LENGTH, NEXT, STATION
-from sumo_mcts.numerics.drawn import as_drawn
-from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, box_distance
 from sumo_mcts.numerics.kernel import kernel, making_arrays
 from sumo_mcts.planners.actions import ACCEL, SIDE
+from sumo_mcts.planners.paper_cost import (
+    Guide,
+    Weights,
+    comfort,
+    lane_change,
+    nearest,
+    other,
+    passability,
+    safety,
+)
 from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
-from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY, STANDING
+from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY
 
-SIGHT = 40.0  # m beyond which agents are ignored
 # Accelerations of the rollout are drawn from LEAST on, m/s2: braking up to 5, accelerating up to 3.
 LEAST, BRAKE_RANGE, ACCEL_RANGE = 1.0, 4.0, 2.0
-
-
-class Weights(NamedTuple):
-    """What the compiled code reads of the scenario; see config.PaperConfig. Times are in steps of
-    the simulation."""
-
-    ply: int
-    check: int
-    look_ahead: int
-    rollout: int
-    exploration: float
-    brake_probability: float
-    accelerate_probability: float
-    safety: float
-    comfort: float
-    passability: float
-    other: float
-    threshold: float
-    contact: float
-    jerk_factor: float
-    goal_factor: float
-    junction_penalty: float
-    lane_change: float
-    stop: float
-    turn: float
-    emergency: float
-
-
-class Guide(NamedTuple):
-    """The inputs of the costs that come from the route. W nodes of the route."""
-
-    goal: float  # where the local goal lies, m from the start of the route
-    aside: Floats  # [W] m that the lane changes still needed there add to the local goal's distance
-    turns: Bools  # [W] turns left or right at a junction
 
 
 class PaperTree(NamedTuple):
@@ -125,7 +83,9 @@ def search(
     for _ in range(iterations):
         node = _select(tree, w, rng)
         if tree.level[node] < w.look_ahead and tree.child[node, 0] == NONE:
-            _expand(tree, local, p, w, actions, guide, node)
+            collided = _expand(tree, local, p, w, actions, guide, node)
+            if w.skips and collided:
+                continue
         cost = _rollout(tree, local, p, w, guide, node, rng)
         i = node
         while i != NONE:
@@ -172,8 +132,10 @@ def _expand(
     actions: Floats,
     guide: Guide,
     node: int,
-) -> None:
-    """All children of a node; those that collide are marked and never visited."""
+) -> bool:
+    """All children of a node; those that collide are marked and never visited. Returns whether one
+    does."""
+    collided = False
     begin = kept_state(tree.where, tree.motion, node)
     for k in range(len(actions)):
         side = int(actions[k, SIDE])
@@ -189,15 +151,17 @@ def _expand(
             local, p, w, state, actions[k, ACCEL], guide, tree.level[node] * w.ply
         )
         if side != 0:
-            cost[OTHER] += w.other * w.lane_change
+            cost[OTHER] += lane_change(local, w, begin, tree.level[node] * w.ply * p.step)
             if end == ALIVE and not _can_finish(local, p, w, state, tree.level[node] + 1):
                 end = LOST
+        collided = collided or end == LOST
         i = tree.used[0]
         tree.used[0] += 1
         tree.child[node, k], tree.parent[i] = i, node
         tree.level[i], tree.end[i] = tree.level[node] + 1, end
         tree.cost[i] = tree.cost[node] + cost
         keep_state(tree.where, tree.motion, i, state)
+    return collided
 
 
 @kernel
@@ -209,7 +173,7 @@ def _can_finish(local: LocalMap, p: EgoParams, w: Weights, state: State, level: 
             return True
         state, event = advance(local, p, state, 0.0, k * p.step)
         if event != FREE or (
-            (k + 1) % w.check == 0 and _nearest(local, p, state, (k + 1) * p.step) <= 0.0
+            (k + 1) % w.check == 0 and nearest(local, p, state, (k + 1) * p.step)[0] <= 0.0
         ):
             return event == GOAL
     return True
@@ -264,73 +228,15 @@ def _ply(
         if event == GOAL:
             end = ARRIVED
             break
-        if (at + k + 1) % w.check == 0 and _nearest(local, p, state, (at + k + 1) * p.step) <= 0.0:
+        if (at + k + 1) % w.check == 0 and nearest(local, p, state, (at + k + 1) * p.step)[
+            0
+        ] <= 0.0:
             return state, cost, LOST
     # Beyond the end of the route neither traffic nor distance is left; how the ego drove there
     # counts.
     if end == ALIVE:
-        distance = _nearest(local, p, state, (at + w.ply) * p.step)
-        if distance <= w.threshold:
-            cost[SAFETY] = w.safety / max(distance, 0.1)
-        remaining = max(0.0, guide.goal - local.node[state.node, STATION] - state.s) + _aside(
-            guide, state
-        )
-        cost[PASSABILITY] = w.passability * (
-            w.goal_factor * remaining
-            + (w.junction_penalty if _junction_ahead(local, state, guide.goal) else 0.0)
-        )
-    jerk = (state.a - began.a) / (w.ply * p.step)
-    cost[COMFORT] = w.comfort * w.jerk_factor * jerk * jerk
-    emergency = w.emergency if accel < -p.comfort_decel else 0.0
-    cost[OTHER] = w.other * (
-        (w.stop if state.v < STANDING else 0.0)
-        + (w.turn if guide.turns[state.node] else 0.0)
-        + emergency
-    )
+        cost[SAFETY] = safety(local, p, w, state, (at + w.ply) * p.step)
+        cost[PASSABILITY] = passability(local, p, w, guide, state)
+    cost[COMFORT] = comfort(local, p, w, began, state)
+    cost[OTHER] = other(local, p, w, guide, state, accel)
     return state, cost, end
-
-
-@kernel
-def _nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
-    """Distance between the boxes of the ego and of the nearest agent, m; 0 at contact."""
-    x, y, c, s = pose_of(local, p, state)
-    t = min(index_at(local, time), local.agent.shape[0] - 1)
-    nearest = math.inf
-    for i in range(local.agent.shape[1]):
-        if (
-            is_gone(local, t, i)
-            or follows(local, local.followers, i)
-            or on_other_level(local, state.node, state.s, 2.0 * p.half_length, t, i)
-        ):
-            continue
-        row, trait = local.agent[t, i], local.trait[i]
-        if abs(row[X] - x) < SIGHT and abs(row[Y] - y) < SIGHT:
-            other = Box(row[X], row[Y], row[COS], row[SIN], trait[HALF_LENGTH], trait[HALF_WIDTH])
-            own = Box(x, y, c, s, p.half_length, p.half_width)
-            if local.drawn.shape[0] > 0:
-                own = as_drawn(own, drawn_share(local, state.node, state.s), p.half_length)
-                other = as_drawn(other, local.drawn[t, i], trait[HALF_LENGTH])
-            nearest = min(nearest, box_distance(own, other))
-    return nearest
-
-
-@kernel
-def _aside(guide: Guide, state: State) -> float:
-    """m that lane changes add to the distance to the local goal. A change under way counts for what
-    is left of it."""
-    here = guide.aside[state.node]
-    if state.progress <= 0.0 or state.other < 0:
-        return float(here)
-    return float(here + towards_other(state) * (guide.aside[state.other] - here))
-
-
-@kernel
-def _junction_ahead(local: LocalMap, state: State, goal: float) -> bool:
-    """Whether a junction lies between the state and the local goal."""
-    node, distance = state.node, goal - local.node[state.node, STATION]
-    while node >= 0 and distance > 0.0:
-        if local.node[node, INTERNAL] > 0.0:
-            return True
-        distance -= local.node[node, LENGTH]
-        node = int(local.node[node, NEXT])
-    return False

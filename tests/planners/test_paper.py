@@ -13,7 +13,7 @@ from helpers_tree import TOYS, Toy, mirrored, on_three_lanes
 
 from sumo_mcts.driver.factories import make_planner
 from sumo_mcts.planners import paper, paper_search
-from sumo_mcts.planners.paper import TIMED_SLICE
+from sumo_mcts.planners.paper import LOOK_SLICE
 from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import Decision, Follow
@@ -247,5 +247,5 @@ def test_time_and_iterations_bound_the_search() -> None:
         planner.plan(situation._replace(until=time.perf_counter() + 0.05)).iterations > 100
     )  # iterations do not count then
     assert (
-        planner.plan(situation._replace(until=time.perf_counter() - 1.0)).iterations == TIMED_SLICE
+        planner.plan(situation._replace(until=time.perf_counter() - 1.0)).iterations == LOOK_SLICE
     )  # an answer in any case

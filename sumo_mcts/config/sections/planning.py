@@ -184,12 +184,37 @@ class PaperConfig(Section):
     weight_comfort: NonNegative = Field(1.0, description="omega_c")
     weight_passability: NonNegative = Field(1.0, description="omega_p")
     weight_other: NonNegative = Field(1.0, description="omega_o")
+    collided: Literal["discard", "skip"] = Field(
+        "discard",
+        description="a child that collides is never selected; skip: and the pass that finds it "
+        "ends there, by Algorithm 1's `continue`",
+    )
+    settled_after: Int | None = Field(
+        None,
+        ge=1,
+        le=1_000_000,
+        description="stop when so many iterations have changed nothing about the action to take",
+    )
     safety_threshold_m: Positive = Field(10.0, description="d_thresh")
+    highway_threshold_m: Positive | None = Field(
+        None,
+        description="d_thresh where the limit is 22.2 m/s or more; null: the same everywhere",
+    )
+    closing_speed_mps: Positive | None = Field(
+        None,
+        description="speed of approach that doubles C_s; null: only the distance counts",
+    )
     contact_cost: Positive = Field(
         1000.0,
         description="stands for the infinite C_s at contact, 1/m; times omega_s it is paid once",
     )
     jerk_factor: NonNegative = Field(0.1, description="k of C_c = k j^2, s^6/m^2")
+    lateral_factor: NonNegative = Field(
+        0.0, description="k_lat of C_c = k j^2 + k_lat a_lat^2, s^4/m^2"
+    )
+    goal_along: Literal["route", "line"] = Field(
+        "route", description="d_goal is the way along the route, or the straight line"
+    )
     goal_distance_m: Annotated[Float, Field(ge=1, le=1_000_000)] = Field(
         100.0, description="distance of the local goal"
     )
@@ -204,6 +229,14 @@ class PaperConfig(Section):
     )
     lane_change_cost: NonNegative = Field(
         1.0, description="C_o,lc of a lane change, when it begins"
+    )
+    bypass_cost: NonNegative = Field(
+        0.0,
+        description="C_o of a lane change away from somebody ahead who stands or drives below half "
+        "the limit, on top of lane_change_cost",
+    )
+    stop_sign_cost: NonNegative = Field(
+        0.0, description="C_o of standing at a stop sign at the end of a step, on top of stop_cost"
     )
     stop_cost: NonNegative = Field(2.0, description="C_o of standing at the end of a step")
     turn_cost: NonNegative = Field(
