@@ -4,7 +4,7 @@ import math
 
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import BESIDE, HALF_LENGTH, UNTIL, LocalMap, State, chain_gap
-from sumo_mcts.model.motion import EgoParams
+from sumo_mcts.model.motion import HALF, EgoParams, to_the_left
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.numerics.krauss import CAREFUL_S, STANDSTILL, USUAL_S, safe_speed
 
@@ -78,6 +78,21 @@ def is_beside_in_lane(
     ahead = chain_gap(local, lane, state.s, node, s)
     behind = chain_gap(local, node, s, lane, state.s)
     return 0.0 <= ahead < 2.0 * half_length or 0.0 <= behind < 2.0 * p.half_length
+
+
+@kernel
+def is_seen(local: LocalMap, state: State, node: int, s: float) -> bool:
+    """Whether the driver of an agent behind the ego, on `node` at `s` (m), sees it by now.
+
+    Where SUMO divides lanes, drivers in the lane that the ego changes to do not see it before it
+    reaches over.
+    """
+    if math.isinf(local.seen_within) or state.progress <= 0.0 or state.progress > HALF:
+        return True
+    apart = abs(to_the_left(local, state.node, state.other, state.s))
+    if (1.0 - state.progress) * apart < local.seen_within:
+        return True
+    return node >= 0 and chain_gap(local, node, s, state.node, state.s) < math.inf
 
 
 @kernel

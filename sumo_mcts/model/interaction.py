@@ -14,6 +14,7 @@ from sumo_mcts.model.gaps import (
     gap_behind,
     gap_to_leaving,
     is_beside_in_lane,
+    is_seen,
     lane_left,
     target_lane,
 )
@@ -140,6 +141,7 @@ def meet(  # noqa: PLR0915
             and local.trait[i, BIT] >= 0.0
             and local.trait[i, REACTS] > 0.0
             and 0.0 < to_ego < math.inf
+            and is_seen(local, state, node, s)
         ):
             expects = local.trait[i, POLITE] > 0.0
             price = local.patience * cut_in_cost(

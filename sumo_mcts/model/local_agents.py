@@ -241,13 +241,14 @@ def _nearest(forecast: Forecast, those: Indices, ego: EgoState, most: int) -> In
 
 @entry
 def followers_of(
-    node: Indices, s: Floats, reacts: Bools, bits: Indices, ahead: Floats, state: State, first: int
-) -> int:
+    node: Indices, s: Floats, reacts: Bools, bits: Indices, ahead: Floats, state: State, first: int,
+    other: int,
+) -> int:  # fmt: skip
     """Bit mask of the agents that react and follow the ego: their lane leads to the ego, which is
-    ahead of them."""
+    ahead of them, or to its place on the lane `other`; -1: it has none there."""
     result = 0
     for i in range(len(node)):
-        for target in (state.node, state.other):
+        for target in (state.node, other):
             if node[i] >= 0 and target >= 0 and reacts[i] and bits[i] >= 0:
                 gap = ahead[node[i] - first, target - first] + state.s - s[i]
                 if 0.0 < gap < np.inf:

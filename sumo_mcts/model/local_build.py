@@ -34,7 +34,7 @@ from sumo_mcts.model.oncoming import (
     with_unseen,
 )
 from sumo_mcts.model.route import UPSTREAM_VIEW, RouteMap
-from sumo_mcts.model.sideways import in_the_way
+from sumo_mcts.model.sideways import in_the_way, reaches_over, seen_within
 from sumo_mcts.model.standing import past_standing, standing
 from sumo_mcts.model.stop_lines import Rules, closed_lines, is_open, stop_at
 from sumo_mcts.numerics.kernel import entry
@@ -86,7 +86,11 @@ def build_local(
     node, position, v = traffic.node, traffic.position, traffic.v
     length, limit = 2.0 * forecast.half_length, float(route.limit[state.node])
     bits = bits_of(forecast, node, scene.ego)
-    followers = followers_of(node[0], traffic.s[0], forecast.reacts, bits, ahead, state, first)
+    within = seen_within(scene.ego)
+    other = state.other if reaches_over(road, route, state, within) else -1
+    followers = followers_of(
+        node[0], traffic.s[0], forecast.reacts, bits, ahead, state, first, other
+    )
     beside = reaching_in(
         road, scene.agents, traffic.lane, forecast.half_width, lane_node, forecast.dt
     )
@@ -125,7 +129,8 @@ def build_local(
         target_lane_speed=_target_lane_speed(needs, view, here, now),
         open_ahead=is_open(route, closed, first, state, free_m),
         stop_at=to_stop, stands_before=stands_before, near_stop=near_stop,
-        stop_decel=rules.stop_decel, aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
+        stop_decel=rules.stop_decel, seen_within=within,
+        aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
         stuck=float(overtakes), committed=bool(is_there(route, state)),
     )  # fmt: skip
 

@@ -81,6 +81,9 @@ class LocalMap(NamedTuple):
     # contact is imposed braking
     followers: int
     stop_decel: float  # m/s2 of braking beyond which a yellow light is passed
+    # m between the ego and the middle of the lane that it changes to within which drivers there see
+    # it; inf: from the beginning
+    seen_within: float
     # m to the side that a lane change keeps clear, since it may differ a little from its plan
     aside: float
     # share of its price that comfortable braking of others costs an ego that has waited for a gap

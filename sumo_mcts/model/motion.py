@@ -257,7 +257,7 @@ def pose_of(local: LocalMap, p: EgoParams, state: State) -> tuple[float, float, 
     """Centre x, y, cos and sin of the heading of the ego's box."""
     x, y, c, n = lane_pose(local.node, local.row, state.node, state.s)
     if state.progress > 0.0 and state.other >= 0:
-        left = towards_other(state) * _to_the_left(local, state.node, state.other, state.s)
+        left = towards_other(state) * to_the_left(local, state.node, state.other, state.s)
         x, y = x - left * n, y + left * c
     if state.turn == 0.0:
         return x, y, c, n
@@ -271,7 +271,7 @@ def _turned(local: LocalMap, p: EgoParams, before: State, moved: float) -> float
     """The turn after a step from the state `before` that leads `moved` metres on."""
     left = 0.0
     if before.progress > 0.0 and before.other >= 0 and p.change_duration > 0.0:
-        other = _to_the_left(local, before.node, before.other, before.s)
+        other = to_the_left(local, before.node, before.other, before.s)
         left = (other if before.progress <= HALF else -other) * min(
             p.step / p.change_duration, 1.0 - before.progress
         )
@@ -281,7 +281,7 @@ def _turned(local: LocalMap, p: EgoParams, before: State, moved: float) -> float
 
 
 @kernel
-def _to_the_left(local: LocalMap, node: int, other: int, s: float) -> float:
+def to_the_left(local: LocalMap, node: int, other: int, s: float) -> float:
     """m from a lane to another one beside it, positive to the left."""
     x, y, c, n = lane_pose(local.node, local.row, node, s)
     ox, oy, _, _ = lane_pose(local.node, local.row, other, s)

@@ -14,6 +14,7 @@ import numpy as np
 from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.model.caps import SPACING
 from sumo_mcts.model.local_map import ELSEWHERE, State
+from sumo_mcts.model.motion import HALF
 from sumo_mcts.model.route import CAP, RouteMap
 from sumo_mcts.model.standing import QUEUE_GAP, waits
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
@@ -41,6 +42,7 @@ UNPROTECTED = np.array([
 ])  # fmt: skip
 SLACK = 0.1  # m by which the gap to one who is passed may fall short before it is a leader again
 SLOWS = 2.0  # m/s2 of slowing down to the speed at which the room is enough
+OTHERS_HALF = 0.9  # m: half the width of an agent that sees who reaches over into its lane
 BEND = 0.1  # sine of the angle between two bodies that curves may explain
 
 
@@ -330,3 +332,20 @@ def _slow(
         bound = np.maximum(bound, braked)
         cap = rows[first:beyond, CAP]
         rows[first:beyond, CAP] = np.where(ahead <= end, np.minimum(cap, bound), cap)
+
+
+def seen_within(ego: EgoState) -> float:
+    """LocalMap.seen_within.
+
+    Where lanes are divided, drivers look only at those whom they would touch, so not at an ego that
+    has begun to change to their lane and is not over its line yet.
+    """
+    return 0.5 * ego.width + OTHERS_HALF if ego.sideways.speed > 0.0 else math.inf
+
+
+def reaches_over(road: RoadMap, route: RouteMap, state: State, within: float) -> bool:
+    """Whether drivers in the other lane of the ego's change see it there now."""
+    if state.other < 0 or state.progress <= 0.0 or state.progress > HALF:
+        return True
+    apart = 0.5 * float(road.width[route.lane[[state.node, state.other]]].sum())
+    return (1.0 - state.progress) * apart < within

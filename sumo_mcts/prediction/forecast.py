@@ -20,7 +20,7 @@ from sumo_mcts.prediction.drivers import Drivers, TrafficParams
 from sumo_mcts.prediction.on_foot import Ways, approach, crossings_on, ways_on_foot
 from sumo_mcts.prediction.overtaking import Return, going_back
 from sumo_mcts.prediction.paths import NO_PATHS, Paths, changing, likely_paths
-from sumo_mcts.prediction.poses import poses
+from sumo_mcts.prediction.poses import places, poses
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import TURNS, USUAL, Agents, Follow, Forecast, Intent, Release, Scene, Scripted
 
@@ -76,7 +76,7 @@ class Ground(NamedTuple):
     course: Course | None  # on these paths; None where all keep their speed
     on_foot: Ways
     back: Return  # of those that overtake
-    keeps: Bools  # [N] an agent has a place of its own within its lane
+    place: Floats  # [N] m to the left of the middle of its lane that an agent drives at
 
 
 def ground_of(road: RoadMap, question: Question, lanes: Mapping[int, Ints] = NO_LANES) -> Ground:
@@ -84,10 +84,9 @@ def ground_of(road: RoadMap, question: Question, lanes: Mapping[int, Ints] = NO_
     agents = changing(road, question.scene.agents, question.ego_lanes, question.params.aside)
     on_foot = _on_foot(road, agents, question)
     back = going_back(road, agents, question.scene.ego)
-    # where lanes are divided, drivers have places of their own within them
-    keeps = (agents.lane == question.scene.agents.lane) & (back.lane < 0)
-    keeps &= question.scene.ego.sideways.speed > 0.0
-    return led(road, question, Ground(agents, NO_PATHS, None, on_foot, back, keeps), lanes)
+    divided = question.scene.ego.sideways.speed > 0.0
+    place = places(road, agents, back.lane) if divided else np.zeros(len(agents.ids))
+    return led(road, question, Ground(agents, NO_PATHS, None, on_foot, back, place), lanes)
 
 
 def led(road: RoadMap, question: Question, ground: Ground, lanes: Mapping[int, Ints]) -> Ground:
@@ -125,7 +124,7 @@ def predict(
     agents, params = ground.agents, question.params
     x, v, polite = _driven(road, question, ground, intent)
     found = poses(
-        road, agents, ground.paths, ground.on_foot, ground.back, x, params.step, ground.keeps
+        road, agents, ground.paths, ground.on_foot, ground.back, x, params.step, ground.place
     )
     forecast = Forecast(
         dt=params.step,

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.arrays import Bools, Floats, Ints
+from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on, swung
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.prediction.on_foot import Ways, walked
 from sumo_mcts.prediction.overtaking import Return
 from sumo_mcts.prediction.paths import OPEN, Paths
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import Agents
+from sumo_mcts.scene import STANDING, Agents
 
 SIDEWAYS = 1.2  # m/s with which a vehicle moves to the centre line: a lane in 3 s
 UNTURNED = 0.05  # rad between body and lane up to which it is a matter of how curves are drawn
@@ -36,17 +36,27 @@ class _Bodies(NamedTuple):
     heading: Floats  # rad
     length: Floats  # m
     aside: Floats  # m off the centre line, left positive
-    keeps: Bools  # it stays so far off the centre line
+    place: Floats  # m off it that it moves to
+
+
+def places(road: RoadMap, agents: Agents, back: Indices) -> Floats:
+    """[N] where agents drive within their lanes where SUMO divides these, m to the left of the
+    middle: where they are, if they have room there. Others are on their way into the lane, and stop
+    moving aside where they fit. Who stands stays, and who goes `back` to a lane, to its middle.
+    """
+    room = np.maximum(0.5 * (road.width[agents.lane] - agents.width), 0.0)
+    place = np.where(agents.v < STANDING, agents.d, np.clip(agents.d, -room, room))
+    return np.where((agents.lane >= 0) & (back < 0), place, 0.0)
 
 
 def poses(
     road: RoadMap, agents: Agents, paths: Paths, on_foot: Ways, back: Return, x: Floats,
-    step: float, keeps: Bools,
+    step: float, place: Floats,
 ) -> Poses:  # fmt: skip
     """The agents at times `step` s apart, from their positions along the paths, x [T, N+1] m; its
     row 0 is the ego.
 
-    They move to the centre lines of their lanes but where `keeps` [N] says otherwise.
+    They move to their `place` [N], m to the left of the centre lines of their lanes.
     """
     times, n = len(x), len(agents.ids)
     out = Poses(
@@ -55,7 +65,7 @@ def poses(
         s=np.zeros((times, n)),
         valid=np.ones((times, n), np.bool_),
     )
-    bodies = _Bodies(agents.x, agents.y, agents.heading, agents.length, agents.d, keeps)
+    bodies = _Bodies(agents.x, agents.y, agents.heading, agents.length, agents.d, place)
     _place(out, paths, bodies, on_foot, back, lines_of(road), x, step)
     return out
 
@@ -115,10 +125,10 @@ def _place_on_path(
             out.pose[t, i, X], out.pose[t, i, Y] = bodies.x[i], bodies.y[i]
             out.pose[t, i, COS], out.pose[t, i, SIN] = cs, sn
             continue
-        goal = back.aside[i] if k == 0 and t * step > back.after[i] else 0.0
+        goes_back = k == 0 and back.lane[i] >= 0 and t * step > back.after[i]
+        goal = back.aside[i] if goes_back else bodies.place[i]
         if turn != 0.0 or aside != goal:
             left = -math.copysign(min(SIDEWAYS * step, abs(aside - goal)), aside - goal)
-            left = 0.0 if bodies.keeps[i] and goal == 0.0 else left
             aside, turn = aside + left, swung(turn, x[t, row] - x[t - 1, row], left, length)
         if k == 0 and back.lane[i] >= 0 and aside / back.aside[i] > 0.5:
             out.lane[t, i] = back.lane[i]

@@ -12,7 +12,7 @@ from helpers_model import lanes_east, scenario, scene_of, situation_of, task_of
 from helpers_tree import TOYS, Toy, mirrored, on_three_lanes
 
 from sumo_mcts.driver.factories import make_planner
-from sumo_mcts.planners import paper, paper_search
+from sumo_mcts.planners import paper, paper_cost, paper_search
 from sumo_mcts.planners.paper import LOOK_SLICE
 from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.road import RoadMap
@@ -166,11 +166,9 @@ def test_a_lane_change_that_the_route_needs_counts_as_distance() -> None:
     assert [guide.aside[node[lane]] for lane in ("a_0", "a_1", "a_2")] == [0.0, 20.0, 40.0]
     assert guide.aside[node["b_0"]] == 0.0  # what the next edge needs does not punish entering it
     half_way = state._replace(progress=0.25, other=node["a_0"])
-    assert [paper_search._aside(guide, s) for s in (state, half_way)] == [20.0, 15.0]
+    assert [paper_cost._aside(guide, s) for s in (state, half_way)] == [20.0, 15.0]
     assert (
-        paper_search._aside(
-            guide, state._replace(node=node["a_0"], progress=0.75, other=node["a_1"])
-        )
+        paper_cost._aside(guide, state._replace(node=node["a_0"], progress=0.75, other=node["a_1"]))
         == 5.0
     )
 
