@@ -248,7 +248,7 @@ class Driver:
             failed = "planner"
             try:
                 decision = self._planner.plan(situation)
-                why = why_invalid(self._task, situation.state, decision)
+                why = why_invalid(self._task, situation, decision)
             except Exception as error:  # whatever a planner may do
                 why = f"{type(error).__name__}: {error}"
         self._failures = self._failures + 1 if why else 0

@@ -4,6 +4,7 @@ plays profiles into SUMO. It stops before closed lines (red, yellow, stop signs)
 import math
 from typing import NamedTuple
 
+from sumo_mcts.arrays import Floats
 from sumo_mcts.model.caps import SPACING
 from sumo_mcts.model.halts import LINE_BEYOND
 from sumo_mcts.model.local_map import LocalMap, State, index_at
@@ -226,9 +227,10 @@ def within_step(local: LocalMap, p: EgoParams, before: State, after: State, shar
 @kernel
 def can_change(local: LocalMap, p: EgoParams, state: State, side: int) -> bool:
     """Whether a change to the left (+1) or right (-1) may begin: there is a lane, and it is long
-    enough for the change."""
+    enough for the change. One that has not come half way may be given up where SUMO divides lanes:
+    that is a change to the other side."""
     if state.progress > 0.0:
-        return False
+        return not math.isinf(local.seen_within) and goes_back(local.node, state, side)
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
     # at the end of a lane that leads nowhere it is held until it is in the other
     if state.v < STANDING and local.node[state.node, NEXT] < 0:
@@ -239,9 +241,22 @@ def can_change(local: LocalMap, p: EgoParams, state: State, side: int) -> bool:
 
 
 @kernel
+def goes_back(table: Floats, state: State, side: int) -> bool:
+    """Whether moving to the left (+1) or right (-1) leads back from a change that has not come half
+    way; `table` as in RouteMap."""
+    if state.other < 0 or not 0.0 < state.progress <= HALF:
+        return False
+    return state.other == int(table[state.node, RIGHT_NODE if side > 0 else LEFT_NODE])
+
+
+@kernel
 def begin_change(local: LocalMap, p: EgoParams, state: State, side: int) -> State:
-    """The state right after a change was begun; without a duration SUMO jumps at the end of the
-    step."""
+    """The state right after a change was begun, or one under way was given up; without a duration
+    SUMO jumps at the end of the step."""
+    if state.progress > 0.0:
+        # as one to this lane from the other that has come so much further
+        back = 1.0 - state.progress
+        return State(state.node, state.s, state.v, state.a, back, state.other, state.turn)
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
     return State(state.node, state.s, state.v, state.a, BEGUN, target, state.turn)
 

@@ -46,6 +46,7 @@ ROLLING = 2.0  # m/s below which a lane change begins with driving off
 # s from now up to which an overtaking through oncoming traffic may begin: who comes later than that
 # is not seen yet, and the ego would fall back for it again and again.
 OVERTAKES_SOON = 2.0
+GIVES_UP = 1.0 / 3.0  # of a predicted contact: cost of giving up a lane change under way
 
 
 class SearchParams(NamedTuple):
@@ -197,6 +198,8 @@ def may_change(
     SUMO moves a standing vehicle to the side; no car does. So a slow ego has to drive off for it,
     but where its lane ends and SUMO holds it.
     """
+    if state.progress > 0.0:  # back to where the ego came from
+        return can_change(local, p, state, side)
     if state.v < ROLLING and accel <= 0.0 and not leads_nowhere(local, state.node):
         return False
     if not can_change(local, p, state, side):
@@ -205,6 +208,13 @@ def may_change(
     if time > OVERTAKES_SOON and local.node[changed.other, HOME] >= 0.0:
         return False
     return place_is_free(local, p, c, changed, others, index_at(local, time), most)
+
+
+@kernel
+def change_price(c: CostParams, state: State) -> float:
+    """C_o,lc of a lane change that begins in this state, or of giving up the one under way, which
+    nothing but a danger is worth."""
+    return c.lane_change if state.progress <= 0.0 else GIVES_UP * c.contact
 
 
 @entry
@@ -229,8 +239,8 @@ def replay(
                 local, p, c, state, others, action.side, action.accel, at * p.step, math.inf
             ):
                 return at, IMPOSSIBLE
+            terms[OTHER] += change_price(c, state)
             state = begin_change(local, p, state, action.side)
-            terms[OTHER] += c.lane_change
         ply = simulate(local, p, c, one, state, others, near, action, at)
         state, near = ply.state, ply.near
         terms[SAFETY] += ply.safety

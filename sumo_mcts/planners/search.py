@@ -33,6 +33,7 @@ from sumo_mcts.planners.ply import (
     LOST,
     NONE,
     SearchParams,
+    change_price,
     copy_pairs,
     may_change,
     needed_side,
@@ -193,8 +194,8 @@ def _expand(
             local, p, c, state, tree.others[node], action.side, action.accel, at * p.step, math.inf
         ):
             return IMPOSSIBLE
+        changed = change_price(c, state)
         state = begin_change(local, p, state, action.side)
-        changed = c.lane_change
     copy_pairs(tree.others[node], tree.moving)
     ply = simulate(local, p, c, q, state, tree.moving, near_of(tree, node), action, at)
     least = 0.0
@@ -253,8 +254,8 @@ def _rollout(
         side, most = (to_side, math.inf) if own else (needed_side(local, state), 0.0)
         time = k * q.ply * p.step
         if side != 0 and may_change(local, p, c, state, others, side, accel, time, most):
+            j += change_price(c, state)
             state = begin_change(local, p, state, side)
-            j += c.lane_change
         else:
             side = 0
         put_action(line, k, accel, side)

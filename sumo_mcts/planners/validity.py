@@ -2,20 +2,20 @@
 
 import numpy as np
 
-from sumo_mcts.model.local_map import State
+from sumo_mcts.model.motion import goes_back
 from sumo_mcts.model.route import LEFT_NODE, RIGHT_NODE
-from sumo_mcts.planners.base import Task
+from sumo_mcts.planners.base import Situation, Task
 from sumo_mcts.scene import Decision, Follow, Plan, Release, RootChild
 
 
-def why_invalid(task: Task, state: State, decision: object) -> str:
+def why_invalid(task: Task, situation: Situation, decision: object) -> str:
     """Why this is no decision that SUMO could execute; "" where it is one."""
     command = getattr(decision, "command", None)
     if isinstance(command, Release):
         return ""
     if not isinstance(decision, Decision) or not isinstance(command, Follow):
         return f"no decision but {type(decision).__name__}"
-    speeds, side = np.asarray(command.speeds), command.lane_change
+    speeds, side, state = np.asarray(command.speeds), command.lane_change, situation.state
     if speeds.ndim != 1 or not len(speeds) or speeds.dtype.kind not in "fiu":
         return f"speeds of shape {speeds.shape} and type {speeds.dtype}"
     if not np.isfinite(speeds).all() or (speeds < 0.0).any():
@@ -25,7 +25,9 @@ def why_invalid(task: Task, state: State, decision: object) -> str:
     if command.asks not in (-1, 0, 1):
         return f"a wish for the side {command.asks!r}"
     if side != 0 and state.progress > 0.0:
-        return "a lane change during another one"
+        divided = situation.scene.ego.sideways.speed > 0.0
+        back = divided and goes_back(task.route.table, state, side)
+        return "" if back else "a lane change during another one"
     if side != 0 and task.route.table[state.node, LEFT_NODE if side > 0 else RIGHT_NODE] < 0.0:
         return f"a lane change to the {'left' if side > 0 else 'right'}, where there is no lane"
     if not isinstance(decision.children, tuple) or not all(

@@ -16,7 +16,8 @@ def action_words(cycle: CycleRecord) -> str:
         sign = "+" if accel > 0 else "\u2212"
         words[0] += f" {sign}{abs(accel):.1f} m/s\u00b2"
     if change:
-        words.append("change to the " + ("left" if change > 0 else "right"))
+        does = "back" if 0 < cycle.ego.changing < 1 else "change"
+        words.append(f"{does} to the " + ("left" if change > 0 else "right"))
     elif 0 < cycle.ego.changing < 1:
         words.append(
             "changing to the "

@@ -190,7 +190,11 @@ class Commander:
         return v + min(a, 0.0) * self._bounds.step if len(self._profile) else 0.0
 
     def _begin_change(self, side: int) -> None:
-        """Begin a lane change to the left (1) or right (-1), where there is a lane."""
+        """Begin a lane change to the left (1) or right (-1), where there is a lane, or give up the
+        one to the other side that is under way."""
+        if self.change.target >= 0:
+            self._go_back()
+            return
         source = self._here()
         target = self._beside(source, side)
         if target < 0:
@@ -208,6 +212,13 @@ class Commander:
             self._get.changeLane(self._vehicle, sumo_lane(self._road, target), held)
         if takes_time:
             self.change = Change(0.0, source, target)
+
+    def _go_back(self) -> None:
+        """Give up a change: SUMO moves the vehicle to the middle of its lane again."""
+        progress, source, target = self.change
+        if self._aside.divided and progress < 0.5:
+            self._aside.shift(self._vehicle, -self._places.of(self._vehicle).d)
+            self.change = Change(1.0 - progress, target, source)
 
     def _apart(self, source: int, target: int) -> float:
         """m to the left from where the vehicle is on one lane to the middle of another, beside."""

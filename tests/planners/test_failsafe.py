@@ -39,7 +39,7 @@ from sumo_mcts.planners.failsafe import LONGEST_S, FailSafe
 from sumo_mcts.planners.failsafe_reach import ACCELERATE, ALONG, BRAKE, HOLD, drive
 from sumo_mcts.planners.validity import why_invalid
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import Decision, EgoState, Follow, Plan, Release
+from sumo_mcts.scene import Decision, EgoState, Follow, Plan, Release, Sideways
 from sumo_mcts.world.command import Bounds, bounded
 
 PERIOD = 0.5  # s
@@ -236,19 +236,26 @@ def test_the_first_cycle_without_a_way_out_is_braking_as_hard_as_possible() -> N
 def test_why_a_decision_is_invalid(command: Any, why: str) -> None:
     those = case(LANES, ego_at(LANES, "a_2", 200.0, 15.0))
     assert why in why_invalid(
-        those.task, those.situation.state, Decision(command, None, (), -1, "", 0, 0)
+        those.task, those.situation, Decision(command, None, (), -1, "", 0, 0)
     )
 
 
 def test_a_lane_change_during_another_one_is_invalid() -> None:
+    """But back to where it came from, where SUMO divides lanes."""
     those = case(LANES, on_lane())
     state = those.situation.state._replace(progress=0.3, other=2)
-    assert (
-        why_invalid(
-            those.task, state, Decision(Follow(np.full(5, 15.0), 1), None, (), -1, "", 0, 0)
-        )
-        == "a lane change during another one"
-    )
+    ego = those.situation.scene.ego
+    for side, divided, valid in (
+        (1, False, False),
+        (-1, False, False),
+        (1, True, False),
+        (-1, True, True),
+    ):
+        scene = those.situation.scene._replace(ego=ego._replace(sideways=Sideways(float(divided))))
+        situation = those.situation._replace(state=state, scene=scene)
+        decision = Decision(Follow(np.full(5, 15.0), side), None, (), -1, "", 0, 0)
+        why = why_invalid(those.task, situation, decision)
+        assert why == ("" if valid else "a lane change during another one")
 
 
 def test_what_is_valid() -> None:
@@ -260,12 +267,10 @@ def test_what_is_valid() -> None:
         Release(),
     ):
         assert (
-            why_invalid(
-                those.task, those.situation.state, Decision(command, None, (), -1, "", 0, 0)
-            )
+            why_invalid(those.task, those.situation, Decision(command, None, (), -1, "", 0, 0))
             == ""
         )
-    assert why_invalid(those.task, those.situation.state, None) == "no decision but NoneType"
+    assert why_invalid(those.task, those.situation, None) == "no decision but NoneType"
 
 
 # --- properties ---
@@ -394,9 +399,7 @@ def test_a_verified_manoeuvre_meets_nobody_within_the_bounds(those: Case, random
     fail_safe, bounds = those.fail_safe, assumed(scenario())
     assume(
         those.command.lane_change == 0
-        or can_change(
-            local_of(those), those.task.ego, those.situation.state, those.command.lane_change
-        )
+        or can_change(local_of(those), those.task.ego, those.situation, those.command.lane_change)
     )
     assume(fail_safe.objection(those.situation, those.command) == "")
     plan = ready(fail_safe, those.situation)
