@@ -203,11 +203,11 @@ class Commander:
         # SUMO drops the wish where the change before, begun at a stand, takes one step more than
         # its duration: then it is held for a step.
         held = self._bounds.step if self._is_aside() else 0.0
-        if self._aside.moves(self._vehicle):
-            self._aside.shift(self._vehicle, self._apart(source, target))
-        elif self._against[source] or self._against[target]:  # SUMO has no number for that lane
+        if self._against[source] or self._against[target]:  # SUMO has no number for that lane
             outwards = -side if self._road.lefthand else side  # it counts as its lanes do
             self._get.changeLaneRelative(self._vehicle, outwards, held)
+        elif self._aside.divided:  # a wish for the lane would be dropped where little room is
+            self._aside.shift(self._vehicle, self._apart(source, target))
         else:
             self._get.changeLane(self._vehicle, sumo_lane(self._road, target), held)
         if takes_time:
