@@ -18,6 +18,8 @@ from sumo_mcts.planners.failsafe_reach import Assumed
 from sumo_mcts.prediction.drivers import TrafficParams
 from sumo_mcts.scene import EgoState
 
+LANE_WIDTH = 3.2  # m, SUMO's default: how far a lane change leads aside
+ASIDE_ACCEL = 1.0  # m/s2 with which SUMO moves a vehicle aside by default
 LEAST_DECEL = 0.1  # m/s2 that a vehicle can brake with, whatever its type says
 
 
@@ -58,12 +60,25 @@ def ego_params(config: ScenarioConfig, ego: EgoState, physics: Physics) -> EgoPa
         max_accel=min(m.max_accel_mps2, ego.max_accel),
         approach_decel=m.approach_decel_mps2,
         stop_gap=m.stop_gap_m,
-        change_duration=physics.change_duration,
+        change_duration=_change_duration(ego, physics),
         headway=config.cost.headway_s,
         gap=config.cost.headway_gap_m,
         half_length=ego.length / 2,
         half_width=ego.width / 2,
     )
+
+
+def _change_duration(ego: EgoState, physics: Physics) -> float:
+    """How long the ego's lane changes take, s.
+
+    Where SUMO divides lanes, a vehicle moves aside as fast as its type may, and needs time to get
+    to that speed and to lose it.
+    """
+    speed = ego.sideways.speed
+    if speed <= 0.0:
+        return physics.change_duration
+    speed = min(speed, math.sqrt(LANE_WIDTH * ASIDE_ACCEL))
+    return LANE_WIDTH / speed + speed / ASIDE_ACCEL
 
 
 def cost_params(config: ScenarioConfig) -> CostParams:

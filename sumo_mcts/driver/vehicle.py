@@ -148,7 +148,7 @@ class EgoVehicle:
         physics, params = self._world.physics, ego_params(self._config, ego, self._world.physics)
         return Bounds(
             physics.step,
-            physics.change_duration,
+            params.change_duration,
             params.max_accel,
             params.max_decel,
             params.emergency_jerk,

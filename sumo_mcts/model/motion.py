@@ -31,6 +31,7 @@ SHORT_OF = 0.01  # m that a stop has to be short of a closed line
 EASES = 0.65  # share of the distance to the place of a stop that braking may take when it begins
 CREEP = 0.5  # 1/s: m/s for each metre to the place to stand, once that is nearer than one look
 HELD = 2.0  # m/s up to which running into the end of a lane is as good as stopping at it
+OVERSHOOT = 0.16  # of a lane change: how far SUMO still goes on aside when it is given up
 BEGUN = 1e-12  # progress of a lane change that is about to begin
 # progress right after a lane change without a duration: in that step SUMO has looked for collisions
 # in the old lane
@@ -242,9 +243,9 @@ def can_change(local: LocalMap, p: EgoParams, state: State, side: int) -> bool:
 
 @kernel
 def goes_back(table: Floats, state: State, side: int) -> bool:
-    """Whether moving to the left (+1) or right (-1) leads back from a change that has not come half
-    way; `table` as in RouteMap."""
-    if state.other < 0 or not 0.0 < state.progress <= HALF:
+    """Whether moving to the left (+1) or right (-1) leads back from a change that turns round
+    before it has come half way; `table` as in RouteMap."""
+    if state.other < 0 or not 0.0 < state.progress <= HALF - OVERSHOOT:
         return False
     return state.other == int(table[state.node, RIGHT_NODE if side > 0 else LEFT_NODE])
 
@@ -255,7 +256,7 @@ def begin_change(local: LocalMap, p: EgoParams, state: State, side: int) -> Stat
     SUMO jumps at the end of the step."""
     if state.progress > 0.0:
         # as one to this lane from the other that has come so much further
-        back = 1.0 - state.progress
+        back = 1.0 - (state.progress + OVERSHOOT)
         return State(state.node, state.s, state.v, state.a, back, state.other, state.turn)
     target = int(local.node[state.node, LEFT_NODE if side > 0 else RIGHT_NODE])
     return State(state.node, state.s, state.v, state.a, BEGUN, target, state.turn)

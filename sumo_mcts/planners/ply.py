@@ -198,8 +198,8 @@ def may_change(
     SUMO moves a standing vehicle to the side; no car does. So a slow ego has to drive off for it,
     but where its lane ends and SUMO holds it.
     """
-    if state.progress > 0.0:  # back to where the ego came from
-        return can_change(local, p, state, side)
+    if state.progress > 0.0:  # back to where the ego came from, now or never
+        return time <= 0.0 and can_change(local, p, state, side)
     if state.v < ROLLING and accel <= 0.0 and not leads_nowhere(local, state.node):
         return False
     if not can_change(local, p, state, side):

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.arrays import Floats
+from sumo_mcts.model.motion import HALF, OVERSHOOT
 from sumo_mcts.numerics.lanes import against_traffic
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import Follow, Release
@@ -216,9 +217,9 @@ class Commander:
     def _go_back(self) -> None:
         """Give up a change: SUMO moves the vehicle to the middle of its lane again."""
         progress, source, target = self.change
-        if self._aside.divided and progress < 0.5:
+        if self._aside.divided and progress <= HALF - OVERSHOOT:
             self._aside.shift(self._vehicle, -self._places.of(self._vehicle).d)
-            self.change = Change(1.0 - progress, target, source)
+            self.change = Change(1.0 - (progress + OVERSHOOT), target, source)
 
     def _apart(self, source: int, target: int) -> float:
         """m to the left from where the vehicle is on one lane to the middle of another, beside."""

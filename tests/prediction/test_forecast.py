@@ -198,16 +198,27 @@ def test_an_offset_from_the_lane_dies_away_and_people_walk_on() -> None:
     )
 
 
-@pytest.mark.parametrize(("blinker", "stays"), [(0, True), (1, False)])
-def test_where_lanes_are_divided_an_offset_stays(blinker: int, stays: bool) -> None:
-    """But for who changes lanes."""
+@pytest.mark.parametrize(
+    ("d", "v", "blinker", "lane", "ends"),
+    [
+        (0.5, 9.0, 0, 1, 0.5),  # a place of its own
+        (1.3, 9.0, 0, 1, 0.7),  # it comes from the lane beside, and stops where it fits
+        (-1.3, 9.0, 0, 1, -0.7),
+        (1.3, 0.0, 0, 1, 1.3),  # who stands, stays
+        (1.0, 9.0, 1, 2, -0.7),  # it changes to the left, and stops where it fits there
+    ],
+)
+def test_where_lanes_are_divided_agents_have_places_within_them(
+    d: float, v: float, blinker: int, lane: int, ends: float
+) -> None:
+    """A car that had just come over the line was expected to drive on over it."""
     road = lanes_east(3, 900.0)
     ego = ego_at(road, "a_0", 6.0, 0.0)._replace(sideways=Sideways(1.0, 0.6))
-    scene = scene_of(ego, road, Agent("a", "a_1", 100.0, 9.0, d=1.0))
+    scene = scene_of(ego, road, Agent("a", "a_1", 100.0, v, d=d))
     scene.agents.blinker[:] = blinker
     forecast = forecast_of(task_of(road, ego), scene)
-    aside = forecast.pose[0, :, 0, 1] - forecast.lane[0, :, 0] * 3.2 + 3.2
-    assert (abs(aside[-1] - 1.0) < 1e-6) == stays and (abs(aside[-1]) < 0.05) != stays
+    aside = forecast.pose[0, -1, 0, 1] - (lane - 1) * 3.2
+    assert forecast.lane[0, -1, 0] == lane and aside == pytest.approx(ends, abs=0.02)
 
 
 @pytest.mark.parametrize(

@@ -116,6 +116,47 @@ def test_a_change_is_under_way_until_it_is_on_the_other_lane(width: float, tmp_p
         assert ego.state().lane == 1
 
 
+@pytest.mark.parametrize("beside", [-2.0, 0.0, 3.0])
+def test_a_change_is_made_beside_another_vehicle(beside: float, tmp_path: Path) -> None:
+    """A wish for a lane is dropped where SUMO's driver would not change; whether there is room is
+    the planner's affair."""
+    with ego_in(tmp_path) as ego:
+        libsumo.vehicle.add(
+            "x", "", "t", departLane="1", departPos=str(20.0 + beside), departSpeed="10"
+        )
+        libsumo.vehicle.setRoute("x", ["ab"])
+        libsumo.simulationStep()
+        libsumo.vehicle.setSpeedMode("x", 0)
+        libsumo.vehicle.setSpeed("x", 10.0)
+        ego.go(3.0, side=1)
+        assert ego.left() > 0.5 * WIDTH
+
+
+@pytest.mark.parametrize("options", [(), ("--lefthand",)], ids=["right", "lefthand"])
+@pytest.mark.parametrize("after_s", [0.3, 0.7])
+def test_a_change_can_be_given_up(after_s: float, options: tuple[str, ...], tmp_path: Path) -> None:
+    """It ends in the middle of its lane, and does not come half way into the other."""
+    with ego_in(tmp_path, *options) as ego:
+        inwards, home = -1 if options else 1, ego.left()  # from the outermost lane
+        ego.go(after_s, side=inwards)
+        begun = ego.commander.change
+        ego.go(0.0, side=-inwards)
+        assert (ego.commander.change.source, ego.commander.change.target) == begun[:0:-1]
+        furthest = max(abs(ego.left() - home) for _ in range(40) if ego.step() is None)
+        assert furthest < 0.3 * WIDTH and ego.left() == pytest.approx(home, abs=0.02)
+        assert ego.commander.change == Change()
+
+
+def test_a_change_that_has_come_too_far_goes_on(tmp_path: Path) -> None:
+    with ego_in(tmp_path) as ego:
+        ego.go(1.4, side=1)
+        begun = ego.commander.change
+        ego.go(0.0, side=-1)
+        assert ego.commander.change == begun
+        ego.go(6.0)
+        assert ego.state().lane == 1
+
+
 def test_what_the_type_says(tmp_path: Path) -> None:
     with ego_in(tmp_path, kind='latAlignment="right" minGapLat="0.4" maxSpeedLat="0.8"') as ego:
         assert ego.state().sideways == pytest.approx(Sideways(0.8, 0.4, 0.5 * (1.8 - WIDTH)))
