@@ -5,6 +5,7 @@ A sequence is an array [M, 3] of actions, one for each level of the tree or for 
 simulation. A row whose acceleration is nan holds none.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,13 @@ class Action(NamedTuple):
     accel: float  # m/s2, or FOLLOW
     side: int  # of the lane change that begins: -1, 0, 1
     speed: float  # m/s, driven whatever the road allows; NO_SPEED: the acceleration counts
+
+
+class Lines(NamedTuple):
+    """M sequences with an action for each step of the simulation."""
+
+    actions: Floats  # [M, S, 3] rows beyond `steps` hold none
+    steps: Indices  # [M] the length of each
 
 
 @kernel
@@ -78,6 +86,15 @@ def commanded(speeds: Floats, side: int) -> Floats:
     line = lasting(FOLLOW, side, len(speeds))
     line[:, SPEED] = speeds
     return line
+
+
+def lines_of(sequences: Sequence[Floats]) -> Lines:
+    """Sequences [., 3] of any length in one array."""
+    steps = np.array([len(each) for each in sequences], np.int64)
+    actions = no_actions(len(steps), int(steps.max(initial=0)))
+    for row, each in zip(actions, sequences, strict=True):
+        row[: len(each)] = each
+    return Lines(actions, steps)
 
 
 def to_steps(line: Floats, steps: Indices | int) -> Floats:

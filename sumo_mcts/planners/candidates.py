@@ -1,14 +1,15 @@
 """The sequences that a decision is chosen from: one for each root child of a tree, and the warm
 start from the last plan. Each is driven again step by step."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.arrays import Floats
+from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.local_map import MOTION_V, LocalMap, State
 from sumo_mcts.model.route import LEFT_NODE, RIGHT_NODE
-from sumo_mcts.planners.actions import ACCEL, FOLLOW, SIDE, to_steps
+from sumo_mcts.planners.actions import ACCEL, FOLLOW, SIDE, Lines, lines_of
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.ply import (
     ALIVE,
@@ -17,6 +18,7 @@ from sumo_mcts.planners.ply import (
     DRIVEN_V,
     IMPOSSIBLE,
     LOST,
+    Driven,
     SearchParams,
     replay,
 )
@@ -49,15 +51,12 @@ class Start(NamedTuple):
 
 def root_candidates(start: Start, tree: Tree, actions: Floats) -> list[Candidate]:
     """The root's children, each with the best sequence through it; `actions` [A, 3]."""
+    those = np.flatnonzero(tree.child[0] >= 0)
+    lines = _best_lines(start, tree, actions, those)
+    driven = _drive(start, lines)
     result = []
-    for k in range(len(actions)):
-        i = int(tree.child[0, k])
-        if i < 0:
-            continue
-        line = _best_line(start, tree, actions, k)
-        plan, terms, _ = follow_line(
-            start.local, start.task, start.q, start.state, start.others, line
-        )
+    for m, (k, i) in enumerate(zip(those.tolist(), tree.child[0, those].tolist(), strict=True)):
+        plan = _plan(start.task, driven, m)
         accel = float(actions[k, ACCEL])
         child = RootChild(
             accel=_first_accel(start, plan) if accel == FOLLOW else accel,
@@ -65,10 +64,10 @@ def root_candidates(start: Start, tree: Tree, actions: Floats) -> list[Candidate
             visits=int(tree.visits[i]),
             mean=float(tree.total[i] / max(tree.visits[i], 1)),
             best=float(tree.best[i]),
-            terms=terms,
+            terms=driven.terms[m],
             poses=plan.pose,
         )
-        result.append(Candidate(child, plan, line))
+        result.append(Candidate(child, plan, lines.actions[m, : lines.steps[m]]))
     return result
 
 
@@ -91,38 +90,44 @@ def warm_start(start: Start, line: Floats, period_s: float) -> Candidate | None:
     return Candidate(child, plan, line)
 
 
-def cost_in(
-    start: Start, tree: Tree, actions: Floats, candidate: Candidate
-) -> tuple[float, Floats]:
-    """What a candidate costs in another hypothesis, that of `start` and `tree`, and its terms [5].
+def costs_in(
+    start: Start, tree: Tree, actions: Floats, found: Sequence[Candidate], lines: Lines
+) -> tuple[Floats, Floats]:
+    """[C] what candidates, with the sequences `lines`, cost in another hypothesis, that of `start`
+    and `tree`, and their terms [C, 5].
 
     This is the lower of two costs: the candidate driven to its end, or only begun. In the latter
     case the best sequence of the tree follows, below the root's child that is nearest to the
     candidate's first action. This takes the hypothesis to be known by then (QMDP).
     """
-    v = float(candidate.plan.v[min(start.q.ply, len(candidate.plan.v)) - 1])
-    alike = [
-        (k, i)
-        for k, i in enumerate(tree.child[0])
-        if i >= 0 and int(actions[k, SIDE]) == candidate.child.lane_change
-    ]
-    _, begun, k = min(
-        ((abs(tree.motion[i, MOTION_V] - v), float(tree.best[i]), k) for k, i in alike),
-        default=(0.0, start.task.cost.contact, -1),
-    )
-    local, task, q, state, others = start
-    _, terms, end = follow_line(local, task, q, state, others, candidate.line)
-    whole = end in (LOST, ARRIVED) or (
-        end == ALIVE and len(candidate.line) >= round(q.horizon / task.ego.step)
-    )
-    if whole and terms.sum() <= begun:
-        return float(terms.sum()), terms
-    if k < 0:
-        lost = np.zeros(5)
-        lost[LOSS] = begun
-        return begun, lost
-    line = _best_line(start, tree, actions, k)
-    return begun, follow_line(local, task, q, state, others, line)[1]
+    driven = _drive(start, lines)
+    ends = (driven.end == LOST) | (driven.end == ARRIVED)
+    lasts = lines.steps >= round(start.q.horizon / start.task.ego.step)
+    whole, terms = driven.terms.sum(axis=1), driven.terms
+    action = _nearest_actions(start, tree, actions, found)
+    begun = np.where(action >= 0, tree.best[tree.child[0, action]], start.task.cost.contact)
+    driven_on = (ends | ((driven.end == ALIVE) & lasts)) & (whole <= begun)
+    terms[~driven_on] = 0.0
+    terms[~driven_on & (action < 0), LOSS] = start.task.cost.contact
+    those = np.flatnonzero(~driven_on & (action >= 0))
+    if len(those):
+        again, which = np.unique(action[those], return_inverse=True)
+        terms[those] = _drive(start, _best_lines(start, tree, actions, again)).terms[which]
+    return np.where(driven_on, whole, begun), terms
+
+
+def _nearest_actions(
+    start: Start, tree: Tree, actions: Floats, found: Sequence[Candidate]
+) -> Indices:
+    """[C] the tried action with the lane change of each candidate whose speed is nearest to the
+    candidate's after the first action, the cheapest of equal ones; -1: there is none."""
+    child, ply = tree.child[0], start.q.ply
+    v = np.array([each.plan.v[min(ply, len(each.plan.v)) - 1] for each in found])
+    side = np.array([each.child.lane_change for each in found])
+    alike = (child >= 0) & (actions[:, SIDE] == side[:, None])
+    apart = np.where(alike, np.abs(tree.motion[child, MOTION_V] - v[:, None]), np.inf)
+    nearest = np.lexsort((np.broadcast_to(tree.best[child], apart.shape), apart))[:, 0]
+    return np.where(alike.any(axis=1), nearest, -1)
 
 
 def asked_side(start: Start, line: Floats) -> int:
@@ -178,22 +183,39 @@ def follow_line(
     """Drive a sequence `line` [steps, 3], from `state` and the reacting agents `others` [R, 2].
 
     Returns the plan, step by step, the cost terms [5] SAFETY .. LOSS, and how it ends (see
-    ply.replay).
+    ply.Driven).
     """
-    steps = len(line)
-    nodes, motion, pose = np.zeros(steps, np.int64), np.zeros((steps, 2)), np.zeros((steps, 4))
-    terms = np.zeros(5)
-    used, end = replay(
-        local, task.ego, task.cost, q, state, others.copy(), line, nodes, motion, pose, terms
+    driven = _drive(Start(local, task, q, state, others), lines_of([line]))
+    return _plan(task, driven, 0), driven.terms[0], int(driven.end[0])
+
+
+def _drive(start: Start, lines: Lines) -> Driven:
+    """Drive sequences from the same start."""
+    m, steps, _ = lines.actions.shape
+    driven = Driven(
+        node=np.zeros((m, steps), np.int64),
+        motion=np.zeros((m, steps, 2)),
+        pose=np.zeros((m, steps, 4)),
+        terms=np.zeros((m, 5)),
+        steps=np.zeros(m, np.int64),
+        end=np.zeros(m, np.int64),
+        moving=np.empty_like(start.others),
     )
-    plan = Plan(
+    local, task, q, state, others = start
+    replay(local, task.ego, task.cost, q, state, others, lines, driven)
+    return driven
+
+
+def _plan(task: Task, driven: Driven, m: int) -> Plan:
+    """Sequence m as it was driven, step by step."""
+    used = driven.steps[m]
+    return Plan(
         time=(np.arange(used, dtype=np.float64) + 1.0) * task.ego.step,
-        v=motion[:used, DRIVEN_V].copy(),
-        lane=task.route.lane[nodes[:used]].astype(np.int32),
-        s=motion[:used, DRIVEN_S].copy(),
-        pose=pose[:used].copy(),
+        v=driven.motion[m, :used, DRIVEN_V].copy(),
+        lane=task.route.lane[driven.node[m, :used]].astype(np.int32),
+        s=driven.motion[m, :used, DRIVEN_S].copy(),
+        pose=driven.pose[m, :used].copy(),
     )
-    return plan, terms, end
 
 
 def _first_accel(start: Start, plan: Plan) -> float:
@@ -203,13 +225,14 @@ def _first_accel(start: Start, plan: Plan) -> float:
     return float((plan.v[steps - 1] - start.state.v) / plan.time[steps - 1]) if steps else 0.0
 
 
-def _best_line(start: Start, tree: Tree, actions: Floats, k: int) -> Floats:
-    """[steps, 3] the best sequence of root action k; it certainly starts with its own action, and
-    that is all where the action ends the drive."""
-    line = tree.plan[k].copy()
-    line[0, : SIDE + 1] = actions[k, : SIDE + 1]
-    missing = np.isnan(line[:, ACCEL])
-    levels = int(np.argmax(missing)) if missing.any() else len(line)
-    if tree.end[tree.child[0, k]] != ALIVE:
-        levels = 1
-    return to_steps(line[:levels], start.q.ply)
+def _best_lines(start: Start, tree: Tree, actions: Floats, those: Indices) -> Lines:
+    """The best sequences of these root actions. Each certainly starts with its own action, and that
+    is all where the action ends the drive."""
+    plan, ply = tree.plan[those], start.q.ply
+    plan[:, 0, : SIDE + 1] = actions[those, : SIDE + 1]
+    missing = np.isnan(plan[:, :, ACCEL])
+    levels = np.where(missing.any(axis=1), missing.argmax(axis=1), plan.shape[1])
+    levels[tree.end[tree.child[0, those]] != ALIVE] = 1
+    rows = np.repeat(plan, ply, axis=1)
+    rows[:, np.arange(rows.shape[1]) % ply > 0, SIDE] = 0.0
+    return Lines(rows, levels * ply)

@@ -15,14 +15,14 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.model.cost import LEAST_LOSS
 from sumo_mcts.model.local_map import LocalMap
 from sumo_mcts.model.reactions import undisturbed
-from sumo_mcts.planners.actions import FOLLOW, lasting, packed, unpacked
+from sumo_mcts.planners.actions import FOLLOW, lasting, lines_of, packed, unpacked
 from sumo_mcts.planners.base import SeededPlanner, Situation, Task, local_of
 from sumo_mcts.planners.budget import Budget, next_passes, next_passes_in_time, part, passes_within
 from sumo_mcts.planners.candidates import (
     Candidate,
     Start,
     asked_side,
-    cost_in,
+    costs_in,
     not_for_a_stop,
     root_candidates,
     warm_start,
@@ -192,14 +192,13 @@ class MctsPlanner(SeededPlanner):
         cost, terms = np.empty((len(found), len(share))), np.empty((len(found), len(share), 5))
         cost[:, 0] = [candidate.child.best for candidate in found]
         terms[:, 0] = [candidate.child.terms for candidate in found]
-        done = known = 0
+        lines, done, known = lines_of([candidate.line for candidate in found]), 0, 0
         for h in range(1, len(share)):
             local = self._local(situation, h)
             tree, *more = self._search(local, q, situation, share[h:], math.inf)
             done, known = done + more[0], known + more[1]
             start = Start(local, task, q, state, tree.others[0])
-            for i, candidate in enumerate(found):
-                cost[i, h], terms[i, h] = cost_in(start, tree, self._actions, candidate)
+            cost[:, h], terms[:, h] = costs_in(start, tree, self._actions, found, lines)
         weight = situation.forecast.weight[: len(share)]
         weighed = risk(cost, weight / weight.sum(), p.worst_share)
         children = [

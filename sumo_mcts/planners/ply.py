@@ -33,7 +33,7 @@ from sumo_mcts.model.reactions import react
 from sumo_mcts.model.route import HOME, LIMIT
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import entry, inlined, kernel
-from sumo_mcts.planners.actions import FOLLOW, NO_SPEED, Action, action_at
+from sumo_mcts.planners.actions import FOLLOW, NO_SPEED, Action, Lines, action_at
 from sumo_mcts.scene import COMFORT, LOSS, OTHER, PASSABILITY, SAFETY
 
 NONE = -1  # no child, no parent
@@ -74,6 +74,20 @@ class Ply(NamedTuple):
     other: float
     end: int  # ALIVE, LOST, ARRIVED
     loss: float  # where LOST
+
+
+class Driven(NamedTuple):
+    """What came of M sequences, step by step; nothing beyond the steps that were driven."""
+
+    node: Indices  # [M, S] lane of the front
+    motion: Floats  # [M, S, 2] DRIVEN_S, DRIVEN_V
+    pose: Floats  # [M, S, 4]
+    terms: Floats  # [M, 5] SAFETY .. LOSS
+    steps: Indices  # [M] how many were driven
+    # [M] ALIVE after the whole sequence, LOST, ARRIVED, or IMPOSSIBLE where a lane change cannot
+    # begin
+    end: Indices
+    moving: Floats  # [R, 2] scratch for the agents that the search moves
 
 
 def search_params(
@@ -220,19 +234,26 @@ def change_price(c: CostParams, state: State) -> float:
 @entry
 def replay(
     local: LocalMap, p: EgoParams, c: CostParams, q: SearchParams, root: State, others: Floats,
-    line: Floats, lanes: Indices, motion: Floats, pose: Floats,
-    terms: Floats,
-) -> tuple[int, int]:  # fmt: skip
-    """Drive a sequence `line` [M, 3] with an action for each step, and record every step.
+    lines: Lines, driven: Driven,
+) -> None:  # fmt: skip
+    """Drive `lines` of an action for each step, each from `root` and the reacting agents `others`
+    [R, 2] on, and record every step in `driven`."""
+    for m in range(len(lines.steps)):
+        copy_pairs(others, driven.moving)
+        driven.steps[m], driven.end[m] = _driven_again(local, p, c, q, root, lines, driven, m)
 
-    lanes [M] node; motion [M, 2] s (m) and v (m/s); pose [M, 4]; terms [5] SAFETY .. LOSS. Returns
-    the number of steps, and the end: ALIVE after the whole sequence, LOST, ARRIVED, or IMPOSSIBLE
-    where a lane change cannot begin.
-    """
+
+@kernel
+def _driven_again(
+    local: LocalMap, p: EgoParams, c: CostParams, q: SearchParams, root: State, lines: Lines,
+    driven: Driven, m: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Drive sequence m; the number of its steps, and its end."""
+    line, others, terms = lines.actions[m], driven.moving, driven.terms[m]
+    lanes, motion, pose = driven.node[m], driven.motion[m], driven.pose[m]
     near = meet(local, p, c, root, others, local.followers, 0).near
     state, one = root, for_steps(q, 1)
-    terms[:] = 0.0
-    for at in range(len(line)):
+    for at in range(lines.steps[m]):
         action = action_at(line, at)
         if action.side != 0:
             if not may_change(
@@ -253,7 +274,7 @@ def replay(
         pose[at, X], pose[at, Y], pose[at, COS], pose[at, SIN] = pose_of(local, p, state)
         if ply.end != ALIVE:
             return at + 1, ply.end
-    if (len(line) + 0.5) * p.step > q.horizon:
+    if (lines.steps[m] + 0.5) * p.step > q.horizon:
         terms[PASSABILITY] += terminal(local, c, state, near.gap, near.leader_v, q.horizon)
         terms[PASSABILITY] += unfinished(local, p, c, state, q.horizon)
-    return len(line), ALIVE
+    return lines.steps[m], ALIVE
