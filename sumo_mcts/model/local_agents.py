@@ -6,26 +6,18 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.arrays import Bools, Floats, Indices, Ints
+from sumo_mcts.model.agent_tables import Tables
 from sumo_mcts.model.local_map import (
     AGENT,
-    ELSEWHERE,
-    GONE,
     KERB,
-    KINDS,
-    LATE,
-    NEARBY,
-    OCCUPANCY_SAMPLES,
     OWN_NODE,
     PAST,
     UPSTREAM,
     State,
 )
-from sumo_mcts.model.route import RouteMap, Upstream
+from sumo_mcts.model.route import RouteMap
 from sumo_mcts.model.stop_lines import Rules
-from sumo_mcts.numerics.drawn import drawn_shares
-from sumo_mcts.numerics.geometry import Y
 from sumo_mcts.numerics.kernel import entry
-from sumo_mcts.numerics.lanes import opposed
 from sumo_mcts.prediction.poses import SIDEWAYS
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import STARTS, Agents, EgoState, Forecast
@@ -52,21 +44,17 @@ class Traffic(NamedTuple):
     starts: int  # LocalMap.starts
 
 
-def traffic_of(route: RouteMap, forecast: Forecast, hypothesis: int, lane_node: Indices) -> Traffic:
-    """The agents in a hypothesis; `lane_node` [L] is the route's node of each lane of the road, -1:
-    none."""
-    lane, s, v = forecast.lane[hypothesis], forecast.s[hypothesis], forecast.v[hypothesis]
-    valid = forecast.valid[hypothesis]
-    node, position = _places(route, lane, s, valid, lane_node)
+def traffic_of(forecast: Forecast, hypothesis: int, tables: Tables) -> Traffic:
+    """The agents in a hypothesis; `tables`: of the forecast."""
     return Traffic(
         pose=forecast.pose[hypothesis],
-        v=v,
-        lane=lane,
-        s=s,
-        valid=valid,
-        node=node,
-        position=position,
-        driven=_driven(lane, s, v, forecast.dt),
+        v=forecast.v[hypothesis],
+        lane=forecast.lane[hypothesis],
+        s=forecast.s[hypothesis],
+        valid=forecast.valid[hypothesis],
+        node=tables.node[hypothesis],
+        position=tables.position[hypothesis],
+        driven=tables.driven[hypothesis],
         polite=forecast.yields[hypothesis],
         starts=_starts(forecast, hypothesis),
     )
@@ -99,82 +87,6 @@ def _starts(forecast: Forecast, hypothesis: int) -> int:
     """LocalMap.starts."""
     intents = forecast.intents[hypothesis : hypothesis + 1]
     return next((intent.agent for intent in intents if intent.does == STARTS), -1)
-
-
-def _driven(lane: Ints, s: Floats, v: Floats, dt: float) -> Floats:
-    """Column DRIVEN [T, N] of LocalMap.agent."""
-    driven = np.zeros_like(v)
-    same_lane = (lane[1:] == lane[:-1]) & (lane[1:] >= 0)
-    moved = np.where(same_lane, s[1:] - s[:-1], 0.5 * (v[1:] + v[:-1]) * dt)
-    driven[1:] = np.cumsum(moved, axis=0)
-    return driven
-
-
-def _places(
-    route: RouteMap, lane: Ints, s: Floats, valid: Bools, lane_node: Indices
-) -> tuple[Indices, Floats]:
-    """Columns NODE [T, N] and S [T, N] of LocalMap.agent."""
-    node = np.where(lane >= 0, lane_node[lane], ELSEWHERE).astype(np.int64)
-    node[~valid] = GONE
-    position = s.copy()  # those upstream count from their node
-    none = np.full(len(lane_node), -1, np.int64)
-    _fill_upstream(node, position, lane, lane_node, route.upstream, none)
-    return node, position
-
-
-@entry
-def _fill_upstream(
-    node: Indices, s: Floats, lane: Ints, lane_node: Indices, upstream: Upstream, to: Indices
-) -> None:
-    """Fill node and s of agents [T, N] on lanes that lead into the ego's, except those that turn
-    off.
-
-    `node` gets the node that they come to, `s` their position from its start (negative), m. `to`
-    [lanes of the road] is working memory, all -1.
-    """
-    for k in range(len(upstream.lane)):
-        if lane_node[upstream.onto[k]] >= 0:
-            to[upstream.lane[k]] = k
-    for i in range(lane.shape[1]):
-        comes = True  # assumed at the end of the forecast
-        for t in range(len(lane) - 1, -1, -1):
-            if node[t, i] != -1:
-                comes = node[t, i] >= 0
-                continue
-            k = to[lane[t, i]] if comes and lane[t, i] >= 0 else -1
-            comes = k >= 0
-            if comes:
-                node[t, i] = UPSTREAM - lane_node[upstream.onto[k]]
-                s[t, i] += upstream.begin[k]
-
-
-def levels(
-    road: RoadMap, own: Indices, lane: Ints, s: Floats, length: Floats
-) -> tuple[Indices, Indices]:
-    """Which of the ego's lanes `own` [W] may touch which lanes of agents: not those on bridges.
-
-    The agents are on `lane` [T, N] at s [T, N], m, and have a `length` [N], m. Boxes that overlap
-    in the plane touch only on the same edge, or near a junction cluster of both lanes. Elsewhere
-    one road is a bridge over the other.
-
-    Returns level [W, K] and place [T, N]. A lane has clusters of three kinds: 0 the one it lies in,
-    1 the one where it ends, 2 the one where it begins. Bit 3 i + j of level: cluster i of the ego's
-    lane is cluster j of the other lane; bit 0 is set on the same edge too. Bit j of place: the
-    agent is near cluster j of its lane; bit 0 always.
-    """
-    those, column = np.unique(lane, return_inverse=True)
-    mine, theirs = (
-        np.stack([road.knot[lanes], road.ends[lanes], road.begins[lanes]]) for lanes in (own, those)
-    )
-    level = (road.edge[own][:, None] == road.edge[those]).astype(np.int64)
-    if len(road.oncoming):
-        level |= opposed(road, own[:, None], those)
-    for i in range(KINDS):
-        for j in range(KINDS):
-            meet = (mine[i][:, None] == theirs[j]) & (theirs[j] >= 0)
-            level |= meet.astype(np.int64) << (KINDS * i + j)
-    near = 1 + 2 * (road.length[lane] - s < NEARBY + length) + 4 * (s < NEARBY + length)
-    return level, np.where(lane >= 0, (column.reshape(lane.shape) << KINDS) + near, -1)
 
 
 def slots_of(
@@ -259,13 +171,13 @@ def followers_of(
 def reaching_in(
     road: RoadMap, agents: Agents, lane: Ints, half_width: Floats, lane_node: Indices, dt: float
 ) -> tuple[Indices, Ints]:
-    """BESIDE [N] and UNTIL [N] of agents on the lanes `lane` [T, N].
+    """BESIDE [H, N] and UNTIL [H, N] of agents on the lanes `lane` [H, T, N].
 
     The lane that an agent leaves is not free until its whole box is out of it.
     """
-    first, times = lane[0], len(lane)
+    first, times = lane[:, 0], lane.shape[1]
     if not agents.ids:  # a forecast without a scene (evaluation/hindsight.py): its boxes are true
-        return np.full(len(half_width), -1), np.zeros(len(half_width), np.int32)
+        return np.full(first.shape, -1), np.zeros(first.shape, np.int32)
     apart = 0.5 * (road.width[agents.lane] + road.width[first])
     off = np.where(
         first == agents.lane,
@@ -276,7 +188,8 @@ def reaching_in(
         (first >= 0) & (off != 0.0), np.where(off > 0.0, road.left[first], road.right[first]), -1
     )
     seconds = (np.abs(off) + half_width - 0.5 * road.width[first]) / SIDEWAYS
-    on_it = np.where((lane == first).all(axis=0), times, np.argmax(lane != first, axis=0))
+    leaves = lane != first[:, None]
+    on_it = np.where(leaves.any(axis=1), np.argmax(leaves, axis=1), times)
     until = np.minimum(np.floor(seconds / dt), on_it - 1).astype(np.int32)
     return np.where((beside >= 0) & (seconds > 0.0), lane_node[beside], -1), until
 
@@ -285,32 +198,3 @@ def on_foot(agents: Agents, count: int) -> Bools:
     """Trait ON_FOOT of the `count` agents of a forecast, which are those of the scene, or not in it
     (evaluation/hindsight.py)."""
     return agents.person if agents.ids else np.zeros(count, np.bool_)
-
-
-def bounds(traffic: Traffic, forecast: Forecast, claim_s: float) -> Floats:
-    """LocalMap.bounds [T, N, 4].
-
-    The bounds are too large rather than too small. They serve to skip distant agents quickly.
-    """
-    where, half, dt = (
-        traffic.pose[:, :, : Y + 1], forecast.half_length + forecast.half_width, forecast.dt
-    )  # fmt: skip
-    last = len(where) - 1
-    swept = (half + 0.5 * traffic.v * dt)[..., None]
-    low, high = where - swept, where + swept
-    for shift in (
-        -int(LATE / dt + 0.5),
-        *(int(k * claim_s / OCCUPANCY_SAMPLES / dt + 0.5) for k in range(1, OCCUPANCY_SAMPLES + 1)),
-    ):
-        then = where[np.clip(np.arange(last + 1) + shift, 0, last)]
-        np.fmin(low, then - half[:, None], out=low)
-        np.fmax(high, then + half[:, None], out=high)
-    return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=2)
-
-
-def drawn(route: RouteMap, view: slice, lane: Ints, s: Floats, length: Floats) -> Floats:
-    """LocalMap.drawn of agents on `lane` [T, N] at s [T, N], of a `length` [N], m."""
-    near = route.drawing.near
-    if not len(near) or not (near[route.lane[view]].any() or near[lane[lane >= 0]].any()):
-        return np.zeros((0, 0))
-    return drawn_shares(route.drawing, lane, s, length)

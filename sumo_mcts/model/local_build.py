@@ -1,20 +1,20 @@
 """Builds the local map of one cycle from the route, the signals and the forecast."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_mcts.arrays import Floats, Indices
+from sumo_mcts.arrays import Bools, Floats, Indices
+from sumo_mcts.model.agent_tables import Tables, drawn, lanes_of, levels, moving, tables_of
 from sumo_mcts.model.cost_to_go import gap_times, gates
 from sumo_mcts.model.least_cost import fill_sure
 from sumo_mcts.model.leaving import Stream, leaving
 from sumo_mcts.model.local_agents import (
     Traffic,
     bits_of,
-    bounds,
     comes_to,
-    drawn,
     followers_of,
-    levels,
     on_foot,
     owed_at,
     reaching_in,
@@ -23,7 +23,7 @@ from sumo_mcts.model.local_agents import (
     traits,
     with_people,
 )
-from sumo_mcts.model.local_map import LocalMap, State
+from sumo_mcts.model.local_map import NODE, LocalMap, State
 from sumo_mcts.model.obligations import Coming, junction_nodes, obligations, to_oncoming, to_people
 from sumo_mcts.model.oncoming import (
     WANTS_BACK,
@@ -39,7 +39,7 @@ from sumo_mcts.model.standing import past_standing, standing
 from sumo_mcts.model.stop_lines import Rules, closed_lines, is_open, stop_at
 from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import Forecast, Scene
+from sumo_mcts.scene import STANDING, Forecast, Scene
 
 # m of the route behind the ego where followers are seen: as far as on the lanes that lead into it
 BACK = UPSTREAM_VIEW
@@ -67,84 +67,160 @@ def window(route: RouteMap, here: float) -> tuple[int, int]:
     return first, int(begins[beyond]) if beyond < len(begins) else len(route.lane)
 
 
+class _Common(NamedTuple):
+    """What the local maps of all hypotheses of a cycle have in common."""
+
+    road: RoadMap
+    route: RouteMap
+    state: State
+    scene: Scene  # with who is assumed where the ego does not see
+    forecast: Forecast  # likewise
+    seen: int  # agents that are not assumed
+    rules: Rules
+    here: float  # m from the start of the route
+    view: slice  # the nodes of the window
+    ahead: Floats  # LocalMap.ahead
+    lane_node: Indices  # [L] see _lane_nodes
+    closed: NDArray[np.uint8]  # LocalMap.closed
+    yellow: Floats  # LocalMap.yellow
+    walks: Bools  # [N] trait ON_FOOT
+    inside: Indices  # the lanes of the junctions ahead
+
+
+class _Moment(NamedTuple):
+    """What follows from where the agents are now, and from who of them is going to stay there."""
+
+    agents: tuple[Indices, Floats, Floats, Bools]  # [N] node, s (m), v (m/s); whether they stay
+    needs: RouteMap  # the route with what stands as the end of its lane
+    overtakes: bool  # the lane of the oncoming is open to the ego
+    urgency: Floats  # LocalMap.urgency
+    to_leave: Floats  # LocalMap.to_leave
+    target_lane_speed: float
+
+
 def build_local(
-    road: RoadMap,
-    route: RouteMap,
-    state: State,
-    scene: Scene,
-    forecast: Forecast,
-    rules: Rules,
-    hypothesis: int = 0,
+    road: RoadMap, route: RouteMap, state: State, scene: Scene, forecast: Forecast, rules: Rules
 ) -> LocalMap:
-    """The search's view of this cycle, in one hypothesis of the forecast."""
-    here = float(route.station[state.node] + state.s)
-    first, last = window(route, here)
-    view, ahead = slice(first, last), _ahead(route, first, last)
-    lane_node, seen = _lane_nodes(road, route, view), len(forecast.reacts)
-    scene, forecast = with_unseen(road, route, view, here, scene, forecast, rules.sight)
-    traffic = _traffic(route, scene, forecast, hypothesis, lane_node)
-    node, position, v = traffic.node, traffic.position, traffic.v
-    length, limit = 2.0 * forecast.half_length, float(route.limit[state.node])
-    bits = bits_of(forecast, node, scene.ego)
+    """The search's view of this cycle, in the likeliest hypothesis of the forecast."""
+    return build_locals(road, route, state, scene, forecast, rules, 1)[0]
+
+
+def build_locals(
+    road: RoadMap, route: RouteMap, state: State, scene: Scene, forecast: Forecast, rules: Rules,
+    count: int,
+) -> list[LocalMap]:  # fmt: skip
+    """The search's view of this cycle, in each of the first `count` hypotheses of the forecast."""
+    c = _common(road, route, state, scene, forecast, rules)
+    forecast, view, lane_node, dt = c.forecast, c.view, c.lane_node, forecast.dt
+    agents = moving(forecast, count)
+    those = lanes_of(agents, len(road.lane_ids))
+    tables = tables_of(road.length, route.upstream, lane_node, those, agents, dt, rules.claim_s)
+    _leave_out_who_leaves_room(c, tables)
+    level, shares = levels(road, route.lane[view], those), drawn(route, view, agents)
+    beside = reaching_in(road, c.scene.agents, agents.lane, forecast.half_width, lane_node, dt)
+    stays = agents.v.max(axis=1) < STANDING
+    free_m = float(route.limit[state.node]) * agents.v.shape[1] * dt + FREE_BEYOND
+    open_ahead = is_open(route, c.closed, view.start, state, free_m)
+    to_stop, stands_before, near_stop = stop_at(route, state, rules, c.here)
     within = seen_within(scene.ego)
     other = state.other if reaches_over(road, route, state, within) else -1
-    followers = followers_of(
-        node[0], traffic.s[0], forecast.reacts, bits, ahead, state, first, other
-    )
-    beside = reaching_in(
-        road, scene.agents, traffic.lane, forecast.half_width, lane_node, forecast.dt
-    )
-    level, place = levels(road, route.lane[view], traffic.lane, traffic.s, length)
+    found: list[LocalMap] = []
+    moment: _Moment | None = None
+    for h in range(count):
+        traffic = traffic_of(forecast, h, tables)
+        moment = _moment(c, traffic, stays[h], moment)
+        bits = bits_of(forecast, traffic.node, scene.ego)
+        followers = followers_of(
+            traffic.node[0], traffic.s[0], forecast.reacts, bits, c.ahead, state, view.start,
+            other,
+        )
+        coming = _coming(traffic, followers, bits, c.seen)
+        owed = _owed(c, traffic, coming)
+        waits_at = owed_at(owed, len(bits), view.start, c.ahead[state.node - view.start])
+        slots = slots_of(route, state, forecast, traffic, scene.ego, rules)
+        slots = with_people(slots, waits_at, forecast, scene.ego)
+        gate, to_gate = _gates(c, moment.needs, owed)
+        found.append(LocalMap(
+            node=route.table if moment.overtakes else closed_table(route),
+            row=route.rows, first=view.start, ahead=c.ahead,
+            limit=float(route.limit[state.node]), dt=dt, closed=c.closed, yellow=c.yellow,
+            level=level, place=tables.place[h], agent=tables.agent[h], drawn=shares[h],
+            trait=traits(
+                forecast, traffic, state, slots, (beside[0][h], beside[1][h]), bits, c.walks,
+                waits_at,
+            ),
+            bounds=tables.bounds[h],
+            followers=followers, starts=traffic.starts, patience=rules.patience, asked=rules.asked,
+            obligation=np.concatenate([owed, to_oncoming(road, route, view, c.here, coming)]),
+            gate=gate, to_gate=to_gate, urgency=moment.urgency, to_leave=moment.to_leave,
+            target_lane_speed=moment.target_lane_speed, open_ahead=open_ahead,
+            stop_at=to_stop, stands_before=stands_before, near_stop=near_stop,
+            stop_decel=rules.stop_decel, seen_within=within,
+            aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
+            stuck=float(moment.overtakes), committed=bool(is_there(route, state)),
+        ))  # fmt: skip
+    return found
+
+
+def _common(
+    road: RoadMap, route: RouteMap, state: State, scene: Scene, forecast: Forecast, rules: Rules
+) -> _Common:
+    """What does not depend on the hypothesis."""
+    here = float(route.station[state.node] + state.s)
+    first, last = window(route, here)
+    view, seen = slice(first, last), len(forecast.reacts)
+    scene, forecast = with_unseen(road, route, view, here, scene, forecast, rules.sight)
     closed, yellow = closed_lines(route, view, scene, forecast, state, rules)
-    walks, coming = on_foot(scene.agents, len(bits)), _coming(traffic, followers, bits, seen)
-    owed = np.concatenate([
-        obligations(road, route, first, last, here, coming),
-        to_people(road, route.lane[junction_nodes(route, first, last, here)], lane_node,
-                  np.flatnonzero(walks), traffic.pose, traffic.driven, forecast.half_length),
-    ])  # fmt: skip
-    waits_at = owed_at(owed, len(bits), first, ahead[state.node - first])
-    slots = slots_of(route, state, forecast, traffic, scene.ego, rules)
-    slots = with_people(slots, waits_at, forecast, scene.ego)
-    stands = standing(road, route, ahead, first, scene.agents, (node[0], position[0], v))
-    needs = past_standing(route, view, here, stands)
-    free_m = limit * len(v) * forecast.dt + FREE_BEYOND
-    gate, to_gate = _gates(road, route, needs, view, scene, forecast.dt, owed, closed)
-    urgency, now = _urgency(needs, view, here), (comes_to(node[0]), position[0], v[0])
-    overtakes = may_overtake(route, state, scene.agents, node[0])
-    to_stop, stands_before, near_stop = stop_at(route, state, rules, here)
-    return LocalMap(
-        node=route.table if overtakes else closed_table(route),
-        row=route.rows, first=first, ahead=ahead, limit=limit, dt=forecast.dt,
-        closed=closed, yellow=yellow, level=level, place=place,
-        agent=np.dstack([traffic.pose, v, node, position, traffic.driven]),
-        drawn=drawn(route, view, traffic.lane, traffic.s, length),
-        trait=traits(forecast, traffic, state, slots, beside, bits, walks, waits_at),
-        bounds=bounds(traffic, forecast, rules.claim_s),
-        followers=followers, starts=traffic.starts, patience=rules.patience, asked=rules.asked,
-        obligation=np.concatenate([owed, to_oncoming(road, route, view, here, coming)]),
-        gate=gate, to_gate=to_gate, urgency=urgency,
-        to_leave=np.column_stack([
-            leaving(needs, view, here, urgency, now), route.oncoming[view]
-        ]),
-        target_lane_speed=_target_lane_speed(needs, view, here, now),
-        open_ahead=is_open(route, closed, first, state, free_m),
-        stop_at=to_stop, stands_before=stands_before, near_stop=near_stop,
-        stop_decel=rules.stop_decel, seen_within=within,
-        aside=ASIDE if state.progress == 0.0 else 0.5 * ASIDE,
-        stuck=float(overtakes), committed=bool(is_there(route, state)),
+    return _Common(
+        road=road, route=route, state=state, scene=scene, forecast=forecast, seen=seen, rules=rules,
+        here=here, view=view, ahead=_ahead(route, first, last),
+        lane_node=_lane_nodes(road, route, view), closed=closed, yellow=yellow,
+        walks=on_foot(scene.agents, len(forecast.reacts)),
+        inside=route.lane[junction_nodes(route, first, last, here)],
     )  # fmt: skip
 
 
-def _traffic(
-    route: RouteMap, scene: Scene, forecast: Forecast, hypothesis: int, lane_node: Indices
-) -> Traffic:
-    """The agents in a hypothesis; where lanes are divided, who leaves room is on none of them."""
-    found = traffic_of(route, forecast, hypothesis, lane_node)
-    if scene.ego.sideways.speed <= 0.0:
-        return found
-    return found._replace(
-        node=in_the_way(route, scene, forecast, found.pose, found.node, found.position)
+def _leave_out_who_leaves_room(c: _Common, tables: Tables) -> None:
+    """Where lanes are divided, who leaves room is on none of them."""
+    if c.scene.ego.sideways.speed <= 0.0:
+        return
+    for h, node in enumerate(tables.node):
+        pose, position = c.forecast.pose[h], tables.position[h]
+        node[:] = in_the_way(c.route, c.scene, c.forecast, pose, node, position)
+        tables.agent[h, ..., NODE] = node
+
+
+def _moment(c: _Common, traffic: Traffic, stays: Bools, known: _Moment | None) -> _Moment:
+    """What follows from where the agents are now; it is `known` already where they are there in
+    another hypothesis too."""
+    agents = traffic.node[0], traffic.position[0], traffic.v[0], stays
+    if known is not None and all(map(np.array_equal, agents, known.agents)):
+        return known
+    node, position, v, _ = agents
+    route, view, here = c.route, c.view, c.here
+    place = node, position, stays
+    stands = standing(c.road, route, c.ahead, view.start, c.scene.agents, place)
+    needs, stream = past_standing(route, view, here, stands), (comes_to(node), position, v)
+    urgency = _urgency(needs, view, here)
+    to_leave = leaving(needs, view, here, urgency, stream)
+    return _Moment(
+        agents=agents,
+        needs=needs,
+        overtakes=may_overtake(route, c.state, c.scene.agents, node),
+        urgency=urgency,
+        to_leave=np.column_stack([to_leave, route.oncoming[view]]),
+        target_lane_speed=_target_lane_speed(needs, view, here, stream),
     )
+
+
+def _owed(c: _Common, traffic: Traffic, coming: Coming) -> Floats:
+    """LocalMap.obligation, but for the lanes of the oncoming."""
+    first, last, half_length = c.view.start, c.view.stop, c.forecast.half_length
+    people = np.flatnonzero(c.walks)
+    return np.concatenate([
+        obligations(c.road, c.route, first, last, c.here, coming),
+        to_people(c.road, c.inside, c.lane_node, people, traffic.pose, traffic.driven, half_length),
+    ])  # fmt: skip
 
 
 def _lane_nodes(road: RoadMap, route: RouteMap, view: slice) -> Indices:
@@ -164,22 +240,13 @@ def _coming(traffic: Traffic, followers: int, bits: Indices, seen: int) -> Comin
     return Coming(traffic.lane, traffic.s, traffic.driven, traffic.valid, lets_pass, unseen)
 
 
-def _gates(
-    road: RoadMap,
-    route: RouteMap,
-    needs: RouteMap,
-    view: slice,
-    scene: Scene,
-    dt: float,
-    owed: Floats,
-    closed: NDArray[np.uint8],
-) -> tuple[Floats, Floats]:
+def _gates(c: _Common, needs: RouteMap, owed: Floats) -> tuple[Floats, Floats]:
     """LocalMap.gate and LocalMap.to_gate; `needs`: the route with what stands as the end of its
-    lane, `owed` and `closed` as in LocalMap, `dt` s between times."""
-    first, last, seconds = view.start, view.stop, (closed.shape[1] - 1) * dt
-    gap_s = gap_times(owed, route.leg, first, last, seconds, scene.ego.length)
-    gate, to_gate = gates(road, needs, first, last, scene.signals, gap_s)
-    fill_sure(gate, to_gate, closed, route, first, scene.step)
+    lane, `owed`: LocalMap.obligation."""
+    first, last, seconds = c.view.start, c.view.stop, (c.closed.shape[1] - 1) * c.forecast.dt
+    gap_s = gap_times(owed, c.route.leg, first, last, seconds, c.scene.ego.length)
+    gate, to_gate = gates(c.road, needs, first, last, c.scene.signals, gap_s)
+    fill_sure(gate, to_gate, c.closed, c.route, first, c.scene.step)
     return gate, to_gate
 
 

@@ -101,7 +101,9 @@ def to_people(
     `pose` [T, N, 4] and `driven` [T, N]: where the agents are, and how far they have come, m.
     """
     rows = [np.zeros((0, PAST + 1))]
-    crossings = crossings_on(road, lanes if len(people) else lanes[:0])
+    if not len(people):
+        return rows[0]
+    crossings = crossings_on(road, lanes)
     for c, lane in enumerate(crossings.lane):
         enters, kerb, past = entering_m(crossings, c, pose, driven, half_length, people)
         those = np.flatnonzero((enters < np.inf) | (crossings.yields[c] & (past > 0.0)))

@@ -3,13 +3,13 @@ leads past it, the ego's lane ends there."""
 
 import numpy as np
 
-from sumo_mcts.arrays import Floats, Indices
+from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.model.continuation import nearest
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.numerics.lanes import successors
 from sumo_mcts.prediction.on_foot import crossings_on
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import STANDING, Agents
+from sumo_mcts.scene import Agents
 
 STOOD_S = 2.0  # s for which it has stood
 QUEUE_GAP = 10.0  # m: a vehicle within it ahead is why one stands
@@ -23,18 +23,18 @@ Standing = tuple[Indices, Floats, Floats]  # [K] node, and s of rear and front t
 
 def standing(
     road: RoadMap, route: RouteMap, ahead: Floats, first: int, agents: Agents,
-    place: tuple[Indices, Floats, Floats],
+    place: tuple[Indices, Floats, Bools],
 ) -> Standing:  # fmt: skip
     """The vehicles that stand in lanes of the route without a cause that is seen.
 
-    `ahead` and `first` as in LocalMap; `place`: node [N] and s [N] of the agents, and their
-    forecast speeds [T, N]: who is expected to set off does not count.
+    `ahead` and `first` as in LocalMap; `place`: node [N] and s [N] of the agents, and whether they
+    stay where they are [N]: who is expected to set off does not count.
     """
-    node, s, v = place
+    node, s, still = place
     here = np.maximum(node, 0)
     if not agents.ids:  # a forecast without a scene (evaluation/hindsight.py)
         return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
-    stays = (agents.standing_s >= STOOD_S) & (v.max(axis=0) < STANDING) & (agents.blinker == 0)
+    stays = (agents.standing_s >= STOOD_S) & still & (agents.blinker == 0)
     stays &= (node >= 0) & ~route.internal[here] & ~agents.person
     those = np.flatnonzero(stays)
     if len(those):

@@ -7,7 +7,7 @@ import numpy as np
 
 from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.numerics.geometry import Box
-from sumo_mcts.numerics.kernel import inlined
+from sumo_mcts.numerics.kernel import entry, inlined
 from sumo_mcts.road import RoadMap
 
 LONGEST = 25.0  # m of a body
@@ -44,17 +44,29 @@ def drawn_shares(drawing: Drawing, lane: Ints | Indices, s: Floats, length: Floa
     """The share of their length to which bodies are drawn, their fronts at s (m) on `lane`, of a
     `length` (m); the shapes are broadcast. 1 off the road."""
     lane, s, length = np.broadcast_arrays(lane, s, length)
-    if not len(drawing.near):
-        return np.ones(lane.shape)
-    here, room, rest, drawn = lane.astype(np.int64), s, length.copy(), np.zeros(lane.shape)
-    for _ in range(MOST_UNDER + 1):
-        covered = np.where(here >= 0, np.clip(room, 0.0, rest), 0.0)
-        drawn += covered * drawing.scale[here]
-        rest = rest - covered
-        here = np.where(here >= 0, drawing.before[here], -1)
-        room = drawing.length[here]
-    missing = length - drawn - rest  # what lies beyond is drawn in full
-    return np.where(missing > SEEN, 1.0 - missing / np.maximum(length, SEEN), 1.0)
+    shares = np.ones(lane.size)
+    if len(drawing.near):
+        _fill_shares(shares, drawing, lane.astype(np.int64).ravel(), s.ravel(), length.ravel())
+    return shares.reshape(lane.shape)
+
+
+@entry
+def _fill_shares(
+    shares: Floats, drawing: Drawing, lane: Indices, s: Floats, length: Floats
+) -> None:
+    for i in range(len(shares)):
+        here, room, rest, drawn = lane[i], s[i], length[i], 0.0
+        for _ in range(MOST_UNDER + 1):
+            if here < 0:
+                break
+            covered = min(max(room, 0.0), rest)
+            drawn += covered * drawing.scale[here]
+            rest -= covered
+            here = drawing.before[here]
+            room = drawing.length[here]
+        missing = length[i] - drawn - rest  # what lies beyond is drawn in full
+        if missing > SEEN:
+            shares[i] = 1.0 - missing / max(length[i], SEEN)
 
 
 @inlined

@@ -7,7 +7,7 @@ import numpy as np
 
 from sumo_mcts.arrays import Words
 from sumo_mcts.model.cost_params import CostParams
-from sumo_mcts.model.local_build import build_local
+from sumo_mcts.model.local_build import build_locals
 from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.oncoming import Sight
@@ -44,14 +44,21 @@ class Situation(NamedTuple):
 
 
 def local_of(
+    task: Task, situation: Situation, reactive: int = 0, asked: int = 0, patience: float = 1.0
+) -> LocalMap:
+    """What one cycle's search reads, in the likeliest hypothesis of the forecast; see locals_of."""
+    return locals_of(task, situation, 1, reactive, asked, patience)[0]
+
+
+def locals_of(
     task: Task,
     situation: Situation,
+    count: int,
     reactive: int = 0,
-    hypothesis: int = 0,
     asked: int = 0,
     patience: float = 1.0,
-) -> LocalMap:
-    """What one cycle's search reads, in one hypothesis (0 the likeliest) of the forecast.
+) -> list[LocalMap]:
+    """What one cycle's search reads, in each of the first `count` hypotheses of the forecast.
 
     It may move at most `reactive` agents, or else those that make room on the side `asked`;
     `asked` and `patience` as in LocalMap.
@@ -67,10 +74,9 @@ def local_of(
     )
     path = situation.path
     route = task.route if path is None else task.route._replace(rows=path.rows)
-    return build_local(
-        task.road, route, situation.state, situation.scene, situation.forecast, rules,
-        hypothesis,
-    )  # fmt: skip
+    return build_locals(
+        task.road, route, situation.state, situation.scene, situation.forecast, rules, count
+    )
 
 
 class Planner(Protocol):

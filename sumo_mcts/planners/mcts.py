@@ -16,7 +16,7 @@ from sumo_mcts.model.cost import LEAST_LOSS
 from sumo_mcts.model.local_map import LocalMap
 from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.actions import FOLLOW, lasting, lines_of, packed, unpacked
-from sumo_mcts.planners.base import SeededPlanner, Situation, Task, local_of
+from sumo_mcts.planners.base import SeededPlanner, Situation, Task, locals_of
 from sumo_mcts.planners.budget import Budget, next_passes, next_passes_in_time, part, passes_within
 from sumo_mcts.planners.candidates import (
     Candidate,
@@ -124,8 +124,8 @@ class MctsPlanner(SeededPlanner):
         """Search from the present state; where the warm start is no worse than what was found, it
         is chosen."""
         p, task, state = self._params, self._task, situation.state
-        local = self._local(situation)
         share = shares(situation.forecast.weight, p.budget.iterations, len(self._actions))
+        local, *others = self._locals(situation, len(share))
         q = in_steps(p, task.ego.step, local.dt)._replace(each=len(share) > 1)
         start = Start(local, task, q, state, undisturbed(local))
         left = self._remaining(situation.scene.time, round(q.horizon / task.ego.step))
@@ -135,7 +135,7 @@ class MctsPlanner(SeededPlanner):
         found = root_candidates(start, tree, self._actions)
         found += [warm] if warm is not None else []
         if len(share) > 1:
-            found, *more = self._weighed(situation, q, found, share)
+            found, *more = self._weighed(situation, q, found, share, others)
             done, known = done + more[0], known + more[1]
         chosen, lost = self._choice(found)
         if not lost:
@@ -153,13 +153,14 @@ class MctsPlanner(SeededPlanner):
         command = Follow(plan.v, child.lane_change, asks)
         return Decision(command, plan, children, chosen, reason, done, known)
 
-    def _local(self, situation: Situation, hypothesis: int = 0) -> LocalMap:
-        """What the search reads in a hypothesis; asked agents make room, and patience counts."""
-        return local_of(
+    def _locals(self, situation: Situation, count: int) -> list[LocalMap]:
+        """What the search reads in each of so many hypotheses; asked agents make room, and patience
+        counts."""
+        return locals_of(
             self._task,
             situation,
+            count,
             reactive=self._params.reactive,
-            hypothesis=hypothesis,
             asked=situation.scene.ego.asks,
             patience=patience(self._params.impatience, self._waited_s),
         )
@@ -181,10 +182,11 @@ class MctsPlanner(SeededPlanner):
         return chosen, lost
 
     def _weighed(
-        self, situation: Situation, q: SearchParams, found: list[Candidate], share: Floats
-    ) -> tuple[list[Candidate], int, int]:
-        """The candidates with the risk over all hypotheses as their cost; the other hypotheses are
-        searched here.
+        self, situation: Situation, q: SearchParams, found: list[Candidate], share: Floats,
+        others: list[LocalMap],
+    ) -> tuple[list[Candidate], int, int]:  # fmt: skip
+        """The candidates with the risk over all hypotheses as their cost; the `others` than the
+        likeliest one are searched here.
 
         And the passes that took.
         """
@@ -193,8 +195,7 @@ class MctsPlanner(SeededPlanner):
         cost[:, 0] = [candidate.child.best for candidate in found]
         terms[:, 0] = [candidate.child.terms for candidate in found]
         lines, done, known = lines_of([candidate.line for candidate in found]), 0, 0
-        for h in range(1, len(share)):
-            local = self._local(situation, h)
+        for h, local in enumerate(others, start=1):
             tree, *more = self._search(local, q, situation, share[h:], math.inf)
             done, known = done + more[0], known + more[1]
             start = Start(local, task, q, state, tree.others[0])

@@ -11,14 +11,15 @@ from helpers_model import compiled, lanes_east, local_of, scenario, scene_of, ta
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.config import load
 from sumo_mcts.config.builtin import scenario_path
 from sumo_mcts.driver.params import Physics
 from sumo_mcts.evaluation.reachability import can_meet
+from sumo_mcts.model.agent_tables import Moving, levels, tables_of
 from sumo_mcts.model.cost import RUN_UP, step_passability, terminal
 from sumo_mcts.model.gaps import TAKEN
 from sumo_mcts.model.interaction import ROUND_SHARE, meet, place_is_free
-from sumo_mcts.model.local_agents import _fill_upstream, levels
 from sumo_mcts.model.local_map import (
     AGENT,
     ENTERS,
@@ -231,10 +232,12 @@ def test_whoever_the_referee_would_count_is_never_on_another_level(name: str) ->
     for _ in range(400):
         node, lane = rng.integers(len(route.lane)), int(rng.integers(len(road.lane_ids)))
         s, other_s = (float(rng.uniform(0.0, road.length[k])) for k in (route.lane[node], lane))
-        own = np.array([route.lane[node]], np.int64)
-        level, place = levels(
-            road, own, np.array([[lane]], np.int32), np.array([[other_s]]), np.array([5.0])
-        )
+        level = levels(road, route.lane[[node]], np.array([lane]))
+        other = moving_on(np.array([[lane]]), np.array([[other_s]]))
+        nodes = np.full(len(road.lane_ids), -1)
+        (place,) = tables_of(
+            road.length, route.upstream, nodes, np.array([lane]), other, 0.2, 1.0
+        ).place
         local = SimpleNamespace(first=node, level=level, place=place, node=route.table)
         if can_meet(road, (int(route.lane[node]), s, 5.0), (lane, other_s, 5.0)):
             met += 1
@@ -658,6 +661,20 @@ def acceleration_lane() -> RoadMap:
     )
 
 
+def moving_on(lane: Ints, s: Floats) -> Moving:
+    """Cars on `lane` [T, N] at s [T, N], m."""
+    times, n = lane.shape
+    return Moving(
+        pose=np.zeros((1, times, n, 4)),
+        v=np.zeros((1, times, n)),
+        lane=lane.astype(np.int32)[None],
+        s=s[None],
+        valid=np.ones((1, times, n), np.bool_),
+        half_length=np.full(n, 2.5),
+        half_width=np.full(n, 0.9),
+    )
+
+
 def merging(s: float, v: float, *agents: Agent) -> tuple[Task, LocalMap, State]:
     road = acceleration_lane()
     ego = ego_at(road, "a_0", s, v, route=edges(road, "a", "b"))
@@ -702,8 +719,10 @@ def test_who_is_expected_to_turn_off_before_does_not_come() -> None:
     )
     lane = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 2]], np.int32)  # [T, N]
     s = np.array([[10.0, 10.0, 10.0], [40.0, 20.0, 40.0], [5.0, 30.0, 5.0]])
-    node = np.where(lane == 1, 7, -1)
-    _fill_upstream(node, s, lane, lane_node, upstream, np.full(3, -1))
+    tables = tables_of(
+        np.full(3, 50.0), upstream, lane_node, np.arange(3), moving_on(lane, s), 0.2, 1.0
+    )
+    node, s = tables.node[0], tables.position[0]
     assert np.where(node <= UPSTREAM, UPSTREAM - node, -1).tolist() == [
         [7, 7, -1],
         [7, 7, -1],

@@ -14,12 +14,13 @@ from hypothesis import strategies as st
 from sumo_mcts.arrays import Floats
 from sumo_mcts.driver.params import Physics, cost_params
 from sumo_mcts.model import least_cost as bound
-from sumo_mcts.model.local_map import SURE, LocalMap, State
+from sumo_mcts.model.local_map import SURE, LocalMap, State, node_at
 from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.actions import FOLLOW, NO_SPEED, to_steps
 from sumo_mcts.planners.base import Task
+from sumo_mcts.planners.candidates import follow_line
 from sumo_mcts.planners.mcts import actions_of, in_steps, mcts_params
-from sumo_mcts.planners.ply import ALIVE, ARRIVED, SearchParams, replay
+from sumo_mcts.planners.ply import ALIVE, ARRIVED, SearchParams
 from sumo_mcts.planners.search import search
 from sumo_mcts.planners.tree import new_tree
 from sumo_mcts.road import RoadMap
@@ -119,19 +120,12 @@ def case_of(
 
 def driven(case: Case, line: Floats) -> tuple[int, float, State]:
     """How a sequence ends, its J, and the last state."""
-    n = len(line)
-    lanes, motion = np.zeros(n, np.int64), np.zeros((n, 2))
-    terms, others = np.zeros(5), undisturbed(case.local)
-    steps, end = replay(
-        case.local, case.task.ego, case.task.cost, case.q, case.state, others, line, lanes, motion,
-        np.zeros((n, 4)), terms,
-    )  # fmt: skip
-    last = max(steps - 1, 0)
-    return (
-        end,
-        float(terms.sum()),
-        State(int(lanes[last]), *motion[last].tolist(), 0.0, 0.0, -1, 0.0),
+    plan, terms, end = follow_line(
+        case.local, case.task, case.q, case.state, undisturbed(case.local), line
     )
+    node = node_at(case.task.route, int(plan.lane[-1]), 0) if len(plan.v) else 0
+    s, v = (float(column[-1]) if len(column) else 0.0 for column in (plan.s, plan.v))
+    return end, float(terms.sum()), State(node, s, v, 0.0, 0.0, -1, 0.0)
 
 
 def sequences() -> list[Floats]:

@@ -470,6 +470,7 @@ warm_up(scenario, read_roadmap(str(scenario.sumo.net)), Physics(0.1, False, 3.0)
 # of the trial does not come to it.
 NEEDED = {
     "actions": "action_at clear_line copy_line put_action",
+    "agent_tables": "_fill _fill_bounds _fill_driven _fill_nodes",
     "completing": "unfinished",
     "cost_to_go": "_fill_to_gate waiting_s",
     "cost": """
@@ -484,7 +485,7 @@ NEEDED = {
     """,
     "krauss": "safe_speed",
     "least_cost": "_fill_sure _merged least_cost",
-    "local_agents": "_fill_upstream followers_of",
+    "local_agents": "followers_of",
     "local_build": "_fill_ahead",
     "local_map": """
         boxes_meet chain_gap follows index_at keep_state kept_state node_of
@@ -503,7 +504,7 @@ NEEDED = {
     "obligations": "_find_obligations",
     "occupancy": "may_be_near",
     "poses": "_lane_at _place _place_on_path _point",
-    "ply": "copy_pairs for_steps needed_side replay simulate",
+    "ply": "_driven_again copy_pairs for_steps needed_side replay simulate",
     "caps": "fill_caps",
     "route": "_fill_poses lane_pose",
     "search": "_continuation _expand _plant _rollout _select search",
