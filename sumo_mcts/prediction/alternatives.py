@@ -22,7 +22,7 @@ from sumo_mcts.prediction.conflicts import FOE_BEGIN, MERGES, OWN_BEGIN, conflic
 from sumo_mcts.prediction.course import stop_signs
 from sumo_mcts.prediction.drivers import TrafficParams
 from sumo_mcts.prediction.forecast import Question
-from sumo_mcts.prediction.paths import Paths, changing, likely_paths
+from sumo_mcts.prediction.paths import Paths, likely_paths
 from sumo_mcts.road import LEFT, RIGHT, STRAIGHT, RoadMap
 from sumo_mcts.scene import (
     BRAKES,
@@ -98,15 +98,15 @@ class _Evidence(NamedTuple):
 
 
 def alternatives(
-    road: RoadMap, question: Question, usual: Forecast, expected: Floats
+    road: RoadMap, question: Question, agents: Agents, usual: Forecast, expected: Floats
 ) -> list[Alternative]:
     """What agents may do that matters to the ego, the likeliest first.
 
-    `usual`: the forecast without alternatives; `expected` [N]: accelerations now if the agents did
-    what is usual, whatever they did of late, m/s2.
+    `agents`: those that change lanes on the lane that they move to (paths.changing); `usual`: the
+    forecast without alternatives; `expected` [N]: accelerations now if the agents did what is
+    usual, whatever they did of late, m/s2.
     """
     scene, lanes, params = question.scene, question.ego_lanes, question.params
-    agents = changing(road, scene.agents, lanes, params.aside)
     paths = likely_paths(road, agents, scene.ego, lanes, {}, usual.dt * usual.v.shape[1])
     seen = _Evidence(road, scene.ego, agents, paths, usual, expected, params)
     found = [
@@ -240,7 +240,7 @@ def _forcing(seen: _Evidence) -> Iterator[Alternative]:
     agents, yields = seen.agents, seen.usual.yields[0]
     if not yields.any():
         return
-    foe, kind, place = conflicts_of(seen.road, seen.paths)
+    foe, kind, place, _ = conflicts_of(seen.road, seen.paths)
     sign = stop_signs(seen.road, seen.paths)
     for i in np.flatnonzero(yields):
         meets = (

@@ -32,6 +32,8 @@ class Conflicts(NamedTuple):
     foe: Ints  # [N, FOES] index of the other vehicle, -1 beyond the end
     kind: Ints  # [N, FOES] YIELDS .. IN_TURN
     place: Floats  # [N, FOES, 4] columns OWN_BEGIN .. FOE_END, m from the start of the path
+    # [N, N] the others that drive on a lane of its path, in rising order, -1 beyond the end
+    along: Ints
 
 
 def conflicts_of(road: RoadMap, paths: Paths) -> Conflicts:
@@ -41,8 +43,9 @@ def conflicts_of(road: RoadMap, paths: Paths) -> Conflicts:
         foe=np.full((n, FOES), -1, np.int32),
         kind=np.zeros((n, FOES), np.int32),
         place=np.zeros((n, FOES, 4)),
+        along=np.full((n, n), -1, np.int32),
     )
-    mark, used = np.full(len(road.lane_ids), -1, np.int32), np.zeros(n, np.int32)
+    mark, used = np.full(len(road.lane_ids), -1, np.int32), np.zeros((2, n), np.int32)
     _find_conflicts(found, paths, areas_of(road), mark, used)
     return found
 
@@ -51,18 +54,20 @@ def conflicts_of(road: RoadMap, paths: Paths) -> Conflicts:
 def _find_conflicts(found: Conflicts, paths: Paths, areas: Areas, mark: Ints, used: Ints) -> None:
     """Fill `found`.
 
-    Work space: `mark` [lanes of the road], all -1, and `used` [N], all 0.
+    Work space: `mark` [lanes of the road], all -1, and `used` [2, N], all 0.
     """
-    n = len(paths.lane)
+    n, foes, others = len(paths.lane), used[0], used[1]
     for j in range(n):
         # a path may come to a lane twice, in a roundabout: the first time counts
         for k in range(paths.count[j] - 1, -1, -1):
             mark[paths.lane[j, k]] = k
         for i in range(n):
+            shares = False
             for m in range(paths.count[i] if i != j else 0):
                 lane = paths.lane[i, m]
+                shares = shares or mark[lane] >= 0
                 for e in range(areas.first[lane], areas.first[lane + 1]):
-                    k, u = mark[areas.other[e]], used[i]
+                    k, u = mark[areas.other[e]], foes[i]
                     kind = _kind(areas, lane, e) if k >= 0 and u < found.foe.shape[1] else NOTHING
                     if kind == NOTHING:
                         continue
@@ -72,7 +77,10 @@ def _find_conflicts(found: Conflicts, paths: Paths, areas: Areas, mark: Ints, us
                     found.place[i, u, OWN_END] = own + areas.end[e]
                     found.place[i, u, FOE_BEGIN] = foe + areas.other_begin[e]
                     found.place[i, u, FOE_END] = foe + areas.other_end[e]
-                    used[i] += 1
+                    foes[i] += 1
+            if shares:
+                found.along[i, others[i]] = j
+                others[i] += 1
         for k in range(paths.count[j]):
             mark[paths.lane[j, k]] = -1
 

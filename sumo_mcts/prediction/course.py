@@ -30,6 +30,7 @@ class Course(NamedTuple):
     # [N] m, where the last lane ends beside lanes that go on; inf: it goes on itself, or the road
     # ends
     end: Floats
+    along: Ints  # [N, N] as in Conflicts
     # As in Conflicts, F foes. They are not a tuple of their own: kernels are 10 % slower with one
     # inside another.
     foe: Ints  # [N, F]
@@ -51,6 +52,7 @@ def course_of(road: RoadMap, signals: Signals, paths: Paths, vclass: Ints, times
         red=red,
         sign=stop_signs(road, paths) | after_stop,
         end=np.where(paths.ends == NARROWS, last, np.inf),
+        along=conflicts.along,
         foe=conflicts.foe,
         kind=conflicts.kind,
         place=conflicts.place,

@@ -58,9 +58,9 @@ def leader_of(
     for k in range(c.lanes[i] - 1, at[i] - 1, -1):
         mark[c.path[i, k]] = k
     gap, leader_v = math.inf, 0.0
-    for j in range(len(x)):
-        if j == i or c.lanes[j] == 0:
-            continue
+    for j in c.along[i]:
+        if j < 0:
+            break
         k = at[j]
         m = mark[c.path[j, k]]
         place = x[j] - c.offset[j, k]

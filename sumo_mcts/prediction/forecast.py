@@ -72,6 +72,7 @@ class Ground(NamedTuple):
     there."""
 
     agents: Agents  # those that change lanes on the lane that they move to
+    drivers: Drivers  # the ego (row 0) and the agents, who do what is usual
     paths: Paths  # row 0: the ego's, row i + 1: that of agent i
     course: Course | None  # on these paths; None where all keep their speed
     on_foot: Ways
@@ -86,7 +87,9 @@ def ground_of(road: RoadMap, question: Question, lanes: Mapping[int, Ints] = NO_
     back = going_back(road, agents, question.scene.ego)
     divided = question.scene.ego.sideways.speed > 0.0
     place = places(road, agents, back.lane) if divided else np.zeros(len(agents.ids))
-    return led(road, question, Ground(agents, NO_PATHS, None, on_foot, back, place), lanes)
+    drivers = _drivers(agents, question)
+    ground = Ground(agents, drivers, NO_PATHS, None, on_foot, back, place)
+    return led(road, question, ground, lanes)
 
 
 def led(road: RoadMap, question: Question, ground: Ground, lanes: Mapping[int, Ints]) -> Ground:
@@ -99,8 +102,8 @@ def led(road: RoadMap, question: Question, ground: Ground, lanes: Mapping[int, I
     if ground.course is not None and all(np.array_equal(*each) for each in columns):
         return ground
     times = np.arange(times_of(question.seconds, question.params.step), dtype=np.float64)
-    vclass = np.concatenate([[scene.ego.vclass], agents.vclass]).astype(np.int32)
-    course = course_of(road, scene.signals, paths, vclass, times * question.params.step)
+    times *= question.params.step
+    course = course_of(road, scene.signals, paths, ground.drivers.vclass, times)
     return ground._replace(paths=paths, course=course)
 
 
@@ -158,10 +161,11 @@ def _driven(
     road: RoadMap, question: Question, ground: Ground, intent: Intent
 ) -> tuple[Floats, Floats, Bools]:
     """As behaviour.drive."""
-    params = question.params
+    params, does = question.params, ground.drivers.does.copy()
+    does[intent.agent + 1] = intent.does
     return drive(
         course=ground.course,
-        drivers=_drivers(ground.agents, question, intent),
+        drivers=ground.drivers._replace(does=does),
         nominal=question.nominal,
         params=params,
         of_ego=params._replace(accel=min(params.accel, question.scene.ego.max_accel)),
@@ -177,11 +181,9 @@ def _on_foot(road: RoadMap, agents: Agents, question: Question) -> Ways:
     return ways_on_foot(agents, crossings, approach(road, lanes, question.scene.ego, crossings))
 
 
-def _drivers(agents: Agents, question: Question, intent: Intent) -> Drivers:
-    """The ego (row 0) and the agents."""
+def _drivers(agents: Agents, question: Question) -> Drivers:
+    """The ego (row 0) and the agents, who do what is usual."""
     ego, params = question.scene.ego, question.params
-    does = np.full(len(agents.ids) + 1, USUAL)
-    does[intent.agent + 1] = intent.does
     cruises = (np.abs(agents.trend) < CRUISING) & (agents.v > CRUISING_SPEED)
     stood = np.where(agents.standing_s > 0.0, -agents.standing_s, np.inf)
     return Drivers(
@@ -192,7 +194,7 @@ def _drivers(agents: Agents, question: Question, intent: Intent) -> Drivers:
         cruises=np.concatenate([[False], cruises]),
         stood=np.concatenate([[-question.stood_s], stood]),
         trend=np.concatenate([[0.0], agents.trend]),
-        does=does,
+        does=np.full(len(agents.ids) + 1, USUAL),
         vclass=np.concatenate([[ego.vclass], agents.vclass]).astype(np.int32),
     )
 

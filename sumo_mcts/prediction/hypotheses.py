@@ -30,7 +30,7 @@ def predict_hypotheses(road: RoadMap, question: Question) -> Forecast:
     found, odds = [usual], [1.0]
     # What an agent does otherwise is the evidence, so what is expected must not have it in it.
     expected = expected_accels(road, question, ground)
-    for other in alternatives(road, question, usual, expected):
+    for other in alternatives(road, question, ground.agents, usual, expected):
         forecast = predict(road, question, intent=other.intent, ground=ground)
         if _differs(forecast, other):
             found.append(forecast)

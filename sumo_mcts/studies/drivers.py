@@ -221,7 +221,7 @@ def _owes(road: RoadMap, scene: Scene, lanes: Ints) -> Bools:
     """[N] it is before a junction where it has to let another vehicle pass that comes."""
     agents, ego = scene.agents, scene.ego
     paths = likely_paths(road, agents, ego, lanes, {}, WITHIN_S)
-    foe, kind, place = conflicts_of(road, paths)
+    foe, kind, place, _ = conflicts_of(road, paths)
     s = np.concatenate([[ego.s], agents.s])
     to_own, to_foe = place[..., OWN_BEGIN] - s[:, None], place[..., FOE_BEGIN] - s[foe]
     comes = (to_foe < FOE_VIEW) & (place[..., FOE_END] - s[foe] > 0.0)

@@ -460,6 +460,7 @@ def test_the_place_to_wait_is_in_the_junction_of_the_stretch(begin: float, waits
         np.array([np.inf]),
         nobody,
         nobody,
+        nobody,
         np.zeros((1, 1, 4)),
     )
     assert waiting_place(course, 0, 0, begin) == waits

@@ -81,9 +81,9 @@ def expected(scene: Scene, road: RoadMap = ROAD) -> np.ndarray:
 
 def others(scene: Scene, road: RoadMap = ROAD) -> dict[tuple[int, int], float]:
     """Odds of every alternative, by agent and what it does."""
-    found = alternatives(
-        road, question(scene, road), usual(scene, road=road), expected(scene, road)
-    )
+    asked = question(scene, road)
+    agents = ground_of(road, asked).agents
+    found = alternatives(road, asked, agents, usual(scene, road=road), expected(scene, road))
     return {(each.intent.agent, each.intent.does): each.odds for each in found}
 
 
@@ -282,9 +282,8 @@ def test_only_ways_that_cars_may_take() -> None:
 def test_only_ways_that_meet_the_egos() -> None:
     scene = may_turn()
     past = np.array([lane(ROAD, "eo_0")], np.int32)  # the ego's lanes, past the junction
-    found = alternatives(
-        ROAD, question(scene)._replace(ego_lanes=past), usual(scene), expected(scene)
-    )
+    asked = question(scene)._replace(ego_lanes=past)
+    found = alternatives(ROAD, asked, scene.agents, usual(scene), expected(scene))
     assert all(each.intent.does != TURNS for each in found)
 
 
@@ -306,7 +305,7 @@ def test_late_braking_before_a_stop_sign_shows_nothing(s: float) -> None:
     ego = ego_at(road, "wi_0", 89.5, 0.0, route=(0, 2))
     scene = scene_of(ego, road, Agent("n", "si_0", s, 12.0))
     asked = question(scene)
-    found = alternatives(road, asked, predict(road, asked), expected(scene))
+    found = alternatives(road, asked, scene.agents, predict(road, asked), expected(scene))
     odds = [each.odds for each in found if each.intent == Intent(0, FORCES)]
     assert odds == [FORCING]
 

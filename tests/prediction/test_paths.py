@@ -137,7 +137,7 @@ def test_no_hypothesis_has_a_car_on_a_cycle_track() -> None:
         usual = forecast_of(task_of(road, ego), scene)
         lanes = np.array([0, 2], np.int32)
         question = Question(scene, lanes, np.zeros(0), traffic_params(), 10.0)
-        found = alternatives(road, question, usual, np.zeros(1))
+        found = alternatives(road, question, scene.agents, usual, np.zeros(1))
         assert all(one.intent.does != TURNS for one in found)
 
 
