@@ -57,7 +57,7 @@ def contacts(
     ego, was = frame.ego, before.ego
     half = np.array([ego.length / 2, ego.width / 2])
     now, then = np.array([ego.x, ego.y, ego.heading]), np.array([was.x, was.y, was.heading])
-    share = max(_drawn_share(drawing, each) for each in (ego, was))
+    share = _drawn_share(drawing, ego, was)
     moves = _moves(road, drawing, step, before, frame, near, known[near])
     if before is frame or jumped(
         then, now, np.array(1.5 * max(ego.v, was.v) * _stretch(road, ego.lane) * step + 3.0)
@@ -127,10 +127,10 @@ def _moves(
     return _Moves(near, earlier, after, half, share, leap)
 
 
-def _drawn_share(drawing: Drawing, ego: EgoState) -> float:
-    """The share of its length to which the ego is drawn."""
-    place = np.array([ego.lane]), np.array([ego.s]), np.array([ego.length])
-    return float(drawn_shares(drawing, *place)[0])
+def _drawn_share(drawing: Drawing, ego: EgoState, was: EgoState) -> float:
+    """The share of its length to which the ego is drawn, the larger one of two moments."""
+    place = np.array([ego.lane, was.lane]), np.array([ego.s, was.s])
+    return float(drawn_shares(drawing, *place, np.array([ego.length, was.length])).max())
 
 
 def _stretch(road: RoadMap, lane: Ints | int) -> Floats:

@@ -1,9 +1,12 @@
 """Who is near a place, without asking for the position of everybody in every step."""
 
 import math
+from itertools import repeat
 from typing import Any
 
 import numpy as np
+
+from sumo_mcts.arrays import Indices
 
 # m/s that nothing moves faster than: who is further away than it can have come is not asked for.
 FASTEST = 100.0
@@ -31,10 +34,10 @@ class Whereabouts:
         names = tuple(self._get.getIDList())
         if names == self._names:
             return
-        known = np.array([self._place.get(name, -1) for name in names], np.int64)
+        known = np.array([*map(self._place.get, names, repeat(-1))], np.int64)
         self._x, self._y = np.append(self._x, 0.0)[known], np.append(self._y, 0.0)[known]
         self._seen = np.append(self._seen, -math.inf)[known]
-        self._names, self._place = names, {name: i for i, name in enumerate(names)}
+        self._names, self._place = names, dict(zip(names, range(len(names)), strict=True))
 
     def within(
         self, x: float, y: float, reach: float, time: float
@@ -46,12 +49,17 @@ class Whereabouts:
         may_be = (age >= AGAIN_S) | (age < 0.0)
         far = reach + FASTEST * np.where(may_be, 0.0, age)
         may_be |= self._squared(x, y) <= far * far
-        for i in np.flatnonzero(may_be & (age != 0.0)).tolist():
-            self._x[i], self._y[i] = self._get.getPosition(self._names[i])
-            self._seen[i] = time if abs(self._x[i]) < NOWHERE else -math.inf
+        self._ask(np.flatnonzero(may_be & (age != 0.0)), time)
         near = np.flatnonzero(self._squared(x, y) <= reach * reach)
         places = zip(near.tolist(), self._x[near].tolist(), self._y[near].tolist(), strict=True)
         return [(self._names[i], px, py) for i, px, py in places]
+
+    def _ask(self, those: Indices, time: float) -> None:
+        """Ask where these are at `time`, s, which is now."""
+        if len(those):
+            names = map(self._names.__getitem__, those.tolist())
+            self._x[those], self._y[those] = np.array([*map(self._get.getPosition, names)]).T
+            self._seen[those] = np.where(np.abs(self._x[those]) < NOWHERE, time, -math.inf)
 
     def _squared(self, x: float, y: float) -> Any:
         """[N] the square of how far each was away when it was seen last, m2."""
