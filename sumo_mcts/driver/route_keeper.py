@@ -120,13 +120,13 @@ class RouteKeeper:
 
     def _note_changes(self, changes: RoadChanges) -> bool:
         """Take the map as it is now. Returns whether it is another one than before."""
-        before = self._changes
-        if all(
+        before, self._changes = self._changes, changes
+        if changes is before or all(
             np.array_equal(getattr(changes, name), getattr(before, name))
             for name in RoadChanges._fields
         ):
             return False
-        self._changes, self.road = changes, with_changes(self._map, changes)
+        self.road = with_changes(self._map, changes)
         return True
 
     def _renew(self, ego: EgoState, before: RouteMap, plain: RouteMap) -> Kept:

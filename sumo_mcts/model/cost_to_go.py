@@ -181,6 +181,8 @@ def gap_times(
     """
     found = np.zeros(last - first)
     owed = owed[owed[:, ENTERS] < math.inf]  # the others wait at the kerb
+    if not len(owed):
+        return found
     nodes = owed[:, OWN_NODE].astype(np.int64)
     for n in np.unique(nodes):
         rows = owed[nodes == n]

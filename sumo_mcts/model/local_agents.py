@@ -119,6 +119,8 @@ def owed_at(obligation: Floats, agents: int, first: int, ahead: Floats) -> Indic
     """
     owed = np.full(agents, -1)
     those = np.flatnonzero(obligation[:, PAST] > 0.0)
+    if not len(those):
+        return owed
     own = np.isfinite(ahead[obligation[those, OWN_NODE].astype(int) - first])
     best_last = those[np.lexsort((-obligation[those, KERB], own))]
     owed[obligation[best_last, AGENT].astype(int)] = best_last
@@ -127,7 +129,10 @@ def owed_at(obligation: Floats, agents: int, first: int, ahead: Floats) -> Indic
 
 def with_people(slots: Indices, owed: Indices, forecast: Forecast, ego: EgoState) -> Indices:
     """`slots` and, after those, the nearest people of trait OWED: the search moves them too."""
-    people = _nearest(forecast, np.flatnonzero(owed >= 0), ego, MOST_AT_KERBS)
+    those = np.flatnonzero(owed >= 0)
+    if not len(those):
+        return slots
+    people = _nearest(forecast, those, ego, MOST_AT_KERBS)
     return np.where(people >= 0, people + slots.max(initial=-1) + 1, slots)
 
 

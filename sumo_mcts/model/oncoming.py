@@ -92,6 +92,8 @@ def side_back(route: RouteMap) -> int:
 
 def closed_table(route: RouteMap) -> Floats:
     """RouteMap.table without ways to the lanes of the oncoming."""
+    if not route.oncoming.any():
+        return route.table
     table = route.table.copy()
     for column, side in ((LEFT_NODE, route.left), (RIGHT_NODE, route.right)):
         table[(side >= 0) & route.oncoming[side], column] = -1.0

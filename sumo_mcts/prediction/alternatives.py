@@ -132,7 +132,7 @@ def _turning(seen: _Evidence) -> Iterator[Alternative]:
     for i in np.flatnonzero((agents.lane >= 0) & (driven > 1.0)):
         if ego_lane.get(int(agents.lane[i])) == 0 and agents.s[i] < seen.ego.s:
             continue  # behind the ego: it cannot come before the ego has gone on
-        k = _branch(road, paths, int(i) + 1)
+        k = _branch(road, paths, int(i) + 1, float(agents.s[i]))
         distance = paths.offset[i + 1, k + 1] - agents.s[i]
         if k < 0 or not 0.0 < distance < min(TURN_VIEW, driven[i]):
             continue
@@ -205,10 +205,12 @@ def signal_likelihood(turn: int, blinker: int, wrong: float = WRONG) -> float:
     return SHOWN - wrong if blinker == meant else WRONG
 
 
-def _branch(road: RoadMap, paths: Paths, row: int) -> int:
-    """The first lane of a path from which it could go on otherwise; -1 where there is none."""
-    for k in range(paths.count[row] - 1):
-        if len(successors(road, int(paths.lane[row, k]))) > 1:
+def _branch(road: RoadMap, paths: Paths, row: int, s: float) -> int:
+    """The first lane of a path that ends within TURN_VIEW of `s` (m) and from which the path could
+    go on otherwise; -1 where there is none."""
+    ends, lanes = paths.offset[row, 1 : paths.count[row]] - s, paths.lane[row]
+    for k, lane in enumerate(lanes[: np.searchsorted(ends, TURN_VIEW)].tolist()):
+        if road.successor_offset[lane + 1] - road.successor_offset[lane] > 1:
             return k
     return -1
 

@@ -42,6 +42,7 @@ class _Row(NamedTuple):
     vclass: int
 
 
+# of the columns that are no numbers with a fraction
 _TYPES = {"lane": np.int32, "blinker": np.int32, "person": np.bool_, "vclass": np.int32}
 
 
@@ -167,8 +168,9 @@ class AgentReader:
 def _table(rows: Sequence[_Row]) -> Agents:
     """The rows as columns."""
     names, *columns = zip(*rows, strict=True) if rows else ((),) * len(_Row._fields)
-    arrays: dict[str, Any] = {
-        field: np.array(column, _TYPES.get(field, np.float64))
-        for field, column in zip(_Row._fields[1:], columns, strict=True)
+    named: dict[str, Any] = dict(zip(_Row._fields[1:], columns, strict=True))
+    others: dict[str, Any] = {
+        field: np.array(named.pop(field), kind) for field, kind in _TYPES.items()
     }
-    return Agents(ids=tuple(names), **arrays)
+    numbers = np.array([*named.values()], np.float64)  # one array: each costs time
+    return Agents(ids=tuple(names), **dict(zip(named, numbers, strict=True)), **others)
