@@ -53,7 +53,7 @@ def root_candidates(start: Start, tree: Tree, actions: Floats) -> list[Candidate
     """The root's children, each with the best sequence through it; `actions` [A, 3]."""
     those = np.flatnonzero(tree.child[0] >= 0)
     lines = _best_lines(start, tree, actions, those)
-    driven = _drive(start, lines)
+    driven = drive(start, lines)
     result = []
     for m, (k, i) in enumerate(zip(those.tolist(), tree.child[0, those].tolist(), strict=True)):
         plan = _plan(start.task, driven, m)
@@ -100,7 +100,7 @@ def costs_in(
     case the best sequence of the tree follows, below the root's child that is nearest to the
     candidate's first action. This takes the hypothesis to be known by then (QMDP).
     """
-    driven = _drive(start, lines)
+    driven = drive(start, lines)
     ends = (driven.end == LOST) | (driven.end == ARRIVED)
     lasts = lines.steps >= round(start.q.horizon / start.task.ego.step)
     whole, terms = driven.terms.sum(axis=1), driven.terms
@@ -112,7 +112,7 @@ def costs_in(
     those = np.flatnonzero(~driven_on & (action >= 0))
     if len(those):
         again, which = np.unique(action[those], return_inverse=True)
-        terms[those] = _drive(start, _best_lines(start, tree, actions, again)).terms[which]
+        terms[those] = drive(start, _best_lines(start, tree, actions, again)).terms[which]
     return np.where(driven_on, whole, begun), terms
 
 
@@ -185,11 +185,11 @@ def follow_line(
     Returns the plan, step by step, the cost terms [5] SAFETY .. LOSS, and how it ends (see
     ply.Driven).
     """
-    driven = _drive(Start(local, task, q, state, others), lines_of([line]))
+    driven = drive(Start(local, task, q, state, others), lines_of([line]))
     return _plan(task, driven, 0), driven.terms[0], int(driven.end[0])
 
 
-def _drive(start: Start, lines: Lines) -> Driven:
+def drive(start: Start, lines: Lines) -> Driven:
     """Drive sequences from the same start."""
     m, steps, _ = lines.actions.shape
     driven = Driven(

@@ -5,11 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from helpers import ALL_CLASSES, Agent, Conflict, Lane, build, edges, ego_at
+from helpers import ALL_CLASSES, Agent, Conflict, Lane, build, crossing, edges, ego_at
 from helpers_model import forecast_of, lanes_east, predicted, scene_of, task_of, traffic_params
 
 from sumo_mcts.numerics.geometry import Y
 from sumo_mcts.prediction.alternatives import alternatives
+from sumo_mcts.prediction.conflicts import conflicts_of
 from sumo_mcts.prediction.forecast import Question, predict
 from sumo_mcts.prediction.paths import LANES, NARROWS, PATH, likely_paths
 from sumo_mcts.road import VEHICLE_CLASSES, RoadMap
@@ -287,3 +288,22 @@ def test_who_has_not_gone_back_at_the_end_of_the_lane_does_so_behind_it(
     forecast = with_ego(road, ("a_0", 100.0), there, divided=divided)
     assert np.abs(np.diff(forecast.pose[0, :, 0, Y])).max() < 1.6
     assert forecast.pose[0, -1, 0, Y] == pytest.approx(y, abs=0.1)
+
+
+def test_those_along_a_path_are_all_that_drive_on_a_lane_of_it() -> None:
+    road = crossing(bridge=False)
+    cars = (
+        Agent("crosses", "si_0", 60.0, 8.0),
+        Agent("turned", ":wn_0", 2.0, 8.0),
+        Agent("behind", "wi_0", 10.0, 8.0),
+        Agent("beyond", "eo_0", 10.0, 8.0),
+    )
+    ego = ego_at(road, "wi_0", 40.0, 8.0, route=edges(road, "wi", "eo"))
+    lanes = np.array([road.lane_ids.index(name) for name in ("wi_0", ":we_0", "eo_0")], np.int32)
+    agents = scene_of(ego, road, *cars).agents
+    paths = likely_paths(road, agents, ego, lanes, {}, 10.0)
+    driven = [set(row[:count].tolist()) for row, count in zip(paths.lane, paths.count, strict=True)]
+    found = [[j for j in row if j >= 0] for row in conflicts_of(road, paths).along.tolist()]
+    rows = range(len(driven))
+    assert found == [[j for j in rows if j != i and driven[i] & driven[j]] for i in rows]
+    assert found[0] == [1, 2] and found[3] == [4]  # in the order of their names
