@@ -18,6 +18,7 @@ from sumo_mcts.arrays import Bools, Floats, Ints, Words
 from sumo_mcts.road import RoadChanges
 
 STANDING = 0.1  # m/s: slower counts as standing
+SETS_OFF = 3.0  # m from the place of a stand within which it is remembered
 REFEREE_RANGE = 100.0  # m about the ego within which the referee sees agents
 
 
@@ -57,7 +58,9 @@ class Agents(NamedTuple):
     s: Floats  # [N] lane position of the front, m
     d: Floats  # [N] offset from the lane's centre line, m, left positive
     blinker: Ints  # [N] -1 right, 0 none, 1 left
-    standing_s: Floats  # [N] for how long it has stood, s, as far as it was seen; 0: it moves
+    # [N] for how long it has stood, s, as far as it was seen; 0: it moves; below 0: it has set off
+    # from where it came to a stand so long ago, and has come less than SETS_OFF m since
+    standing_s: Floats
     person: Bools  # [N] on foot
     # [N] index into VEHICLE_CLASSES, or IGNORING: a car, a lorry, a tram or a bicycle looks like
     # one
@@ -125,6 +128,7 @@ class EgoState(NamedTuple):
     stop: Stop = NO_STOP  # the next one that it has to serve
     held: bool = False  # SUMO has it stand at that stop
     sideways: Sideways = Sideways()
+    standing_s: float = 0.0  # as Agents.standing_s
 
 
 class Scene(NamedTuple):

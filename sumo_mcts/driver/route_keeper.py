@@ -85,15 +85,19 @@ class RouteKeeper:
         return ego_params(self._config, ego, self._physics)
 
     def note_stand(self, route: RouteMap, state: State, scene: Scene) -> None:
-        """Remember when the ego came to a stand at a stop sign, or a light that is one."""
+        """Remember when the ego came to a stand at a stop sign, or a light that is one; the last
+        time that it did, as all others see it."""
         node, to_line = state.node, route.length[state.node] - state.s
-        if state.v >= STANDING or to_line >= NEAR_STOP:
+        since = scene.time - abs(scene.ego.standing_s)
+        if node in self.stood and scene.ego.standing_s != 0.0:
+            self.stood[node] = since
+        if node in self.stood or state.v >= STANDING or to_line >= NEAR_STOP:
             return
         light = shown(scene.signals, int(route.signal[node]), int(route.link[node]))
         if node == route.halt.node:
             return  # SUMO says when a stop is served
         if route.sign[node] or light == AFTER_STOP:
-            self.stood.setdefault(node, scene.time)
+            self.stood[node] = since
 
     def stood_s(self, state: State, time: float) -> float:
         """For how long (s) the ego has stood at the stop line of its lane; -inf: it has not."""

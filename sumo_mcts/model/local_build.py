@@ -131,7 +131,13 @@ def build_locals(
         moment = _moment(c, traffic, stays[h], moment)
         bits = bits_of(forecast, traffic.node, scene.ego)
         followers = followers_of(
-            traffic.node[0], traffic.s[0], forecast.reacts, bits, c.ahead, state, view.start,
+            traffic.node[0],
+            traffic.s[0],
+            forecast.reacts,
+            bits,
+            c.ahead,
+            state,
+            view.start,
             other,
         )
         coming = _coming(traffic, followers, bits, c.seen)

@@ -86,8 +86,7 @@ def _step_all(
         for i in range(n):
             while at[i] < c.lanes[i] - 1 and x[i] > c.offset[i, at[i] + 1]:
                 at[i] += 1
-            now = t * step if t > 0 else min(d.stood[i], 0.0)
-            rank[i] = rank_of(c, i, at[i], rank[i], x[i], v[i], now)
+            rank[i] = rank_of(c, d, i, at[i], rank[i], x[i], v[i], t * step)
         for i in range(n):
             if c.lanes[i] == 0:  # off the road, or a person: straight on, or it stops at once
                 vs[t + 1, i] = 0.0 if d.does[i] == BRAKES else v[i]

@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 
 
@@ -34,11 +36,21 @@ class Drivers(NamedTuple):
     length: Floats  # [N] m
     stays: Bools  # [N] it has stood for a while, and is not expected to move
     cruises: Bools  # [N] it keeps its speed where no leader is near
-    # [N] when it came to a stand at the stop sign ahead, s from now (below 0: ago); inf: it has not
+    # [N] when it came to a stand from which it has hardly moved, s from now (below 0: ago); inf: it
+    # has not
     stood: Floats
+    turn: Ints  # [N] who goes first of those that are equal otherwise: the lower one
     trend: Floats  # [N] m/s2, its smoothed acceleration
     does: Indices  # [N] as in Intent.does
     vclass: Ints  # [N] as in Agents
+
+
+_NONE, _NO = np.zeros(0), np.zeros(0, np.bool_)
+NO_DRIVERS = Drivers(
+    x=_NONE, v=_NONE, length=_NONE, stays=_NO, cruises=_NO, stood=_NONE,
+    turn=np.zeros(0, np.int32), trend=_NONE, does=np.zeros(0, np.int64),
+    vclass=np.zeros(0, np.int32),
+)  # fmt: skip
 
 
 class Progress(NamedTuple):

@@ -16,17 +16,31 @@ import numpy as np
 from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.prediction.behaviour import drive
 from sumo_mcts.prediction.course import Course, course_of
-from sumo_mcts.prediction.drivers import Drivers, TrafficParams
+from sumo_mcts.prediction.drivers import NO_DRIVERS, Drivers, TrafficParams
 from sumo_mcts.prediction.on_foot import Ways, approach, crossings_on, ways_on_foot
 from sumo_mcts.prediction.overtaking import Return, going_back
 from sumo_mcts.prediction.paths import NO_PATHS, Paths, changing, likely_paths
 from sumo_mcts.prediction.poses import places, poses
+from sumo_mcts.prediction.turns import turns, waits_for_turn
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import TURNS, USUAL, Agents, Follow, Forecast, Intent, Release, Scene, Scripted
+from sumo_mcts.scene import (
+    STANDING,
+    TURNS,
+    USUAL,
+    Agents,
+    EgoState,
+    Follow,
+    Forecast,
+    Intent,
+    Release,
+    Scene,
+    Scripted,
+)
 
 # m/s2 of smoothed acceleration below which a vehicle is taken to drive at its desired speed,
 CRUISING = 0.5
 CRUISING_SPEED = 3.0  # m/s, where it is faster than this
+MILLISECONDS = 3  # digits of a time in s: SUMO counts in them
 NO_INTENT = Intent(-1, USUAL)  # every agent does what is likeliest
 
 
@@ -87,8 +101,7 @@ def ground_of(road: RoadMap, question: Question, lanes: Mapping[int, Ints] = NO_
     back = going_back(road, agents, question.scene.ego)
     divided = question.scene.ego.sideways.speed > 0.0
     place = places(road, agents, back.lane) if divided else np.zeros(len(agents.ids))
-    drivers = _drivers(agents, question)
-    ground = Ground(agents, drivers, NO_PATHS, None, on_foot, back, place)
+    ground = Ground(agents, NO_DRIVERS, NO_PATHS, None, on_foot, back, place)
     return led(road, question, ground, lanes)
 
 
@@ -97,14 +110,15 @@ def led(road: RoadMap, question: Question, ground: Ground, lanes: Mapping[int, I
     scene, agents = question.scene, ground.agents
     paths = likely_paths(road, agents, scene.ego, question.ego_lanes, lanes, question.seconds)
     if not question.params.interacting:
-        return ground._replace(paths=paths)
+        return ground._replace(paths=paths, drivers=_drivers(road, agents, question, None))
     columns: Any = zip(paths, ground.paths, strict=True)
     if ground.course is not None and all(np.array_equal(*each) for each in columns):
         return ground
     times = np.arange(times_of(question.seconds, question.params.step), dtype=np.float64)
     times *= question.params.step
-    course = course_of(road, scene.signals, paths, ground.drivers.vclass, times)
-    return ground._replace(paths=paths, course=course)
+    course = course_of(road, scene.signals, paths, _classes(scene.ego, agents), times)
+    drivers = _drivers(road, agents, question, course)
+    return ground._replace(drivers=drivers, paths=paths, course=course)
 
 
 def predict(
@@ -181,22 +195,32 @@ def _on_foot(road: RoadMap, agents: Agents, question: Question) -> Ways:
     return ways_on_foot(agents, crossings, approach(road, lanes, question.scene.ego, crossings))
 
 
-def _drivers(agents: Agents, question: Question) -> Drivers:
-    """The ego (row 0) and the agents, who do what is usual."""
+def _classes(ego: EgoState, agents: Agents) -> Ints:
+    """[N+1] vehicle classes of the ego and the agents."""
+    return np.concatenate([[ego.vclass], agents.vclass]).astype(np.int32)
+
+
+def _drivers(road: RoadMap, agents: Agents, question: Question, course: Course | None) -> Drivers:
+    """The ego (row 0) and the agents on their course, who do what is usual."""
     ego, params = question.scene.ego, question.params
     cruises = (np.abs(agents.trend) < CRUISING) & (agents.v > CRUISING_SPEED)
-    stood = np.where(agents.standing_s > 0.0, -agents.standing_s, np.inf)
-    return Drivers(
+    knows = (agents.standing_s != 0.0) | (agents.v <= STANDING)
+    its_stand = np.where(knows, -np.abs(agents.standing_s), np.inf)
+    stood = np.concatenate([[-question.stood_s], its_stand]).round(MILLISECONDS)
+    drivers = Drivers(
         x=np.concatenate([[ego.s], agents.s]),
         v=np.concatenate([[ego.v], agents.v]),
         length=np.concatenate([[ego.length], agents.length]),
         stays=np.concatenate([[False], agents.standing_s >= params.stays_after]),
         cruises=np.concatenate([[False], cruises]),
-        stood=np.concatenate([[-question.stood_s], stood]),
+        stood=stood,
+        turn=turns(road, course, stood),
         trend=np.concatenate([[0.0], agents.trend]),
         does=np.full(len(agents.ids) + 1, USUAL),
-        vclass=np.concatenate([[ego.vclass], agents.vclass]).astype(np.int32),
+        vclass=_classes(question.scene.ego, agents),
     )
+    waits = waits_for_turn(course, drivers, params.stays_after)
+    return drivers._replace(stays=drivers.stays & ~waits)
 
 
 def _overwrite(forecast: Forecast, oracle: OracleData) -> None:

@@ -2,7 +2,7 @@
 
 import math
 
-from sumo_mcts.arrays import Bools, Floats, Ints
+from sumo_mcts.arrays import Bools, Floats
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.numerics.krauss import STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.prediction.conflicts import (
@@ -29,7 +29,8 @@ AT_SIGN = 9.0  # m/s2, the same at a stop sign and the end of a lane, where ever
 RED_VIEW = 80.0  # m before a red light from which on a driver brakes for it
 
 # Stop signs.
-INSIDE = -1e9  # Progress.rank of a vehicle inside a junction
+INSIDE = -1e9  # Progress.rank of a vehicle that is inside a junction now: before all others
+ENTERS = -1e6  # this is added to the rank of one that enters it later, which stays in its turn
 AT_LINE = 4.0  # m before a stop sign within which standing counts
 SLOW = 0.5  # m/s below which a vehicle at a stop sign counts as standing
 
@@ -82,20 +83,25 @@ def line_accel(
 
 
 @kernel
-def rank_of(c: Course, i: int, k: int, rank: float, x: float, v: float, now: float) -> float:
+def rank_of(
+    c: Course, d: Drivers, i: int, k: int, rank: float, x: float, v: float, now: float
+) -> float:
     """The time (s from now, negative: ago) since when vehicle i has its turn at the stop sign
-    ahead; inf before it has stood, INSIDE a junction.
+    ahead; inf before it has stood; in a junction see INSIDE and ENTERS.
 
     `rank`: the same one time before; `now`: s.
     """
     if c.lanes[i] == 0:
         return math.inf
     if c.internal[i, k]:
-        return INSIDE
-    if rank == INSIDE:
+        if rank < 0.5 * ENTERS:
+            return rank
+        return INSIDE if now == 0.0 else ENTERS + min(rank, now)
+    if rank < 0.5 * ENTERS:
         return math.inf
-    if math.isinf(rank) and v < SLOW and to_sign(c, i, k, x) < AT_LINE:
-        return now
+    stood = d.stood[i] if now == 0.0 else math.inf
+    if math.isinf(rank) and (v < SLOW or not math.isinf(stood)) and to_sign(c, i, k, x) < AT_LINE:
+        return min(stood, now)
     return rank
 
 
@@ -139,7 +145,7 @@ def yield_accel(
             continue
         if j == 0 and d.does[i] == FORCES:
             continue
-        if not _comes_first(q, c, d.length[i], progress.at, progress.rank, x, v, i, u, t):
+        if not _comes_first(q, c, d, progress, x, v, i, u, t):
             continue
         wait = waiting_place(c, i, progress.at[i], c.place[i, u, OWN_BEGIN])
         stop = halt_accel(q, v[i], wait - x[i] + CLOSER, STOPS)
@@ -149,16 +155,20 @@ def yield_accel(
             stands_first = (
                 math.isinf(progress.rank[i]) and to_sign(c, i, progress.at[i], x[i]) < to_begin
             )
-            if (
-                not polite[i]
-                and not stands_first
-                and v[i] * v[i] > 2.0 * q.yield_decel * max(to_begin - 2.0, 0.1)
-            ):
-                # it could not let the ego pass in comfort when that came up: do not count on it
-                continue
+            trend = d.trend[i] if t == 0 else 0.0
+            if not polite[i] and not stands_first and not _stops(q, v[i], trend, to_begin):
+                continue  # do not count on it
             polite[i] = True
         a = min(a, stop)
     return a
+
+
+@kernel
+def _stops(q: TrafficParams, v: float, trend: float, distance: float) -> bool:
+    """Whether a driver is counted on to stop within `distance` m, where it lets the ego pass: it
+    can do so in comfort now, or its smoothed acceleration `trend` (m/s2) brings it to a stand."""
+    in_comfort = v * v <= 2.0 * q.yield_decel * max(distance - 2.0, 0.1)
+    return in_comfort or v * v < -2.0 * trend * distance
 
 
 @kernel
@@ -197,30 +207,40 @@ def _merge_accel(
 
 
 @kernel
+def _turn_since(rank: float) -> float:
+    """The rank of a vehicle, and before it entered a junction."""
+    return rank - ENTERS if INSIDE < rank < 0.5 * ENTERS else rank
+
+
+@kernel
 def _comes_first(
     q: TrafficParams,
     c: Course,
-    length: float,
-    at: Ints,
-    rank: Floats,
+    d: Drivers,
+    progress: Progress,
     x: Floats,
     v: Floats,
     i: int,
     u: int,
     t: int,
 ) -> bool:
-    """Whether vehicle i, `length` m long, has to let the foe of its u-th conflict pass now."""
-    j, kind = c.foe[i, u], c.kind[i, u]
-    foe_begin = c.place[i, u, FOE_BEGIN] - x[j]
-    mine = (c.place[i, u, OWN_BEGIN] - x[i]) / max(v[i], 3.0)
+    """Whether vehicle i has to let the foe of its u-th conflict pass now."""
+    j, kind, rank = c.foe[i, u], c.kind[i, u], progress.rank
+    begin, foe_begin = c.place[i, u, OWN_BEGIN] - x[i], c.place[i, u, FOE_BEGIN] - x[j]
     theirs = max(foe_begin, 0.0) / max(v[j], 1.0)
-    if kind == MUTUAL and (mine < theirs or (mine == theirs and i < j)):
-        return False
-    if kind == IN_TURN and (rank[i] < rank[j] or (rank[i] == rank[j] and i < j)):
-        return False
+    if kind == MUTUAL or (kind == IN_TURN and rank[i] == INSIDE == rank[j]):
+        mine = max(begin, 0.0) / max(v[i], 1.0)
+        if mine < theirs or (mine == theirs and d.turn[i] < d.turn[j]):
+            return False
+    elif kind == IN_TURN:
+        since, foe_since = _turn_since(rank[i]), _turn_since(rank[j])
+        if since < foe_since or (since == foe_since and d.turn[i] < d.turn[j]):
+            return False
+        if INSIDE < foe_since == rank[j] < math.inf and not (d.stays[j] and v[j] < WAITS):
+            return True  # at its line: it sets off in its turn, however slow it is now
     if v[j] < WAITS and foe_begin > 1.0 and kind != IN_TURN:
         return False
-    leaves = (c.place[i, u, OWN_END] - x[i] + length) / max(v[i], 3.0)
+    leaves = (c.place[i, u, OWN_END] - x[i] + d.length[i]) / max(v[i], 3.0)
     return bool(theirs <= leaves + q.yield_gap) and not red_ahead(
-        c, j, at[j], t, c.place[i, u, FOE_BEGIN]
+        c, j, progress.at[j], t, c.place[i, u, FOE_BEGIN]
     )

@@ -27,7 +27,7 @@ COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/po
 ADDED = (
     "Follow/asks", "Follow/skips_stop", "Follow/shift", "memory/planner/waited_s", "memory/stop",
     "ego/asks", "ego/can_ask", "ego/reroutes", "ego/detour", "ego/stop", "stop/waits", "ego/held",
-    "ego/sideways", "cycles/changes", "answers/told", "roadmap/oncoming",
+    "ego/sideways", "ego/standing_s", "cycles/changes", "answers/told", "roadmap/oncoming",
 )  # fmt: skip
 Columns = dict[str, NDArray[Any]]
 _SCALARS: dict[type, type] = {float: np.float64, int: np.int64, bool: np.bool_, str: np.str_}

@@ -117,7 +117,7 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
         "max_speed": Rule(), "speed_factor": Rule(), "vclass": _CLASS._replace(shape=()),
         "route": _index("edges", "e"), "changing": Rule(),
         "change_to": _index("lanes"), "change_from": _index("lanes"), "asks": _SIDE,
-        "reroutes": _COUNT,
+        "reroutes": _COUNT, "standing_s": Rule(),
     },
     "Stop": {
         "lane": _index("lanes"), "begin": Rule(), "place": _positive(most=LONGEST),

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.road import VEHICLE_CLASSES
-from sumo_mcts.scene import STANDING, Agents
+from sumo_mcts.scene import SETS_OFF, STANDING, Agents
 from sumo_mcts.world.bodies import BodyReader, heading_of, require_finite
 from sumo_mcts.world.vehicle_types import TypeReader, require_size
 from sumo_mcts.world.whereabouts import Whereabouts
@@ -42,6 +42,14 @@ class _Row(NamedTuple):
     vclass: int
 
 
+class _Stand(NamedTuple):
+    """Where somebody stands, or stood."""
+
+    since: float  # simulation time, s
+    driven: float  # m since then
+    time: float  # of what is known, s
+
+
 # of the columns that are no numbers with a fraction
 _TYPES = {"lane": np.int32, "blinker": np.int32, "person": np.bool_, "vclass": np.int32}
 
@@ -59,7 +67,7 @@ class AgentReader:
         self._vehicles, self._walking = Whereabouts(self._cars), Whereabouts(self._persons)
         self._time = -math.inf  # of what follows, s
         self._read: dict[tuple[bool, str], _Row] = {}  # by name, persons apart
-        self._standing: dict[str, float] = {}  # since when each stands, s
+        self._stands: dict[str, _Stand] = {}  # the last one of each
         self._trend: dict[str, tuple[float, float]] = {}  # time, s, and smoothed acceleration, m/s2
 
     def present(self, vehicle: str, time: float) -> bool:
@@ -116,7 +124,7 @@ class AgentReader:
             s=body.s,
             d=body.d,
             blinker=-1 if signals & _BLINKER_RIGHT else 1 if signals & _BLINKER_LEFT else 0,
-            standing_s=self._stood(vehicle, v, time),
+            standing_s=self.standing_s(vehicle, v, time),
             person=False,
             vclass=kind.vclass,
         )
@@ -141,17 +149,24 @@ class AgentReader:
             s=0.0,
             d=0.0,
             blinker=0,
-            standing_s=self._stood(person, v, time),
+            standing_s=self.standing_s(person, v, time),
             person=True,
             vclass=PEDESTRIAN,
         )
 
-    def _stood(self, name: str, v: float, time: float) -> float:
-        """For how long it has stood, s."""
-        if v > STANDING:
-            self._standing.pop(name, None)
+    def standing_s(self, name: str, v: float, time: float) -> float:
+        """As Agents.standing_s, of one at `v` m/s at this time, s."""
+        stand = self._stands.get(name, _Stand(time, 0.0, time))
+        if v <= STANDING:
+            since = time if stand.driven > 0.0 else stand.since
+            self._stands[name] = _Stand(since, 0.0, time)
+            return time - since
+        driven = stand.driven + v * (time - stand.time)
+        if name not in self._stands or driven >= SETS_OFF:
+            self._stands.pop(name, None)
             return 0.0
-        return time - self._standing.setdefault(name, time)
+        self._stands[name] = stand._replace(driven=driven, time=time)
+        return stand.since - time
 
     def _smoothed(self, name: str, a: float, time: float) -> float:
         """Its acceleration smoothed over TREND_S, m/s2. Smoothing begins again where the

@@ -132,9 +132,10 @@ class Observer:
 
     def ego(self, vehicle: str, change: Change) -> EgoState:
         """The ego as its own sensors measure it."""
-        get, kind = self._libsumo.vehicle, self._types.of(vehicle, self._time(), 0.0)
-        x, y = get.getPosition(vehicle)
-        require_finite(vehicle, x, y, get.getSpeed(vehicle))
+        get, time = self._libsumo.vehicle, self._time()
+        kind = self._types.of(vehicle, time, 0.0)
+        (x, y), v = get.getPosition(vehicle), get.getSpeed(vehicle)
+        require_finite(vehicle, x, y, v)
         heading, place = heading_of(get.getAngle(vehicle)), self._places.of(vehicle)
         ahead = get.getRoute(vehicle)[max(get.getRouteIndex(vehicle), 0) :]
         route = tuple(self._edges.get(edge, -1) for edge in ahead)
@@ -144,7 +145,7 @@ class Observer:
             x=x - 0.5 * kind.length * math.cos(heading),
             y=y - 0.5 * kind.length * math.sin(heading),
             heading=heading,
-            v=get.getSpeed(vehicle),
+            v=v,
             a=get.getAcceleration(vehicle),
             lane=place.lane,
             s=place.s,
@@ -164,6 +165,7 @@ class Observer:
             stop=stop,
             held=held,
             sideways=self._aside.read(vehicle, place, kind.width),
+            standing_s=self._agents.standing_s(vehicle, v, time),
         )
 
     def timing(self, x: float, y: float) -> Signals:

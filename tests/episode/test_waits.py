@@ -72,19 +72,30 @@ def test_four_egos_that_come_at_once_get_through(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("connected", [False, True])
 @pytest.mark.parametrize(
     ("routes", "places", "most_s"),
-    [(("we", "sn"), (41.9, 40.8), 50.0), (("we", "sn", "ew"), (40.0, 40.0, 40.0), 75.0)],
+    [
+        (("we", "sn"), (41.9, 40.8), 50.0),  # one stands a tenth of a second before the other
+        (("we", "sn"), (40.0, 40.0), 50.0),  # in the same step
+        (("we", "sn", "ew"), (40.0, 40.0, 40.0), 75.0),
+    ],
 )
-def test_connected_egos_that_stop_at_once_go_one_after_the_other(
-    routes: tuple[str, ...], places: tuple[float, ...], most_s: float, tmp_path: Path
+def test_egos_that_stop_at_once_go_one_after_the_other(
+    routes: tuple[str, ...],
+    places: tuple[float, ...],
+    most_s: float,
+    connected: bool,
+    tmp_path: Path,
 ) -> None:
-    """They come to a stand at an all-way stop in the same half second. Egos that do not know each
-    other's plans set off together, and need 60 s in sum, and 203 s."""
+    """They come to a stand at an all-way stop in the same half second. As long as each took the
+    other to have lost its turn when it set off they needed 60 s in sum, and 203 s."""
     four_arms(tmp_path, "allway_stop")
     cars = "".join(car(*each) for each in zip(routes, places, strict=True))
     egos = "".join(route[0] for route in routes)
-    rows = driven(tmp_path, cars, egos, connected=True)
+    rows = driven(tmp_path, cars, egos, connected=connected)
     assert [row["outcome"] for row in rows] == ["arrived"] * len(routes)
     assert sum(row["travel_time_s"] for row in rows) < most_s
-    assert sum(row["imposed_brakes_3"] for row in rows) == 0
+    # of connected ones the first to decide may set off on what the others told half a second ago
+    assert sum(row["imposed_brakes_3"] for row in rows) <= int(connected)
+    assert max(row["longest_stop_s"] for row in rows) < 4.0

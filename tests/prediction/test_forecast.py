@@ -536,6 +536,18 @@ def test_whoever_yields_to_the_ego_is_polite() -> None:
     assert forecast_of(task_of(road, ego), too_fast).yields[0].tolist() == [False]
 
 
+@pytest.mark.parametrize(("trend", "counted_on"), [(0.0, False), (-2.0, False), (-4.0, True)])
+def test_one_that_brakes_to_a_stand_before_the_ego_is_counted_on(
+    trend: float, counted_on: bool
+) -> None:
+    """10 m/s, 18.2 m before the shared stretch: 2.7 m/s2 bring it to a stand."""
+    road = crossing(bridge=False)
+    ego = ego_at(road, "wi_0", 75.0, 10.0, route=(0, 2))
+    scene = scene_of(ego, road, Agent("n", "si_0", 78.0, 10.0))
+    scene = scene._replace(agents=scene.agents._replace(trend=np.array([trend])))
+    assert forecast_of(task_of(road, ego), scene).yields[0].tolist() == [counted_on]
+
+
 def all_way_stop() -> RoadMap:
     """The crossing without a bridge, with a stop sign on every arm: whoever came first goes first."""
     road = crossing(bridge=False)
