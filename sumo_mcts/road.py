@@ -27,6 +27,10 @@ PEOPLE_FIRST, PEOPLE_WAIT = 5, 6
 # Where a connection leads (RoadMap.direction).
 STRAIGHT, LEFT, RIGHT, TURN = range(4)  # TURN: it turns round
 
+# m: the length of a lane inside a junction where the network has none and vehicles jump over it.
+# No real one is that short.
+JUMP = 0.01
+
 LEAST_SPEED = 0.1  # m/s: the lowest limit of a lane in a map; lanes below are closed to all
 
 

@@ -38,15 +38,16 @@ def netconvert(folder: Path, nodes: str, edges: str, connections: str, *options:
     return str(folder / "x.net.xml")
 
 
-def four_arms(folder: Path, control: str) -> None:
-    """Four arms of one lane each way; with `priority` the road from west to east has it."""
+def four_arms(folder: Path, control: str, *options: str) -> str:
+    """Four arms of one lane each way; with `priority` the road from west to east has it. Returns
+    the network file."""
     nodes, roads = f'<node id="c" x="0" y="0" type="{control}"/>', ""
     for name, (x, y) in ENDS.items():
         nodes += f'<node id="{name}" x="{FAR * x}" y="{FAR * y}"/>'
         more = f'speed="13.9" priority="{3 if control == "priority" and name in "we" else 1}"'
         roads += f'<edge id="{name}c" from="{name}" to="c" {more}/>'
         roads += f'<edge id="c{name}" from="c" to="{name}" {more}/>'
-    netconvert(folder, nodes, roads, "")
+    return netconvert(folder, nodes, roads, "", *options)
 
 
 def car(route: str, place: float, stops: str = "") -> str:

@@ -11,6 +11,8 @@ from sumo_mcts.driver.missed_lane import MissedLane
 from sumo_mcts.driver.missed_stop import MissedStop
 from sumo_mcts.driver.params import Physics, ego_params
 from sumo_mcts.driver.sensor import Sensor
+from sumo_mcts.errors import ConfigError
+from sumo_mcts.numerics.lanes import jumps
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import Decision, EgoState, Follow, Frame, Scene
 from sumo_mcts.world.command import Bounds, Commander
@@ -34,10 +36,16 @@ class World(NamedTuple):
 def running_world(period_s: float) -> World:
     """The running simulation, for decisions every `period_s`.
 
-    Raises ConfigError where its network cannot be read.
+    Raises ConfigError where its network cannot be read, or where SUMO leaves out lanes that are in
+    it.
     """
     physics = Physics(step_length(), is_ballistic(), _change_duration())
     road = known_roadmap(option("net-file"))
+    if option("no-internal-links") == "true" and (road.internal & ~jumps(road)).any():
+        raise ConfigError(
+            "no-internal-links: the network has lanes inside junctions; build it without them "
+            "instead (netconvert -s FILE --no-internal-links true -o NEW)"
+        )
     period = max(1, round(period_s / physics.step)) * physics.step
     return World(road, physics, Observer(road), period)
 

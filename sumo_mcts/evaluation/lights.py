@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sumo_mcts.arrays import Ints
 from sumo_mcts.evaluation.reachability import spread
+from sumo_mcts.numerics.lanes import successors
 from sumo_mcts.numerics.signals import shows
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import AFTER_STOP, GREEN, RED, STANDING, Agents, Frame, Signals
@@ -91,15 +92,24 @@ class LightRecord:
         }
         if not len(self._last_green) or not len(lanes):
             return
-        entered = (known >= 0) & (lanes >= 0) & (road.signal[lanes] >= 0)
-        for i in np.flatnonzero(entered):
-            lane = int(lanes[i])
+        for i in np.flatnonzero((known >= 0) & (lanes >= 0)):
+            was = int(before.agents.lane[known[i]])
+            lane = _lit(road, was, int(lanes[i])) if was != lanes[i] else -1
             if (
-                before.agents.lane[known[i]] != lane
+                lane >= 0
                 and shows(before.signals, road, lane) == RED
                 and shows(frame.signals, road, lane) == RED
             ):
                 self.red_runners[frame.agents.ids[i]] = int(road.junction[lane])
+
+
+def _lit(road: RoadMap, was: int, lane: int) -> int:
+    """The lane behind a light over whose line a vehicle drove that came onto `lane`: this one, or
+    the one on which it jumped over the junction; -1: none."""
+    if road.signal[lane] >= 0:
+        return lane
+    over = [i for i in (successors(road, was) if was >= 0 else ()) if road.signal[i] >= 0]
+    return next((i for i in over if lane in successors(road, i)), -1)
 
 
 def needed_decel(v: float, distance: float) -> float:

@@ -125,14 +125,16 @@ V, NODE, S, DRIVEN = range(4, 8)
 ) = range(11)  # fmt: skip
 
 # Columns of LocalMap.obligation: the ego's node; from where on it the ego's front is in the way, m;
-# where the stretch ends, m; the agent; m that it drives or walks until it enters the stretch; 1
-# where both lead into the same lane, HEAD_ON where the agent comes towards the ego on the node, and
-# then drives so far until it leaves it; UNSEEN likewise; WALKS where it is on foot on a crossing
-# where people have to let vehicles pass. Of a person who has to let vehicles pass
-# and is not on the crossing yet: m that it walks to the kerb, and from there until it is past the
-# ego's way; else 0.
+# where the stretch ends, m; the agent; m that it drives or walks until it enters the stretch; one
+# of the kinds below. Of a person who has to let vehicles pass and is not on the crossing yet: m
+# that it walks to the kerb, and from there until it is past the ego's way; else 0.
 OWN_NODE, OWED_FROM, STRETCH_END, AGENT, ENTERS, MERGES, KERB, PAST = range(8)
-HEAD_ON, UNSEEN, WALKS = 2, 3, 4
+# Kinds of obligations. 0: the paths cross; ONTO: both lead into the same lane. HEAD_ON: the agent
+# comes towards the ego on the node, ENTERS is m until it leaves it; UNSEEN likewise. Of people on a
+# crossing where they have to let vehicles pass, WALKS: it comes over it. On the node behind a
+# junction over which vehicles jump (STRETCH_END: the way that was jumped), JUMPS: the paths cross;
+# JOINS: both lead onto the node.
+ONTO, HEAD_ON, UNSEEN, WALKS, JUMPS, JOINS = range(1, 7)
 
 # Columns of the array that holds the agents that the search moves (model/reactions.py). CLOCK:
 # forecast index (with fraction) of the place that the agent has reached; its delay at index t is

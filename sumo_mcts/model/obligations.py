@@ -11,6 +11,8 @@ from sumo_mcts.model.local_map import (
     AGENT,
     ENTERS,
     HEAD_ON,
+    JOINS,
+    JUMPS,
     KERB,
     MERGES,
     OWED_FROM,
@@ -24,7 +26,7 @@ from sumo_mcts.model.route import RouteMap
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.lanes import Ahead, Areas, ahead_of, areas_of, facing, leads_to
 from sumo_mcts.prediction.on_foot import crossings_on, entering_m
-from sumo_mcts.road import RoadMap
+from sumo_mcts.road import JUMP, RoadMap
 
 JUNCTION_VIEW = 120.0  # m of the route ahead within which junctions count
 # obligations in one cycle; further ones, those on the junctions furthest ahead, are left out
@@ -54,7 +56,19 @@ def obligations(
     nodes = junction_nodes(route, first, last, here)
     rows = np.zeros((MOST, PAST + 1))
     used = _find_obligations(rows, nodes, route.lane, areas_of(road), ahead_of(road), coming)
-    return rows[:used]
+    return _behind_jumps(rows[:used], road, route)
+
+
+def _behind_jumps(rows: Floats, road: RoadMap, route: RouteMap) -> Floats:
+    """The obligations, those of jumps on the node behind them: there the ego is in the way until
+    its rear is over. The jump itself takes no time."""
+    node = rows[:, OWN_NODE].astype(np.int64)
+    over = route.length[node] <= JUMP
+    if over.any():
+        rows[over, OWN_NODE] = route.next[node[over]]
+        rows[over, STRETCH_END] *= road.scale[route.lane[node[over]]]
+        rows[over, MERGES] = np.where(rows[over, MERGES] == 0.0, JUMPS, JOINS)
+    return rows
 
 
 def to_oncoming(road: RoadMap, route: RouteMap, view: slice, here: float, coming: Coming) -> Floats:

@@ -13,10 +13,13 @@ from sumo_mcts.model.local_map import (
     HALF_LENGTH,
     HALF_WIDTH,
     HEAD_ON,
+    JOINS,
+    JUMPS,
     LATE,
     MERGES,
     NORTH,
     OCCUPANCY_SAMPLES,
+    ONTO,
     OWED,
     OWED_FROM,
     OWN_NODE,
@@ -46,7 +49,9 @@ LATE_SHARE = 0.5  # of cost.claim, where an agent is if it comes later than its 
 # Of cost.claim, inside a junction, where an agent with the right of way begins to brake; and what
 # the missing share of its safe gap adds: with a quarter missing it is all of cost.claim.
 BRAKES_SHARE, GROWTH = 0.5, 2.0
-STEPS = 0.5  # m, beside a second's way, of who walks where vehicles have the right of way
+# m, beside a second's way, of who walks where vehicles have the right of way, or jumps over a
+# junction and does not see who crosses its path
+STEPS = 0.5
 
 
 @kernel
@@ -116,14 +121,15 @@ def yielding_cost(
         node, i = int(local.obligation[k, OWN_NODE]), int(local.obligation[k, AGENT])
         # Where a turn has a place to wait, its path through the junction is two lanes: those that
         # it yields to on the second pass a vehicle that waits on the first.
-        unseen = local.obligation[k, MERGES] == UNSEEN
-        head_on = unseen or local.obligation[k, MERGES] == HEAD_ON
-        if unseen and local.committed:  # it may have to brake
+        kind = local.obligation[k, MERGES]
+        head_on, crosses, jumps = kind in (UNSEEN, HEAD_ON), kind == JUMPS, kind >= JUMPS
+        if kind == UNSEEN and local.committed:  # it may have to brake
             continue
         here = node == state.node or (head_on and node == state.other)
         if not here or state.s < local.obligation[k, OWED_FROM]:
             continue
-        if local.obligation[k, STRETCH_END] - state.s + 2.0 * p.half_length < 0.0:
+        end = local.obligation[k, STRETCH_END]
+        if (0.0 if jumps else end) - state.s + 2.0 * p.half_length < 0.0:
             continue
         driven = local.agent[t, i, DRIVEN]
         if local.trait[i, OWED] >= 0.0 and local.trait[i, SLOT] >= 0.0:
@@ -135,19 +141,23 @@ def yielding_cost(
             distance -= state.s
         # To a driver in SUMO, a vehicle that crosses its path is as good as standing there; one
         # that merges drives ahead of it.
-        needed = STANDSTILL + safe_gap(
-            local.agent[t, i, V], state.v if local.obligation[k, MERGES] == 1.0 else 0.0, USUAL_S
-        )
+        ahead_v = state.v if kind in (ONTO, JOINS) else 0.0
+        needed = STANDSTILL + safe_gap(local.agent[t, i, V], ahead_v, USUAL_S)
         if head_on:
             needed = room_to_stop(local, k, t)
-        if local.obligation[k, MERGES] == WALKS:
+        if kind == WALKS or crosses:
             needed = STEPS + local.agent[t, i, V] * USUAL_S
-        if 0.0 < distance < needed:
+        # who jumps is over with its rear
+        least = -2.0 * local.trait[i, HALF_LENGTH] if crosses else 0.0
+        if least < distance < needed:
             v = local.agent[t, i, V]
             # an agent that can stop in comfort may have to for an ego that has waited long
             copes = v * v < 2.0 * c.cut_in_decel_mps2 * max(distance - STANDSTILL, 0.0)
-            reacts = local.trait[i, REACTS] > 0.0  # who is on foot does not wait for it
+            # who is on foot does not wait for it, nor does who jumps over the junction
+            reacts = local.trait[i, REACTS] > 0.0 and not crosses
             share = local.patience if copes and reacts and not head_on else 1.0
+            # the price of the whole way through the junction, at its end
+            share *= 1.0 + end / (2.0 * p.half_length) if jumps else 1.0
             rate = max(rate, share * c.claim * brakes_share(distance, needed))
     return rate
 

@@ -23,7 +23,7 @@ from sumo_mcts.model.halts import halt_of
 from sumo_mcts.numerics.drawn import Drawing, drawing, drawn_shares
 from sumo_mcts.numerics.geometry import COS, SIN, Lines, X, Y, chord, lines_of, point_on
 from sumo_mcts.numerics.kernel import entry, kernel
-from sumo_mcts.numerics.lanes import against_traffic, home_lanes, limits
+from sumo_mcts.numerics.lanes import against_traffic, home_lanes, jumps, limits
 from sumo_mcts.road import ALLWAY, STOP, RoadMap
 from sumo_mcts.scene import NO_STOP, Stop
 
@@ -176,6 +176,7 @@ def route_map(
     row = np.zeros(w + 1, np.int64)
     row[1:] = np.cumsum(np.ceil(node_length / SPACING).astype(np.int64) + 1)
     against = against_traffic(road)[lane]
+    owes = road.internal[lane] | against | _behind_jumps(road, lane, nxt)
     previous = np.full(w, -1, np.int64)
     previous[nxt[nxt >= 0]] = np.flatnonzero(nxt >= 0)
     station, line, internal = (
@@ -196,7 +197,7 @@ def route_map(
         slow_down(cap, nxt, row, node_length, halt.node, stop, decel)
     table = np.column_stack(
         [nxt, left, right, node_length, limit, station, reach, closes, internal, row[:-1],
-         row[1:] - 1, road.junction[lane], _numbers(road, nodes), internal | against,
+         row[1:] - 1, road.junction[lane], _numbers(road, nodes), owes,
          _homes(road, nodes)]
     ).astype(np.float64)  # fmt: skip
     return RouteMap(
@@ -206,6 +207,13 @@ def route_map(
         cap, table, np.column_stack([pose, cap, _drawn(drawn, lane, row, length)]),
         _upstream(road, lane), against, drawn, halt,
     )  # fmt: skip
+
+
+def _behind_jumps(road: RoadMap, lane: Indices, nxt: Indices) -> Bools:
+    """[W] the nodes onto which the ego jumps over a junction."""
+    found = np.zeros(len(lane), np.bool_)
+    found[nxt[jumps(road)[lane] & (nxt >= 0)]] = True
+    return found
 
 
 def _numbers(road: RoadMap, nodes: Nodes) -> Indices:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.numerics.kernel import kernel
-from sumo_mcts.road import ALLWAY, IGNORING, ZIPPER, RoadChanges, RoadMap
+from sumo_mcts.road import ALLWAY, IGNORING, JUMP, ZIPPER, RoadChanges, RoadMap
 
 
 def successors(road: RoadMap, lane: int) -> list[int]:
@@ -47,6 +47,11 @@ def against_traffic(road: RoadMap) -> Bools:
     """[L] lanes of oncoming traffic as who overtakes there drives them (RoadMap.oncoming)."""
     lanes = len(road.lane_ids)
     return np.arange(lanes) >= lanes - len(road.oncoming)
+
+
+def jumps(road: RoadMap) -> Bools:
+    """[L] lanes that only the map has: of connections on which vehicles jump over a junction."""
+    return np.asarray(road.internal & (road.length <= JUMP))
 
 
 def home_lanes(road: RoadMap) -> Ints:
@@ -102,6 +107,8 @@ def with_changes(road: RoadMap, changes: RoadChanges) -> RoadMap:
     classes = _put(road.classes, lane, changes.classes)
     against = np.flatnonzero(against_traffic(road))
     speed[against], classes[against] = speed[home_lanes(road)], classes[road.oncoming]
+    over = np.flatnonzero(jumps(road))
+    speed[over] = speed[road.exit[over]]
     return road._replace(
         speed=speed,
         classes=classes,

@@ -17,6 +17,7 @@ from sumo_mcts.prediction.conflicts import (
 from sumo_mcts.prediction.course import Course, red_ahead, to_sign, waiting_place
 from sumo_mcts.prediction.drivers import Drivers, Progress, TrafficParams
 from sumo_mcts.prediction.following import follow_accel
+from sumo_mcts.road import JUMP
 from sumo_mcts.scene import FORCES
 
 # Stopping.
@@ -155,8 +156,15 @@ def yield_accel(
             stands_first = (
                 math.isinf(progress.rank[i]) and to_sign(c, i, progress.at[i], x[i]) < to_begin
             )
+            # where it would jump over the junction it stops at the line, as late as for red
+            at_line = to_end - to_begin < 2.0 * JUMP
             trend = d.trend[i] if t == 0 else 0.0
-            if not polite[i] and not stands_first and not _stops(q, v[i], trend, to_begin):
+            if (
+                not polite[i]
+                and not stands_first
+                and not at_line
+                and not _stops(q, v[i], trend, to_begin)
+            ):
                 continue  # do not count on it
             polite[i] = True
         a = min(a, stop)

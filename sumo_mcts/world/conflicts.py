@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_mcts.arrays import Floats, Indices
-from sumo_mcts.world.links import Link
+from sumo_mcts.world.links import Link, has_bit
 
 # Two paths share the road where their centre lines come closer than this, m:
 REACH = 2.2  # where SUMO sees foes
@@ -138,10 +138,10 @@ def _met(pairs: Sequence[_Pair]) -> Iterable[Conflict]:
             other_begin=other_begin,
             other_end=other_end,
             merge=_merge(pair),
-            yields=_has(pair.a.link.yields_to, pair.b.link.number),
+            yields=has_bit(pair.a.link.yields_to, pair.b.link),
         )
         yield conflict
-        yield _from_other_side(conflict, _has(pair.b.link.yields_to, pair.a.link.number))
+        yield _from_other_side(conflict, has_bit(pair.b.link.yields_to, pair.a.link))
 
 
 def _from_other_side(conflict: Conflict, yields: bool) -> Conflict:
@@ -175,13 +175,8 @@ def _abreast(pair: _Pair) -> bool:
 def _reach(pair: _Pair) -> float:
     """How close two paths come where they share the road, m."""
     a, b = pair.a.link, pair.b.link
-    foes = _merge(pair) or _has(a.foes, b.number) or _has(b.foes, a.number)
+    foes = _merge(pair) or has_bit(a.foes, b) or has_bit(b.foes, a)
     return min(REACH if foes else TOUCH, SIDE_BY_SIDE * (pair.a.width + pair.b.width) / 2)
-
-
-def _has(bits: int, number: int) -> bool:
-    """Whether the bit of a link is set; an unknown link (-1) has none."""
-    return number >= 0 and bool(bits >> number & 1)
 
 
 # --- which samples are close, for all pairs of a batch at once ---

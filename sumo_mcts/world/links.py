@@ -36,7 +36,7 @@ class Link(NamedTuple):
 
     origin: int  # lane
     exit: int  # lane
-    chain: tuple[int, ...]  # empty where the network has no internal lanes
+    chain: tuple[int, ...]  # empty where the network has none and vehicles jump
     edges: tuple[str, str]  # those of origin and exit
     junction: int  # index
     yields_to: int  # bit k set: it has to let link k of the junction pass
@@ -47,6 +47,12 @@ class Link(NamedTuple):
     signal: int  # index, -1: none
     signal_link: int  # index in that signal's state, -1: none
     classes: int  # bit mask over VEHICLE_CLASSES
+
+
+def has_bit(bits: int, link: Link) -> bool:
+    """Whether the bit of a link is set, in `yields_to` or `foes` of another one of its junction; an
+    unknown link (-1) has none."""
+    return link.number >= 0 and bool(bits >> link.number & 1)
 
 
 def read_links(
@@ -71,6 +77,8 @@ def read_links(
         ):
             chain = _chain(net, connection)
             own = next((place[lane] for lane in reversed(chain) if lane in place), -1)
+            if not chain:
+                own = connection.getJunctionIndex()
             signal = connection.getTLSID()
             links.append(
                 Link(

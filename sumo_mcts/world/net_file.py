@@ -38,10 +38,6 @@ _PARENTS = {
 }
 
 
-class NoInternalLanesError(Exception):
-    """There are signals or stop signs, but no lanes inside junctions, which they belong to."""
-
-
 class NetFile(NamedTuple):
     """What a network file says."""
 

@@ -34,7 +34,7 @@ def with_oncoming(road: RoadMap, beside: Mapping[int, int]) -> RoadMap:
     changes: dict[str, Any] = {
         name: np.concatenate([values, values[own]])
         for name, values in road._asdict().items()
-        if isinstance(values, np.ndarray) and name in _OF_LANES
+        if isinstance(values, np.ndarray) and name in OF_LANES
     }
     for name in ("length", "scale", "width", "classes"):
         changes[name][new] = getattr(road, name)[other]
@@ -48,16 +48,16 @@ def with_oncoming(road: RoadMap, beside: Mapping[int, int]) -> RoadMap:
         class_speed=np.concatenate([road.class_speed, road.class_speed[:, own]], axis=1),
         points=np.concatenate([road.points, *shapes]),
         point_s=np.concatenate([road.point_s, *(arc[-1] - arc[::-1] for arc in arcs)]),
-        point_offset=_longer(road.point_offset, [len(shape) for shape in shapes]),
+        point_offset=longer(road.point_offset, [len(shape) for shape in shapes]),
         successor=np.concatenate([road.successor, *after]).astype(np.int32),
-        successor_offset=_longer(road.successor_offset, [len(lanes) for lanes in after]),
-        conflict_offset=_longer(road.conflict_offset, [0] * more),
+        successor_offset=longer(road.successor_offset, [len(lanes) for lanes in after]),
+        conflict_offset=longer(road.conflict_offset, [0] * more),
         oncoming=other,
     )
 
 
 # The fields of a RoadMap with one number for each lane.
-_OF_LANES = (
+OF_LANES = (
     "edge", "index", "internal", "length", "scale", "width", "speed", "classes", "change_left",
     "change_right", "left", "right", "exit", "direction", "junction", "knot", "begins", "ends",
     "rule", "signal", "link",
@@ -122,6 +122,6 @@ def _beside(name: str) -> str:
     return f"{edge}_{int(number) + 1}"
 
 
-def _longer(offset: Ints, counts: list[int]) -> Ints:
+def longer(offset: Ints, counts: list[int]) -> Ints:
     """Offsets [n+1] and those of further parts of these sizes."""
     return np.concatenate([offset, offset[-1] + np.cumsum(counts)]).astype(np.int32)

@@ -57,7 +57,8 @@ _UNBEARABLE = {
     **dict.fromkeys(("remote-port", "num-clients"), _WAITS),
     **dict.fromkeys(_OF_A_PERSON, _GAME),
     "mesosim": "in a mesoscopic simulation vehicles have no positions",
-    "no-internal-links": "the planner drives on the lanes inside junctions",
+    "no-internal-links": "build the network without them instead (netconvert -s FILE "
+    "--no-internal-links true -o NEW)",
     "ignore-accidents": "the referee needs collisions",
 }  # fmt: skip
 _OFF = {"", "0", "no", "false", "off", "f", "-"}  # SUMO's words for it

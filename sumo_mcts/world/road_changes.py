@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.arrays import Indices
-from sumo_mcts.numerics.lanes import against_traffic
+from sumo_mcts.numerics.lanes import against_traffic, jumps
 from sumo_mcts.road import LEAST_SPEED, RoadChanges, RoadMap
 from sumo_mcts.scene import EgoState
 from sumo_mcts.world.links import mask_of
@@ -57,7 +57,7 @@ class RoadReader:
         first = np.searchsorted(road.edge[order], np.arange(len(road.edge_ids) + 1))
         self._of_edge = [order[begin:end] for begin, end in pairwise(first)]
         self._driven = road.classes != _ON_FOOT
-        self._against = against_traffic(road)  # SUMO does not know these lanes
+        self._unknown = against_traffic(road) | jumps(road)  # SUMO does not know these lanes
         self._read: dict[int, _Read] = {}
         self._changed: dict[int, _Lane] = {}
         self.changes = RoadChanges()  # of all lanes, as they were when they were read last
@@ -98,7 +98,7 @@ class RoadReader:
     def _note(self, lanes: Indices, *, changing: bool) -> None:
         """Read these lanes; with `changing` also who may change from them."""
         stale = False
-        for lane in lanes[~self._against[lanes]].tolist():
+        for lane in lanes[~self._unknown[lanes]].tolist():
             known = self._read.get(lane)
             found = self._asked(lane, known, changing=changing)
             if found != known:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sumo_mcts import files
 from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.errors import ConfigError, near
-from sumo_mcts.road import ALLWAY, LEAST_SPEED, PRIORITY, STOP, STRAIGHT, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.road import LEAST_SPEED, PRIORITY, STRAIGHT, VEHICLE_CLASSES, RoadMap
 from sumo_mcts.world.conflicts import (
     TINY,
     Conflict,
@@ -23,6 +23,7 @@ from sumo_mcts.world.conflicts import (
     lane_path,
     stretched,
 )
+from sumo_mcts.world.jumps import with_jumps
 from sumo_mcts.world.kept_roads import kept_roadmap
 from sumo_mcts.world.links import (
     Link,
@@ -36,7 +37,6 @@ from sumo_mcts.world.net_file import (
     BROKEN,
     MOST_SPEED,
     NetFile,
-    NoInternalLanesError,
     read_net,
     require_within,
 )
@@ -62,12 +62,6 @@ def read_roadmap(net_file: str) -> RoadMap:
         raise ConfigError(f"{net_file}: {why.replace('such file', 'such network file')}")
     try:
         road = _convert(read_net(net_file))
-    except NoInternalLanesError:
-        raise ConfigError(
-            f"{net_file}: signals or stop signs, but no lanes inside junctions, without which "
-            "SUMO's drivers ignore them; "
-            "build the network again without --no-internal-links (netconvert -s FILE -o NEW)"
-        ) from None
     except BROKEN as error:
         # sumolib raises many kinds of errors on a file that it does not expect
         missing = f"{error} is missing" if isinstance(error, KeyError) else str(error)
@@ -123,7 +117,7 @@ def sumo_lane(road: RoadMap, lane: int) -> int:
 
 
 def _convert(file: NetFile) -> RoadMap:
-    """A network file as arrays. Raises ValueError, KeyError, NoInternalLanesError."""
+    """A network file as arrays. Raises ValueError, KeyError."""
     net = file.net
     edges = list(net.getEdges())
     for edge in edges:
@@ -137,8 +131,6 @@ def _convert(file: NetFile) -> RoadMap:
     offset, points, point_s = _flatten(_shapes(lanes, following))
     fields = _lane_fields(edges, lanes, junctions, file.lefthand)
     signal_ids, links = read_links(net, number, junctions)
-    if any(not link.chain and (link.signal >= 0 or link.rule in (STOP, ALLWAY)) for link in links):
-        raise NoInternalLanesError
     paths = [
         lane_path(
             lane,
@@ -176,7 +168,7 @@ def _convert(file: NetFile) -> RoadMap:
         for name, lane in zip(ids, lanes, strict=True)
         if lane.getNeigh() in number
     }
-    return with_oncoming(road, beside)
+    return with_oncoming(with_jumps(road, links), beside)
 
 
 def _shapes(lanes: Sequence[Any], following: Sequence[Sequence[int]]) -> list[Floats]:

@@ -34,8 +34,9 @@ class TruthReader:
         except self._libsumo.TraCIException:  # it is remembered, but has left
             links = ()
         for exit_id, _, _, _, via_id, *_ in links:
-            inside = self._inside(self._lanes.get(via_id, -1))
-            for following in (*inside, self._lanes.get(exit_id, -1)):
+            onto = self._lanes.get(exit_id, -1)
+            via = self._lanes.get(via_id, -1) if via_id else self._jump(lanes[-1], onto)
+            for following in (*self._inside(via), onto):
                 if following not in self._onto(lanes[-1]):
                     return np.array(lanes, np.int32)
                 lanes.append(following)
@@ -50,6 +51,11 @@ class TruthReader:
             leader[i] = found[0] if found else ""
             paths[i] = self.coming_lanes(agents.ids[i], int(agents.lane[i]))
         return tuple(leader), tuple(paths)
+
+    def _jump(self, lane: int, onto: int) -> int:
+        """The lane that the map has for a jump from a lane onto another one, -1: none."""
+        over = self._onto(lane)
+        return next((i for i in over if self._road.internal[i] and onto in self._onto(i)), -1)
 
     def _inside(self, lane: int) -> list[int]:
         """The internal lanes of a connection, from its first one on."""

@@ -14,10 +14,11 @@ from helpers_networks import netconvert
 from shapely.geometry import LineString, Point
 
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.numerics.lanes import limits
+from sumo_mcts.numerics.lanes import jumps, limits
 from sumo_mcts.road import (
     ALLWAY,
     IGNORING,
+    JUMP,
     LEFT,
     PEOPLE_FIRST,
     PEOPLE_WAIT,
@@ -351,27 +352,59 @@ def test_on_which_side_people_drive(
     assert read_roadmap(netconvert(tmp_path, nodes, edges, "", *options)).lefthand == lefthand
 
 
-def test_network_without_internal_lanes(tmp_path: Path) -> None:
-    road = read_roadmap(crossing(tmp_path, "--no-internal-links", "true"))
-    number = lane_index(road)
-    assert not road.internal.any() and not len(road.conflict_lane)
-    assert (
-        set(successors(road, number["WC_0"])) == {number["CS_0"], number["CE_0"]}
-        and successors(road, number["CE_0"]) == []
-    )
+def foes(road: RoadMap) -> dict[tuple[tuple[str, str], tuple[str, str]], bool]:
+    """Connections that meet, as pairs of lanes, and whether the first has to yield to the second."""
+    way = {}
+    for origin in np.flatnonzero(~road.internal).tolist():
+        for first in successors(road, origin):
+            inside = first
+            while road.internal[inside]:
+                way[inside] = road.lane_ids[origin], road.lane_ids[road.exit[first]]
+                inside = successors(road, inside)[0]
+    here = np.repeat(np.arange(len(road.length)), np.diff(road.conflict_offset)).tolist()
+    others, yields = road.conflict_lane.tolist(), road.conflict_yields.tolist()
+    return {(way[a], way[b]): y for a, b, y in zip(here, others, yields, strict=True)}
 
 
-@pytest.mark.parametrize("node_type", ["traffic_light", "priority_stop", "allway_stop"])
-def test_without_internal_lanes_nobody_would_heed_lights_and_signs(
-    tmp_path: Path, node_type: str
+def _place(road: RoadMap, lane: int) -> int:
+    """Where the lane stands among the successors."""
+    return int(np.flatnonzero(road.successor == lane)[0])
+
+
+CONTROLS = ("priority", "right_before_left", "traffic_light", "priority_stop", "allway_stop")
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+def test_without_internal_lanes_each_connection_has_a_lane_of_its_own(
+    tmp_path: Path, control: str
 ) -> None:
-    net_file = crossing(tmp_path, "--no-internal-links", "true", node_type=node_type)
-    with pytest.raises(
-        ConfigError,
-        match=r"x\.net\.xml: signals or stop signs, but no lanes inside junctions.*without "
-        r"--no-internal-links",
-    ):
-        read_roadmap(net_file)
+    """Vehicles jump over the junction. Lights, signs and right of way are as with lanes inside;
+    only who meets whom is as SUMO says, and not as the paths are drawn."""
+    inside, over = (
+        read_roadmap(crossing(tmp_path, *options, node_type=control))
+        for options in ((), ("--no-internal-links", "true"))
+    )
+    for lane in np.flatnonzero(jumps(over)).tolist():
+        assert over.length[lane] == JUMP and over.junction[lane] >= 0
+        assert successors(over, lane) == [over.exit[lane]]
+        origin = int(np.searchsorted(over.successor_offset, _place(over, lane), side="right")) - 1
+        assert lane_shape(over, lane)[0] == pytest.approx(lane_shape(over, origin)[-1])
+        assert lane_shape(over, lane)[1] == pytest.approx(lane_shape(over, over.exit[lane])[0])
+        path = chain(inside, over.lane_ids[origin], over.lane_ids[over.exit[lane]])[0]
+        for field in ("direction", "link", *(() if control == "traffic_light" else ("rule",))):
+            assert getattr(over, field)[lane] == getattr(inside, field)[path]
+        assert (over.signal[lane] >= 0) == (control == "traffic_light")
+    ordinary = np.flatnonzero(~over.internal)
+    assert all(jumps(over)[successors(over, int(lane))].all() for lane in ordinary)
+    drawn, listed = foes(inside), foes(over)
+    assert drawn and drawn.keys() <= listed.keys()
+    # at lights netconvert has who goes straight on yield to those who wait inside, if they can
+    assert all(drawn[pair] == listed[pair] for pair in drawn if control != "traffic_light")
+    assert all(drawn[pair] >= listed[pair] for pair in drawn)
+
+
+def test_a_network_with_lanes_inside_has_no_jumps(road: RoadMap) -> None:
+    assert road.internal.any() and not jumps(road).any()
 
 
 def test_permissions_of_a_connection_hold_on_its_internal_lanes(tmp_path: Path) -> None:
