@@ -20,7 +20,9 @@ from sumo_mcts.model.local_map import (
     FREE_S,
     GAP_S,
     GATE,
+    IN_WAY,
     LINE,
+    MERGES,
     NEXT_FREE_S,
     NEXT_GATE,
     OPENINGS,
@@ -180,7 +182,8 @@ def gap_times(
     counts for all of them, or the ego would change lanes for a difference that is noise.
     """
     found = np.zeros(last - first)
-    owed = owed[owed[:, ENTERS] < math.inf]  # the others wait at the kerb
+    # the others wait at the kerb, or are counted when they enter
+    owed = owed[(owed[:, ENTERS] < math.inf) & (owed[:, MERGES] != IN_WAY)]
     if not len(owed):
         return found
     nodes = owed[:, OWN_NODE].astype(np.int64)

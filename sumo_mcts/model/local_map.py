@@ -131,10 +131,11 @@ V, NODE, S, DRIVEN = range(4, 8)
 OWN_NODE, OWED_FROM, STRETCH_END, AGENT, ENTERS, MERGES, KERB, PAST = range(8)
 # Kinds of obligations. 0: the paths cross; ONTO: both lead into the same lane. HEAD_ON: the agent
 # comes towards the ego on the node, ENTERS is m until it leaves it; UNSEEN likewise. Of people on a
-# crossing where they have to let vehicles pass, WALKS: it comes over it. On the node behind a
-# junction over which vehicles jump (STRETCH_END: the way that was jumped), JUMPS: the paths cross;
-# JOINS: both lead onto the node.
-ONTO, HEAD_ON, UNSEEN, WALKS, JUMPS, JOINS = range(1, 7)
+# crossing where they have to let vehicles pass, WALKS: it comes over it; IN_WAY: it is on the ego's
+# part of it, from KERB m on, ENTERS is m until it has left that. On the node behind a junction over
+# which vehicles jump (STRETCH_END: the way that was jumped), JUMPS: the paths cross; JOINS: both
+# lead onto the node.
+ONTO, HEAD_ON, UNSEEN, WALKS, IN_WAY, JUMPS, JOINS = range(1, 8)
 
 # Columns of the array that holds the agents that the search moves (model/reactions.py). CLOCK:
 # forecast index (with fraction) of the place that the agent has reached; its delay at index t is

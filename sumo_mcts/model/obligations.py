@@ -11,6 +11,7 @@ from sumo_mcts.model.local_map import (
     AGENT,
     ENTERS,
     HEAD_ON,
+    IN_WAY,
     JOINS,
     JUMPS,
     KERB,
@@ -25,7 +26,7 @@ from sumo_mcts.model.local_map import (
 from sumo_mcts.model.route import RouteMap
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.numerics.lanes import Ahead, Areas, ahead_of, areas_of, facing, leads_to
-from sumo_mcts.prediction.on_foot import crossings_on, entering_m
+from sumo_mcts.prediction.on_foot import Crossings, crossings_on, entering_m
 from sumo_mcts.road import JUMP, RoadMap
 
 JUNCTION_VIEW = 120.0  # m of the route ahead within which junctions count
@@ -119,7 +120,7 @@ def to_people(
         return rows[0]
     crossings = crossings_on(road, lanes)
     for c, lane in enumerate(crossings.lane):
-        enters, kerb, past = entering_m(crossings, c, pose, driven, half_length, people)
+        enters, kerb, past, leaves = entering_m(crossings, c, pose, driven, half_length, people)
         those = np.flatnonzero((enters < np.inf) | (crossings.yields[c] & (past > 0.0)))
         row = np.zeros((len(those), PAST + 1))
         row[:, OWN_NODE], row[:, STRETCH_END] = lane_node[lane], crossings.last[c]
@@ -129,7 +130,23 @@ def to_people(
             row[:, KERB], row[:, PAST] = kerb[those], past[those]
             row[:, MERGES] = np.where(past[those] > 0.0, WALKS, 0.0)
         rows.append(row)
+        if crossings.cuts[c]:
+            rows.append(_in_the_way(crossings, c, lane_node[lane], people, enters, leaves))
     return np.concatenate(rows)
+
+
+def _in_the_way(
+    crossings: Crossings, c: int, node: int, people: Indices, enters: Floats, leaves: Floats
+) -> Floats:
+    """[K, 8] LocalMap.obligation to those of `people` [P] who are, or come to be, on the ego's part
+    of a crossing: m that they walk until they enter it, and until they have left it."""
+    those = np.flatnonzero(leaves > 0.0)
+    row = np.zeros((len(those), PAST + 1))
+    row[:, OWN_NODE], row[:, STRETCH_END] = node, crossings.last[c]
+    row[:, OWED_FROM], row[:, MERGES] = crossings.first[c] - AWAY, IN_WAY
+    row[:, AGENT], row[:, ENTERS] = people[those], leaves[those]
+    row[:, KERB] = np.where(np.isinf(enters[those]), 0.0, enters[those])
+    return row
 
 
 @entry

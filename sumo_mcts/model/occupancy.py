@@ -13,8 +13,10 @@ from sumo_mcts.model.local_map import (
     HALF_LENGTH,
     HALF_WIDTH,
     HEAD_ON,
+    IN_WAY,
     JOINS,
     JUMPS,
+    KERB,
     LATE,
     MERGES,
     NORTH,
@@ -126,7 +128,9 @@ def yielding_cost(
         if kind == UNSEEN and local.committed:  # it may have to brake
             continue
         here = node == state.node or (head_on and node == state.other)
-        if not here or state.s < local.obligation[k, OWED_FROM]:
+        # who is in its way may stop there: then the ego has to be able to stop, too
+        stops = state.v * state.v / (2.0 * p.comfort_decel) if kind == IN_WAY else 0.0
+        if not here or state.s + stops < local.obligation[k, OWED_FROM]:
             continue
         end = local.obligation[k, STRETCH_END]
         if (0.0 if jumps else end) - state.s + 2.0 * p.half_length < 0.0:
@@ -139,6 +143,10 @@ def yielding_cost(
         distance = local.obligation[k, ENTERS] - driven
         if head_on:
             distance -= state.s
+        if kind == IN_WAY:
+            there = distance > 0.0 and driven >= local.obligation[k, KERB]
+            rate = max(rate, c.claim) if there else rate
+            continue
         # To a driver in SUMO, a vehicle that crosses its path is as good as standing there; one
         # that merges drives ahead of it.
         ahead_v = state.v if kind in (ONTO, JOINS) else 0.0

@@ -4,8 +4,8 @@ A person at a corner faces the corner until it turns onto the crossing. Straight
 come before the ego. Which way it takes is not known, so the one that matters is expected. Where
 people have to let vehicles pass, one that comes to the crossing stops before it for an ego that is
 near and has not turned yet, and goes first where the ego is far, slow or has turned. Then only
-the search tells whether it waits (model/kerbs.py). An ego that turns to the near side, right where
-traffic drives on the right, counts on nobody to wait.
+the search tells whether it waits (model/kerbs.py). An ego that is about to turn to the near side,
+right where traffic drives on the right, counts on nobody to wait on the road that it leaves.
 """
 
 import math
@@ -36,6 +36,7 @@ SLOW = 5.0  # m/s: they do not wait for an ego that stands or is slower
 LEAST_ACCEL = 0.1  # m/s2 that any ego is taken to have
 KERB = 0.5  # m before a crossing at which they wait
 BODY = 0.25  # m from the middle of a person to its side
+LEAST_ROOM = 0.2  # m: nobody waits where an ego that cuts the corner comes so near to the kerb
 STEP = 0.5  # m of a crossing on which they may be before they are on their way over it
 
 
@@ -52,7 +53,8 @@ class Crossings(NamedTuple):
     far: Floats  # [C] m
     lane: Ints  # [C] the ego's lane
     yields: Bools  # [C] people have to let vehicles pass, and the ego counts on it,
-    waits: Bools  # [C] and the ego has not turned when it comes to it
+    waits: Bools  # [C] and it has not turned when it comes to the crossing,
+    cuts: Bools  # [C] or it has turned to the near side: its rear cuts the corner
 
 
 class Approach(NamedTuple):
@@ -95,12 +97,12 @@ def crossings_on(road: RoadMap, lanes: Ints | Indices) -> Crossings:
     rows = np.array(found).reshape(-1, 13)
     length, half, first, last, near, far = rows[:, 4:10].T.copy()
     begin, along, lane = rows[:, :2].copy(), rows[:, 2:4].copy(), rows[:, 10].astype(np.int32)
-    # who turns to the near side passes so close behind people on the crossing that it needs them
-    # to walk on, and they may stop for it: it waits for all of them
-    near_side = LEFT if road.lefthand else RIGHT
-    yields = (rows[:, 11] == PEOPLE_WAIT) & (road.direction[lane] != near_side)
-    waits = yields & ((road.direction[lane] == STRAIGHT) | (rows[:, 12] > NOT_TURNED))
-    return Crossings(begin, along, length, half, first, last, near, far, lane, yields, waits)
+    near_side = road.direction[lane] == (LEFT if road.lefthand else RIGHT)
+    turned = (road.direction[lane] != STRAIGHT) & (rows[:, 12] <= NOT_TURNED)
+    # who is about to turn to the near side slows down too much for people to wait for it
+    yields = (rows[:, 11] == PEOPLE_WAIT) & (turned | ~near_side)
+    waits, cuts = yields & ~turned, yields & near_side
+    return Crossings(begin, along, length, half, first, last, near, far, lane, yields, waits, cuts)
 
 
 def approach(road: RoadMap, lanes: Ints, ego: EgoState, crossings: Crossings) -> Approach:
@@ -173,17 +175,18 @@ def _place(crossings: Crossings, c: int, x: float, y: float) -> tuple[float, flo
 
 def entering_m(
     crossings: Crossings, c: int, pose: Floats, driven: Floats, half: Floats, people: Indices
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, Floats]:
     """[P] m that `people` [P] walk until they are on the ego's part of crossing c; inf: never, or
     they are there already. And until they are at its kerb, and from there past the ego's part; 0
-    where they are on the crossing already.
+    where they are on the crossing already. And until they have left the ego's part; inf: not
+    within the forecast, 0: they are never there.
 
     Agents are at `pose` [T, N, 4] after `driven` [T, N] m, `half` [N] m long to either side.
     """
-    found = np.zeros((3, len(people)))
+    found = np.zeros((4, len(people)))
     found[0] = np.inf
     _fill_entering(found, crossings, c, pose, driven, half, people)
-    return found[0], found[1], found[2]
+    return found[0], found[1], found[2], found[3]
 
 
 @entry
@@ -191,21 +194,29 @@ def _fill_entering(
     found: Floats, crossings: Crossings, c: int, pose: Floats, driven: Floats, half: Floats,
     people: Indices,
 ) -> None:  # fmt: skip
-    """Fill `found` [3, P], which is inf and twice 0 before."""
+    """Fill `found` [4, P], which is inf and three times 0 before."""
     length, middle = crossings.length[c], 0.5 * (crossings.near[c] + crossings.far[c])
     for k in range(len(people)):
         i = people[k]
         low, high = crossings.near[c] - half[i], crossings.far[c] + half[i]
         for t in range(pose.shape[0]):
             on, off = _place(crossings, c, pose[t, i, X], pose[t, i, Y])
+            on_part = abs(off) < crossings.half_width[c] + BESIDE and low < on < high
+            if found[3, k] > 0.0:
+                if not on_part:
+                    found[3, k] = driven[t, i]
+                    break
+                continue
             if abs(off) >= crossings.half_width[c] + BESIDE:
                 continue
             way, before = (middle, on) if on < 0.5 * length else (length - middle, length - on)
-            if found[2, k] == 0.0 and -KERB < before < min(STEP, way - EGO_HALF - BODY):
+            room = way - EGO_HALF - BODY  # between who waits and the ego
+            fits = room > LEAST_ROOM or not crossings.cuts[c]
+            if found[2, k] == 0.0 and fits and -KERB < before < min(STEP, room):
                 found[1, k], found[2, k] = driven[t, i], way + EGO_HALF
-            if low < on < high:
+            if on_part:
                 found[0, k] = driven[t, i] if t > 0 else np.inf
-                break
+                found[3, k] = np.inf
 
 
 def ways_on_foot(agents: Agents, crossings: Crossings, ego: Approach) -> Ways:

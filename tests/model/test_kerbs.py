@@ -8,14 +8,16 @@ from helpers import Agent, Lane, build, edges, ego_at
 from helpers_model import compiled, local_of, scene_of, task_of
 
 from sumo_mcts.model.kerbs import stands_aside, walk
-from sumo_mcts.model.local_map import CLOCK, KERB, OWED, PAST, SLOT, LocalMap, State
+from sumo_mcts.model.local_map import CLOCK, ENTERS, KERB, OWED, PAST, SLOT, LocalMap, State
+from sumo_mcts.model.occupancy import yielding_cost
 from sumo_mcts.model.reactions import undisturbed
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.baselines import with_yield_lines
-from sumo_mcts.road import LEFT, PEOPLE_FIRST, PEOPLE_WAIT, VEHICLE_CLASSES, RoadMap
+from sumo_mcts.road import LEFT, PEOPLE_FIRST, PEOPLE_WAIT, RIGHT, VEHICLE_CLASSES, RoadMap
 
 walk = compiled(walk)
 stands_aside = compiled(stands_aside)
+yielding_cost = compiled(yielding_cost)
 ON_FOOT = 1 << VEHICLE_CLASSES.index("pedestrian")
 DT = 0.2  # s between forecast times
 V = 1.2  # m/s of the person
@@ -30,6 +32,17 @@ def road(rule: int = PEOPLE_WAIT) -> RoadMap:
         Lane("e", 0, ((16.5, -1.6), (200.0, -1.6))),
         Lane(":c_c0", 0, ((14.0, -5.0), (14.0, 2.0)), junction="c", width=4.0, classes=ON_FOOT,
              rule=rule),
+    ])  # fmt: skip
+
+
+def to_the_right(kerb: float = 2.0) -> RoadMap:
+    """The same, reached by a turn to the right, and the crossing begins at y = `kerb`."""
+    return build([
+        Lane("w", 0, ((0.0, -100.0), (0.0, -1.6)), (":w_0",)),
+        Lane(":w", 0, ((0.0, -1.6), (16.5, -1.6)), ("e_0",), junction="c", direction=RIGHT),
+        Lane("e", 0, ((16.5, -1.6), (200.0, -1.6))),
+        Lane(":c_c0", 0, ((14.0, -5.0), (14.0, kerb)), junction="c", width=4.0, classes=ON_FOOT,
+             rule=PEOPLE_WAIT),
     ])  # fmt: skip
 
 
@@ -95,6 +108,34 @@ def test_who_is_on_the_crossing_or_has_the_right_of_way_walks_on() -> None:
         local = meeting(on, ":w_0", 6.0, 4.0, y)[1]
         assert local.trait[0, SLOT] == local.trait[0, OWED] == -1.0
         assert not local.obligation[:, PAST].any()
+
+
+@pytest.mark.parametrize(("kerb", "waits"), [(2.0, True), (0.0, True), (-0.3, False)])
+def test_nobody_waits_where_the_ego_comes_too_near_to_the_kerb(kerb: float, waits: bool) -> None:
+    """Where it turns to the near side its rear cuts the corner."""
+    local = meeting(to_the_right(kerb), ":w_0", 6.0, 4.0, kerb + 1.0)[1]
+    assert local.obligation[:, PAST].any() == waits
+    assert (local.obligation[:, ENTERS] < math.inf).any()
+
+
+@pytest.mark.parametrize(
+    ("s", "v", "y", "due"),
+    [
+        (8.0, 5.0, -1.6, True),  # it could not stop before the crossing
+        (8.0, 1.0, -1.6, False),
+        (11.0, 0.0, -1.6, False),
+        (8.0, 5.0, -3.2, False),  # who has left its part of the crossing is not in its way
+    ],
+)
+def test_nobody_drives_at_a_person_faster_than_it_could_stop(
+    s: float, v: float, y: float, due: bool
+) -> None:
+    task, local, state = meeting(to_the_right(), ":w_0", s, v, y)
+    price = yielding_cost(local, task.ego, task.cost, state, undisturbed(local), 0)
+    assert (price > 0.0) == due
+    if due:
+        later = round(2.5 / DT)  # it has walked 3 m by then
+        assert yielding_cost(local, task.ego, task.cost, state, undisturbed(local), later) == 0.0
 
 
 @pytest.mark.parametrize("lane", [":w_0", ":w_1"])

@@ -193,9 +193,10 @@ def test_people_wait_for_one_that_turns_where_it_comes_from_not_where_it_goes(
     assert crossings.yields.tolist() == [True] and crossings.waits.tolist() == [waits]
 
 
-def test_who_turns_to_the_near_side_counts_on_nobody() -> None:
-    """People on the crossing stop for it, in its way."""
-    on = turning(16.0)
+@pytest.mark.parametrize(("at", "cuts"), [(2.0, False), (16.0, True)])
+def test_who_has_turned_to_the_near_side_cuts_the_corner(at: float, cuts: bool) -> None:
+    on = turning(at)
     on.direction[on.lane_ids.index(":w_0")] = RIGHT
     crossings = crossings_on(on, np.array([on.lane_ids.index(":w_0")], np.int32))
-    assert crossings.yields.tolist() == crossings.waits.tolist() == [False]
+    assert crossings.yields.tolist() == crossings.cuts.tolist() == [cuts]
+    assert crossings.waits.tolist() == [False]
