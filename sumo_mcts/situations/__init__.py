@@ -7,10 +7,11 @@ priority.py    dense traffic at junctions without signals
 lanes.py       dense traffic on one road: merging, weaving, lanes that end
 control.py     rules at signals, signs and rails
 sharing.py     rules of a road shared with buses, trams, bicycles, people
+passing.py     passing slow traffic, through the lane of the oncoming or within the own lane
 table.py       the kinds by name
 families.py    families of drivers, as vehicle types
 texts.py       a situation as the files of SUMO
-docs.py        the tables of kinds in docs/dense.md and docs/rules.md
+docs.py        the tables of kinds in docs/dense.md, docs/rules.md and docs/passing.md
 
 Nothing here knows SUMO: texts alone are made. world/generated.py turns them into a network.
 """
@@ -18,13 +19,14 @@ Nothing here knows SUMO: texts alone are made. world/generated.py turns them int
 from sumo_mcts.situations.families import FAMILIES, SUBLANE, Family
 from sumo_mcts.situations.kind import HALVES, Half, Kind, drawn
 from sumo_mcts.situations.situation import Situation
-from sumo_mcts.situations.table import DENSE, RULES
+from sumo_mcts.situations.table import DENSE, PASSING, RULES
 from sumo_mcts.situations.texts import plain_files, routes
 
 __all__ = [
     "DENSE",
     "FAMILIES",
     "HALVES",
+    "PASSING",
     "RULES",
     "SUBLANE",
     "Family",

@@ -33,6 +33,9 @@ _RARE = {
     "tram": {"vClass": "tram"},
     "train": {"vClass": "rail"},
     "emergency": {"vClass": "emergency", "speedFactor": "1.3", "speedDev": "0"},
+    "tractor": {"vClass": "truck", "length": "6", "maxSpeed": "8"},
+    "rider": {"vClass": "bicycle", "latAlignment": "right"},
+    "moped": {"vClass": "moped", "maxSpeed": "8", "latAlignment": "right"},
 }
 # Type -> key and value of its parameters
 DEVICES: Mapping[str, Mapping[str, str]] = {"emergency": {"has.bluelight.device": "true"}}

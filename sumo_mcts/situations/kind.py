@@ -21,6 +21,16 @@ class Range(NamedTuple):
     high: float
     unit: str
     meaning: str
+    choices: tuple[str, ...] = ()  # what 0, 1, ... stand for; empty: numbers
+
+    def chosen(self, values: Values, name: str) -> str:
+        """The choice that a parameter drawn in this range stands for."""
+        return self.choices[int(values[name])]
+
+
+def one_of(meaning: str, *choices: str) -> Range:
+    """A parameter that is one of these, each as often."""
+    return Range(0.0, float(len(choices)), "", meaning, choices)
 
 
 class Kind(NamedTuple):

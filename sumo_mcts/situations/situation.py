@@ -25,6 +25,7 @@ class Edge(NamedTuple):
     priority: int = 1
     shape: tuple[tuple[float, float], ...] = ()  # m; empty: straight
     only: tuple[tuple[int, str], ...] = ()  # lane -> the classes that may use it, and no other
+    width: float = 0.0  # of each lane, m; 0: SUMO's
 
 
 class Link(NamedTuple):
@@ -63,6 +64,15 @@ class Parked(NamedTuple):
     edge: str
     lane: int
     position: float  # of its front, m
+    aside: float = 0.0  # from the middle of the lane, m to the left; needs `lateral`
+
+
+class Companion(NamedTuple):
+    """A vehicle on the ego's route that departs shortly before or after it."""
+
+    vtype: str
+    before: float  # s before the ego; negative: after it
+    share: float = 1.0  # its speed where it is free, as a share of the limit
 
 
 class Situation(NamedTuple):
@@ -77,6 +87,8 @@ class Situation(NamedTuple):
     netconvert: tuple[str, ...] = ()  # further options
     rings: tuple[tuple[str, str], ...] = ()  # nodes and edges of roundabouts
     parked: tuple[Parked, ...] = ()
+    companions: tuple[Companion, ...] = ()
+    lateral: float = 0.0  # SUMO's lateral resolution, m; 0: lanes are not divided
 
 
 def row_per_hour(gap: float, speed: float) -> float:

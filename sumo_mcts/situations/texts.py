@@ -5,7 +5,7 @@ from random import Random
 from xml.etree import ElementTree
 
 from sumo_mcts.situations.families import DEVICES, Family, types
-from sumo_mcts.situations.situation import Edge, LaneStop, Parked, Situation, Stream
+from sumo_mcts.situations.situation import Companion, Edge, LaneStop, Parked, Situation, Stream
 
 WARM_UP_S = (100.0, 160.0)  # the ego departs between; a cycle of signals apart
 TRAFFIC_S = 480.0  # vehicles depart until then
@@ -43,9 +43,16 @@ def routes(situation: Situation, family: Family, trucks: float, random: Random) 
         for k, stream in enumerate(situation.streams)
         for entry in _departures(stream, f"{k}", trucks, random)
     ]
-    moving.append((random.uniform(*WARM_UP_S), _ego(situation)))
+    departs = random.uniform(*WARM_UP_S)
+    moving.append((departs, _ego(situation)))
+    moving += [
+        (departs - each.before, _companion(each, f"with.{k}", situation.ego_route))
+        for k, each in enumerate(situation.companions)
+    ]
     root = ElementTree.Element("routes")
-    root.extend(_types(family, {stream.vtype for stream in situation.streams}))
+    used = {stream.vtype for stream in situation.streams}
+    used |= {each.vtype for each in situation.companions}
+    root.extend(_types(family, used))
     root.extend(parked)
     for time, element in sorted(moving, key=lambda each: each[0]):
         element.set("depart", f"{time:.2f}")
@@ -89,10 +96,21 @@ def _ego(situation: Situation) -> ElementTree.Element:
     return _traveller(EGO, EGO, situation.ego_route, situation.ego_lane)
 
 
+def _companion(each: Companion, name: str, route: str) -> ElementTree.Element:
+    vehicle = _traveller(name, each.vtype, route, "best")
+    if each.share != 1.0:
+        vehicle.set("speedFactor", f"{each.share:.2f}")
+    return vehicle
+
+
 def _parked(van: Parked, number: int) -> ElementTree.Element:
     vehicle = _traveller(f"van.{number}", "van", van.edge, str(van.lane))
     vehicle.attrib |= {"depart": "0.00", "departPos": f"{van.position:.2f}", "departSpeed": "0"}
-    vehicle.append(_stop(LaneStop(van.edge, van.lane, van.position, 86400.0)))
+    stop = _stop(LaneStop(van.edge, van.lane, van.position, 86400.0))
+    if van.aside:
+        vehicle.set("departPosLat", f"{van.aside:.2f}")
+        stop.set("posLat", f"{van.aside:.2f}")
+    vehicle.append(stop)
     return vehicle
 
 
@@ -118,6 +136,7 @@ def _edge(edge: Edge) -> ElementTree.Element:
     attributes = {
         "id": edge.id, "from": edge.start, "to": edge.end, "numLanes": edge.lanes,
         "speed": edge.speed, "priority": edge.priority, **({"shape": shape} if shape else {}),
+        **({"width": edge.width} if edge.width else {}),
     }  # fmt: skip
     element = _element("edge", attributes)
     element.extend(_element("lane", {"index": lane, "allow": only}) for lane, only in edge.only)

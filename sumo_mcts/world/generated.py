@@ -7,7 +7,7 @@ from pathlib import Path
 from sumo_mcts import situations
 from sumo_mcts.config import SumoConfig
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.situations import Family, Half, Kind
+from sumo_mcts.situations import Half, Situation
 from sumo_mcts.situations.kind import source
 from sumo_mcts.world.arguments import sumo_program
 
@@ -20,45 +20,45 @@ def standing(sumo: SumoConfig, seed: int | None, folder: Path) -> SumoConfig:
 
     The files of the seed are written into `folder`; seed None: 0. Raises ConfigError.
     """
+    half: Half | None = None
     if sumo.dense is not None:
-        family, half = sumo.dense.family, sumo.dense.half
-        paths = _written(situations.DENSE[sumo.dense.kind], half, family, seed or 0, folder)
+        kind, family, half = situations.DENSE[sumo.dense.kind], sumo.dense.family, sumo.dense.half
     elif sumo.rule is not None:
-        family = sumo.rule.family
-        paths = _written(situations.RULES[sumo.rule.kind], None, family, seed or 0, folder)
+        kind, family = situations.RULES[sumo.rule.kind], sumo.rule.family
+    elif sumo.passing is not None:
+        kind, family = situations.PASSING[sumo.passing.kind], sumo.passing.family
     else:
         return sumo
-    net, routes = paths
-    sublane = family in situations.SUBLANE
+    values = situations.drawn(kind, half, seed or 0)
+    situation = kind.build(values)
+    net = _network(kind.name, situation, folder)
+    routes = folder / f"{kind.name}.rou.xml"
+    random = source(kind.name, half, seed or 0, "traffic")
+    trucks = values.get("trucks", 0.0)
+    routes.write_text(situations.routes(situation, family, trucks, random), encoding="utf-8")
+    lateral = situation.lateral or (LATERAL_M if family in situations.SUBLANE else 0.0)
     return sumo.model_copy(
         update={
             "dense": None,
             "rule": None,
+            "passing": None,
             "net": str(net),
             "routes": (str(routes), *sumo.routes),
-            "options": {**({"lateral-resolution": LATERAL_M} if sublane else {}), **sumo.options},
+            "options": {**({"lateral-resolution": lateral} if lateral else {}), **sumo.options},
         }
     )
 
 
-def _written(
-    kind: Kind, half: Half | None, family: Family, seed: int, folder: Path
-) -> tuple[Path, Path]:
-    """Paths of the network and of the routes."""
-    values = situations.drawn(kind, half, seed)
-    situation = kind.build(values)
-    net, routes = folder / f"{kind.name}.net.xml", folder / f"{kind.name}.rou.xml"
+def _network(name: str, situation: Situation, folder: Path) -> Path:
+    """Path of the network that netconvert builds of a situation. Raises ConfigError."""
+    net = folder / f"{name}.net.xml"
     options = [f"--output-file={net}", *situation.netconvert]
     for option, text in situations.plain_files(situation).items():
         plain = folder / f"{option}.xml"
         plain.write_text(text, encoding="utf-8")
         options.append(f"--{option}={plain}")
-    _netconvert(kind.name, options)
-    random = source(kind.name, half, seed, "traffic")
-    routes.write_text(
-        situations.routes(situation, family, values.get("trucks", 0.0), random), encoding="utf-8"
-    )
-    return net, routes
+    _netconvert(name, options)
+    return net
 
 
 def _netconvert(name: str, options: Sequence[str]) -> None:

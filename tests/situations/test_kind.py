@@ -12,6 +12,7 @@ from sumo_mcts.situations import (
     DENSE,
     FAMILIES,
     HALVES,
+    PASSING,
     RULES,
     drawn,
     families,
@@ -23,7 +24,7 @@ from sumo_mcts.situations.kind import INTERVALS, parts, source
 from sumo_mcts.situations.situation import LEAST_GAP_S, row_per_hour
 
 TOP = Path(__file__).resolve().parents[2]
-KINDS = {**DENSE, **RULES}
+KINDS = {**DENSE, **RULES, **PASSING}
 EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
 
 
@@ -41,7 +42,7 @@ def test_there_are_twelve_kinds_at_least() -> None:
 
 
 def test_no_name_stands_for_two_kinds() -> None:
-    assert not set(DENSE) & set(RULES)
+    assert len(KINDS) == len(DENSE) + len(RULES) + len(PASSING)
 
 
 @EVERY
@@ -107,7 +108,8 @@ def test_routes_are_in_the_order_of_departure_with_one_ego_among_traffic(kind) -
     times = [float(each.get("depart", "")) for each in root if each.tag != "vType"]
     assert times == sorted(times)
     (ego,) = (each for each in root.iter("vehicle") if each.get("id") == "ego")
-    assert sum(time < float(ego.get("depart", "")) for time in times) >= 8
+    before = sum(time < float(ego.get("depart", "")) for time in times)
+    assert before >= (1 if kind.name in PASSING else 8)
 
 
 @EVERY
@@ -161,7 +163,7 @@ def test_only_the_family_differs_between_families() -> None:
 
 
 def test_every_kind_is_a_scenario() -> None:
-    for group, kinds in (("dense-", DENSE), ("rule-", RULES)):
+    for group, kinds in (("dense-", DENSE), ("rule-", RULES), ("passing-", PASSING)):
         names = {name for name in builtin.scenario_names() if name.startswith(group)}
         assert names == {f"{group}{name}" for name in kinds}
 

@@ -9,7 +9,7 @@ import pytest
 from sumo_mcts.config import SumoConfig, builtin, load
 from sumo_mcts.episode.run import run_episode
 from sumo_mcts.errors import ConfigError
-from sumo_mcts.situations import DENSE, FAMILIES, HALVES, RULES
+from sumo_mcts.situations import DENSE, FAMILIES, HALVES, PASSING, RULES
 from sumo_mcts.world import generated
 from sumo_mcts.world.arguments import sumo_home
 
@@ -23,9 +23,9 @@ def dense(kind: str, half: str = "development", family: str = "krauss") -> SumoC
     return SumoConfig.model_validate({"dense": {"kind": kind, "half": half, "family": family}})
 
 
-def rule(kind: str) -> SumoConfig:
-    """A situation for a rule of the road, as a scenario names it."""
-    return SumoConfig.model_validate({"rule": {"kind": kind}})
+def whole(kind: str) -> SumoConfig:
+    """A situation without halves, as a scenario names it."""
+    return SumoConfig.model_validate({"rule" if kind in RULES else "passing": {"kind": kind}})
 
 
 def warnings(text: str) -> list[str]:
@@ -52,7 +52,7 @@ def simulated(sumo: SumoConfig, seed: int, folder: Path) -> "subprocess.Complete
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "half"), [*product(DENSE, HALVES), *((kind, None) for kind in RULES)]
+    ("kind", "half"), [*product(DENSE, HALVES), *((kind, None) for kind in (*RULES, *PASSING))]
 )
 def test_a_kind_builds_and_moves_without_a_warning(
     kind: str, half: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -66,7 +66,9 @@ def test_a_kind_builds_and_moves_without_a_warning(
 
     for seed in (1, 2):
         monkeypatch.setattr(subprocess, "run", listened)
-        sumo = generated.standing(rule(kind) if half is None else dense(kind, half), seed, tmp_path)
+        sumo = generated.standing(
+            whole(kind) if half is None else dense(kind, half), seed, tmp_path
+        )
         monkeypatch.undo()
         done = simulated(sumo, seed, tmp_path)
         assert done.returncode == 0

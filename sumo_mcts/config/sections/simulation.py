@@ -52,6 +52,21 @@ class RuleConfig(Section):
         return _one_of(kind, situations.RULES)
 
 
+class PassingConfig(Section):
+    """Slow traffic that the ego passes: network and traffic are made by the seed."""
+
+    kind: str = Field(
+        description="which; docs/passing.md has them all",
+        json_schema_extra={"enum": list(situations.PASSING)},
+    )
+    family: situations.Family = Field("krauss", description="how the others drive")
+
+    @field_validator("kind")
+    @classmethod
+    def _known(cls, kind: str) -> str:
+        return _one_of(kind, situations.PASSING)
+
+
 class SumoConfig(Section):
     """The simulation: a .sumocfg, or a network with routes, or a situation of the package."""
 
@@ -62,6 +77,9 @@ class SumoConfig(Section):
     dense: DenseConfig | None = Field(None, description="a dense situation, in place of a network")
     rule: RuleConfig | None = Field(
         None, description="a situation for one rule of the road, in place of a network"
+    )
+    passing: PassingConfig | None = Field(
+        None, description="a situation with slow traffic to pass, in place of a network"
     )
     routes: FileNames = Field((), description="route files")
     additional: FileNames = Field(
@@ -76,8 +94,9 @@ class SumoConfig(Section):
 
     @model_validator(mode="after")
     def _one_source(self) -> "SumoConfig":
-        if [self.sumocfg, self.net, self.dense, self.rule].count(None) != 3:
-            raise ValueError("give either sumocfg or net or dense or rule")
+        sources = [self.sumocfg, self.net, self.dense, self.rule, self.passing]
+        if len(sources) - sources.count(None) != 1:
+            raise ValueError("give either sumocfg or net or dense or rule or passing")
         return self
 
 
