@@ -195,7 +195,7 @@ OPTIONS = [
     ),
     (
         ("run", "nowhere"),
-        "nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: dense-all-way-stop",
+        "nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: century-avenue-right",
     ),
     (("run", "nowhere.yaml"), "nowhere.yaml: no such scenario"),
     (("run", "nowhere.sumocfg", "--ego", "any"), "nowhere.sumocfg: no such file"),
@@ -362,7 +362,7 @@ OPTIONS = [
     ),
     (
         ("regret", "nowhere"),
-        "nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: dense-all-way-stop",
+        "nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: century-avenue-right",
     ),
     (
         ("regret", "good.yaml", "--planners", "mcts,sumo"),
