@@ -14,6 +14,8 @@ import pytest
 import typer
 import yaml
 from helpers_docs import COMMANDS, NAMED, commands_page, definitions
+from helpers_scenes import PAGE as SCENES
+from helpers_scenes import page as scenes_page
 from typer.testing import CliRunner
 
 from sumo_mcts import config
@@ -110,6 +112,10 @@ def test_the_page_of_commands_is_up_to_date() -> None:
     assert COMMANDS.read_text(encoding="utf-8") == commands_page(app), (
         "run python tests/helpers_docs.py"
     )
+
+
+def test_the_page_of_scenes_is_up_to_date() -> None:
+    assert SCENES.read_text(encoding="utf-8") == scenes_page(), "run python tests/helpers_scenes.py"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -32,7 +32,7 @@ WRONG = {
     "no scenarios": ("name: x\nscenarios: []\n", "scenarios: has to have at least 1 entry"),
     "unknown scenario": (
         "name: x\nscenarios: [nowhere]\n",
-        "scenarios.0: nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: dense-all-way-stop",
+        "scenarios.0: nowhere: no such scenario; give a .yaml, a .sumocfg, or one of: century-avenue-right",
     ),
     "unknown sumocfg": (
         "name: x\nscenarios: [{sumocfg: no.sumocfg, egos: [a]}]\n",
