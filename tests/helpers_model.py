@@ -39,6 +39,11 @@ def compiled(function: F) -> F:
     return entry(getattr(function, "py_func", function))
 
 
+def plain(function: F) -> F:
+    """A kernel as plain Python, as `make mutants` runs all of them: no test waits for a compiler."""
+    return getattr(function, "py_func", function)
+
+
 def lanes_east(count: int = 3, length: float = 600.0, speed: float = 15.0) -> RoadMap:
     """One edge of parallel lanes, symmetric about y = 0."""
     middle = (count - 1) / 2
