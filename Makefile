@@ -1,10 +1,10 @@
-# make demo | test | test-fast | docs | test-versions | attack | interruptions | endurance | clean. Another interpreter: make PYTHON=/path/to/python test
+# make demo | test | test-fast | docs | test-versions | mutants | attack | interruptions | endurance | clean. Another interpreter: make PYTHON=/path/to/python test
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -q --disable-pip-version-check
 
-.PHONY: demo test test-fast docs test-versions attack interruptions endurance clean help
+.PHONY: demo test test-fast docs test-versions mutants attack interruptions endurance clean help
 .DELETE_ON_ERROR:
 
 help:
@@ -13,6 +13,7 @@ help:
 	@echo "make test-fast      the tests that are quick, to run while working"
 	@echo "make docs           the documentation as a site in out/site; fails at a broken link"
 	@echo "make test-versions  a smoke set with every supported Python of this machine, newest and lowest dependencies"
+	@echo "make mutants        small wrong changes to planners, cost, referee and commands: does a test notice each? a part: make mutants OF=model/cost.py COUNT=50 SEED=2"
 	@echo "make attack         thousands of wrong inputs through the real command; a part: make attack KIND=yaml SHARE=0.1"
 	@echo "make interruptions  a batch, interrupted at 60 moments"
 	@echo "make endurance      two simulated hours and a thousand episodes: does memory stay flat?"
@@ -40,6 +41,9 @@ test-versions: $(VENV)/.installed-dev
 	$(BIN)/python tests/versions.py $(VERSIONS)
 
 # What takes long; docs/reliability.md says what each shows.
+mutants: $(VENV)/.installed-dev
+	PYTHONPATH=tests $(BIN)/python -m mutants $(OF) --count $(or $(COUNT),200) --seed $(or $(SEED),1)
+
 attack: $(VENV)/.installed-dev
 	PYTHONPATH=tests $(BIN)/python -m attack $(KIND) --share $(or $(SHARE),1)
 

@@ -1,0 +1,1 @@
+"""`make mutants`: small wrong changes to the package, each of which some test has to notice."""
