@@ -17,8 +17,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-os.environ["NUMBA_DISABLE_JIT"] = "1"  # before anything imports numba
-
 import yaml
 
 from .changes import PACKAGE, TOP, Mutant, mutants
@@ -64,6 +62,7 @@ class Test(NamedTuple):
 
 def main() -> int:
     """Try the changes that the command line asks for."""
+    os.environ["NUMBA_DISABLE_JIT"] = "1"  # before anything imports numba
     asked = _parsed()
     paths = [path for part in asked.parts or PARTS for path in _paths(part)]
     chosen = sampled([each for path in paths for each in mutants(path)], asked.count, asked.seed)

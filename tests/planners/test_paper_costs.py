@@ -26,13 +26,20 @@ from sumo_mcts.arrays import Floats
 from sumo_mcts.model.local_map import BIT, ELSEWHERE, GONE, NODE, LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
-from sumo_mcts.planners import paper, paper_search
-from sumo_mcts.planners.paper_search import Guide, Weights
+from sumo_mcts.planners import paper, paper_cost, paper_search
+from sumo_mcts.planners.paper_cost import Guide, Weights
 from sumo_mcts.planners.ply import ALIVE, ARRIVED, LOST
 from sumo_mcts.road import LEFT, RIGHT, RoadMap
 from sumo_mcts.scene import COMFORT, GREEN, OTHER, PASSABILITY, SAFETY
 
-ply, nearest = plain(paper_search._ply), plain(paper_search._nearest)
+ply = plain(paper_search._ply)
+
+
+def nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
+    """The distance alone."""
+    return float(plain(paper_cost.nearest)(local, p, state, time)[0])
+
+
 W = paper._weights(scenario("planner.name=paper"), 0.1)._replace(turn=3.0)
 FAR = 5000.0  # m: the local goal, where the distance to it is not the question
 
@@ -72,7 +79,8 @@ class View:
         self.local = self.local._replace(agent=agent, place=place)
 
     def guide(self, goal: float = FAR, aside: float = 0.0, turns: bool = False) -> Guide:
-        return Guide(goal, np.full(self.nodes, aside), np.full(self.nodes, turns))
+        none = np.zeros(self.nodes, np.bool_)
+        return Guide(goal, 0.0, 0.0, np.full(self.nodes, aside), np.full(self.nodes, turns), none)
 
     def costs(
         self, accel: float = 0.0, w: Weights = W, at: int = 0, **guide: Any
@@ -194,7 +202,7 @@ def test_who_is_on_another_level_does_not_count(monkeypatch: pytest.MonkeyPatch)
         asked.append((node, s, length, at, i))
         return True
 
-    monkeypatch.setattr(paper_search, "on_other_level", above)
+    monkeypatch.setattr(paper_cost, "on_other_level", above)
     assert nearest(view.local, view.p, view.state, 1.0) == math.inf
     assert asked == [(view.state.node, 100.0, 5.0, 5, 0)]
 
@@ -291,7 +299,7 @@ def test_only_junctions_before_the_goal_count() -> None:
         Lane(":n", 0, ((320, 0), (330, 0)), ("c_0",), junction="n"),
         Lane("c", 0, ((330, 0), (500, 0))),
     ]
-    view, ahead = View(road=build(lanes)), plain(paper_search._junction_ahead)
+    view, ahead = View(road=build(lanes)), plain(paper_cost._junction_ahead)
     for node, goal, found in ((0, 190, False), (0, 210, True), (1, 240, True), (2, 310, False), (2, 325, True), (3, 325, True), (4, 400, False)):  # fmt: skip
         assert ahead(view.local, view.state._replace(node=node), float(goal)) == found
 
@@ -304,9 +312,9 @@ def test_a_change_under_way_counts_for_what_is_left_of_it(
     node: int, other: int, progress: float, metres: float
 ) -> None:
     """Lanes 0, 1 and 2 are 0 m, 20 m and 50 m off."""
-    guide = Guide(FAR, np.array([0.0, 20.0, 50.0]), np.zeros(3, np.bool_))
+    guide = Guide(FAR, 0.0, 0.0, np.array([0.0, 20.0, 50.0]), *[np.zeros(3, np.bool_)] * 2)
     state = State(node, 100.0, 10.0, 0.0, progress, other, 0.0)
-    assert plain(paper_search._aside)(guide, state) == pytest.approx(metres)
+    assert plain(paper_cost._aside)(guide, state) == pytest.approx(metres)
 
 
 @pytest.mark.parametrize("metres", [20.0, 7.0])
@@ -478,7 +486,9 @@ KEYS = {
     "weight_other": "other", "safety_threshold_m": "threshold", "contact_cost": "contact",
     "jerk_factor": "jerk_factor", "goal_factor": "goal_factor", "stop_cost": "stop",
     "junction_penalty": "junction_penalty", "lane_change_cost": "lane_change", "turn_cost": "turn",
-    "emergency_cost": "emergency", "exploration": "exploration",
+    "emergency_cost": "emergency", "exploration": "exploration", "bypass_cost": "bypass",
+    "highway_threshold_m": "highway_threshold", "closing_speed_mps": "closing",
+    "lateral_factor": "lateral_factor", "stop_sign_cost": "stop_sign",
     "brake_probability": "brake_probability", "accelerate_probability": "accelerate_probability",
     "look_ahead_steps": "look_ahead", "rollout_steps": "rollout",
 }  # fmt: skip
@@ -488,7 +498,8 @@ KEYS = {
 def test_each_key_reaches_the_search_and_no_other_number_changes(key: str) -> None:
     usual, value = paper._weights(scenario(), 0.1), 0.25 if "probability" in key else 7
     said = paper._weights(scenario(f"paper.{key}={value}"), 0.1)
-    assert said == usual._replace(**{KEYS[key]: value}) != usual
+    more = {"highway_threshold": value} if key == "safety_threshold_m" else {}  # unless it is given
+    assert said == usual._replace(**{KEYS[key]: value}, **more) != usual
 
 
 def test_times_become_steps_of_the_simulation() -> None:

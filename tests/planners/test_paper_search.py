@@ -25,13 +25,14 @@ from sumo_mcts.model.motion import GOAL, OFF_END, RED_LINE
 from sumo_mcts.planners import paper, paper_search
 from sumo_mcts.planners.base import Situation
 from sumo_mcts.planners.budget import SLICE
-from sumo_mcts.planners.paper import TIMED_SLICE
-from sumo_mcts.planners.paper_search import Guide, PaperTree, Weights, new_tree
+from sumo_mcts.planners.paper import LOOK_SLICE
+from sumo_mcts.planners.paper_cost import Guide, Weights
+from sumo_mcts.planners.paper_search import PaperTree, new_tree
 from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.scene import GREEN, OTHER
 
 W = paper._weights(scenario("planner.name=paper"), 0.1)
-GUIDE = Guide(5000.0, np.zeros(3), np.zeros(3, np.bool_))
+GUIDE = Guide(5000.0, 0.0, 0.0, np.zeros(3), *[np.zeros(3, np.bool_)] * 2)
 FIRST = SimpleNamespace(random=lambda: 0.99)  # draws the first of the unvisited
 select, rollout = plain(paper_search._select), plain(paper_search._rollout)
 expand, search = plain(paper_search._expand), plain(paper_search.search)
@@ -294,17 +295,19 @@ def test_a_change_is_followed_to_its_end_as_far_as_the_tree_looks(
     for level, expected in ((0, 1.5), (1, 2.5), (2, 3.0)):
         times: list[float] = []
 
-        def clear(_: Any, __: Any, ___: Any, time: float, times: list[float] = times) -> float:
+        def clear(
+            _: Any, __: Any, ___: Any, time: float, times: list[float] = times
+        ) -> tuple[float, float]:
             times.append(time)
-            return 1.0
+            return 1.0, 0.0
 
-        monkeypatch.setattr(paper_search, "_nearest", clear)
+        monkeypatch.setattr(paper_search, "nearest", clear)
         assert finish(local, p, W, half, level)
         assert times[0] == pytest.approx(level + 0.2)
         assert np.diff(times) == pytest.approx(np.full(len(times) - 1, 0.2))
         assert expected - 0.25 < times[-1] < expected + 0.05
     for distance, free in ((0.0, False), (0.01, True)):
-        monkeypatch.setattr(paper_search, "_nearest", lambda *_, d=distance: d)
+        monkeypatch.setattr(paper_search, "nearest", lambda *_, d=distance: (d, 0.0))
         assert finish(local, p, W, half, 0) == free
         assert finish(local, p, W, state, 0)  # no change under way: nothing to finish
     for event, free in ((RED_LINE, False), (OFF_END, False), (GOAL, True)):
@@ -317,7 +320,7 @@ def test_a_change_is_followed_to_its_end_as_far_as_the_tree_looks(
         assert finish(local, p, W, half, 0) == free and asked == [0.0]  # at this speed
     monkeypatch.undo()
     over = half._replace(s=899.0)
-    monkeypatch.setattr(paper_search, "_nearest", lambda *_: 1.0)
+    monkeypatch.setattr(paper_search, "nearest", lambda *_: (1.0, 0.0))
     assert finish(local, p, W, over, 0)  # the end of the route is no contact
 
 
@@ -439,7 +442,7 @@ def test_passes_are_made_until_the_time_is_up(
     searches = Searches(monkeypatch)
     searches.now = 1000.0
     decision = planner.plan(situation._replace(until=1000.0 + until))
-    assert searches.counts == [TIMED_SLICE] * times and decision.iterations == 20 * times
+    assert searches.counts == [LOOK_SLICE] * times and decision.iterations == 20 * times
     assert searches.size == (100 if until < 0.0 else 157) * 12 + 2
 
 
