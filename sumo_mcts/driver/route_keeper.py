@@ -198,5 +198,6 @@ class RouteKeeper:
             ego.max_accel,
             ego.comfort_decel,
             ego.emergency_decel,
+            ego.sideways.speed,
             *self._closed_under(ego),
         )

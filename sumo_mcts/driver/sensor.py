@@ -322,10 +322,11 @@ def moved_on(road: RoadMap, scene: Scene, seconds: float, aside: float) -> Agent
         road, Question(scene, np.zeros(0, np.int32), np.zeros(0), keeps_speed, seconds)
     )
     pose, zero = forecast.pose[0, 1], np.zeros(len(agents.ids))
+    just_stood = np.where(agents.standing_s < 0.0, agents.standing_s - seconds, 0.0)
     moved = agents._replace(
         x=pose[:, 0], y=pose[:, 1], heading=np.arctan2(pose[:, 3], pose[:, 2]), a=zero, trend=zero,
         lane=forecast.lane[0, 1], s=forecast.s[0, 1],
-        standing_s=np.where(agents.v <= STANDING, agents.standing_s + seconds, 0.0),
+        standing_s=np.where(agents.v <= STANDING, agents.standing_s + seconds, just_stood),
     )  # fmt: skip
     return chosen(_still_aside(agents, matched(road, moved)), forecast.valid[0, 1])
 

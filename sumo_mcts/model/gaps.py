@@ -4,7 +4,7 @@ import math
 
 from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import BESIDE, HALF_LENGTH, UNTIL, LocalMap, State, chain_gap
-from sumo_mcts.model.motion import HALF, EgoParams, to_the_left
+from sumo_mcts.model.motion import EgoParams, to_the_left, towards_other
 from sumo_mcts.numerics.kernel import kernel
 from sumo_mcts.numerics.krauss import CAREFUL_S, STANDSTILL, USUAL_S, safe_speed
 
@@ -87,10 +87,10 @@ def is_seen(local: LocalMap, state: State, node: int, s: float) -> bool:
     Where SUMO divides lanes, drivers in the lane that the ego changes to do not see it before it
     reaches over.
     """
-    if math.isinf(local.seen_within) or state.progress <= 0.0 or state.progress > HALF:
+    if math.isinf(local.seen_within) or state.progress <= 0.0 or state.other < 0:
         return True
     apart = abs(to_the_left(local, state.node, state.other, state.s))
-    if (1.0 - state.progress) * apart < local.seen_within:
+    if (1.0 - towards_other(state)) * apart < local.seen_within:
         return True
     return node >= 0 and chain_gap(local, node, s, state.node, state.s) < math.inf
 

@@ -324,7 +324,7 @@ def place_is_free(
         closing = max(0.0, changed.v - v)
         beside = ahead < LEAST_GAP <= ahead + 2.0 * local.trait[i, HALF_LENGTH]
         if beside or (
-            not 0.0 <= behind < math.inf
+            behind == math.inf
             and closing * closing > 2.0 * p.comfort_decel * max(ahead - LEAST_GAP, 0.0)
         ):
             return False

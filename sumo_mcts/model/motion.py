@@ -245,7 +245,7 @@ def can_change(local: LocalMap, p: EgoParams, state: State, side: int) -> bool:
 def goes_back(table: Floats, state: State, side: int) -> bool:
     """Whether moving to the left (+1) or right (-1) leads back from a change that turns round
     before it has come half way; `table` as in RouteMap."""
-    if state.other < 0 or not 0.0 < state.progress <= HALF - OVERSHOOT:
+    if state.other < 0 or not 0.0 < state.progress < HALF - OVERSHOOT:
         return False
     return state.other == int(table[state.node, RIGHT_NODE if side > 0 else LEFT_NODE])
 

@@ -14,7 +14,6 @@ import numpy as np
 from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.model.caps import SPACING
 from sumo_mcts.model.local_map import ELSEWHERE, State
-from sumo_mcts.model.motion import HALF
 from sumo_mcts.model.route import CAP, RouteMap
 from sumo_mcts.model.standing import QUEUE_GAP, waits
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
@@ -345,7 +344,7 @@ def seen_within(ego: EgoState) -> float:
 
 def reaches_over(road: RoadMap, route: RouteMap, state: State, within: float) -> bool:
     """Whether drivers in the other lane of the ego's change see it there now."""
-    if state.other < 0 or state.progress <= 0.0 or state.progress > HALF:
+    if state.other < 0 or state.progress <= 0.0:
         return True
     apart = 0.5 * float(road.width[route.lane[[state.node, state.other]]].sum())
-    return (1.0 - state.progress) * apart < within
+    return (1.0 - min(state.progress, 1.0 - state.progress)) * apart < within

@@ -16,6 +16,8 @@ from sumo_mcts.model.local_map import (
     ENTERS,
     HALF_LENGTH,
     HALF_WIDTH,
+    IN_WAY,
+    MERGES,
     NODE,
     OWN_NODE,
     LocalMap,
@@ -193,7 +195,9 @@ class IdmPlanner:
     def _side(self, local: LocalMap, state: State) -> int:
         """The lane change to begin now: -1, 0, 1."""
         side = int(np.sign(local.urgency[state.node - local.first]))
-        if side == 0 or not can_change(local, self._task.ego, state, side):
+        if side == 0 or state.progress > 0.0:
+            return 0
+        if not can_change(local, self._task.ego, state, side):
             return 0
         changed = begin_change(local, self._task.ego, state, side)
         if not place_is_free(
@@ -290,6 +294,7 @@ def with_yield_lines(local: LocalMap, state: State, critical_gap: float) -> Loca
             not state.v**2 / (2.0 * STOP_DECEL) <= to_line < math.inf
             or int(each[OWN_NODE]) == state.node
             or math.isinf(each[ENTERS])  # it waits at the kerb
+            or each[MERGES] == IN_WAY  # it is there already, and waited for in the motion
         ):
             continue
         arrives = (

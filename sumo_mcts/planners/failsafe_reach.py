@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple
 
 from sumo_mcts.arrays import Floats, Indices
+from sumo_mcts.model.gaps import is_seen
 from sumo_mcts.model.local_map import (
     DRIVEN,
     HALF_LENGTH,
@@ -174,8 +175,10 @@ def _obstructing(
 
 @kernel
 def _is_behind(local: LocalMap, start: State, i: int) -> bool:
-    """Whether the agent is now behind the ego on a lane that leads to it."""
+    """Whether the agent is now behind the ego on a lane that leads to it, and sees it."""
     node = node_of(local, 0, i)
+    if not is_seen(local, start, node, local.agent[0, i, S]):
+        return False
     for target in (start.node, start.other):
         if (
             node >= 0

@@ -141,7 +141,7 @@ def _expand(
         side = int(actions[k, SIDE])
         tree.child[node, k] = IMPOSSIBLE
         if (
-            (side != 0 and not can_change(local, p, begin, side))
+            (side != 0 and (begin.progress > 0.0 or not can_change(local, p, begin, side)))
             or tree.used[0] >= len(tree.parent)
             or tree.end[node] != ALIVE
         ):

@@ -40,6 +40,7 @@ from sumo_mcts.planners.ply import (
     LOST,
     Ply,
     SearchParams,
+    change_price,
     copy_pairs,
     for_steps,
     may_change,
@@ -213,8 +214,8 @@ def _begin(work: Work, root: State, at_root: Floats, line: Floats, labels: Label
     copy_pairs(at_root, work.moving)
     cost, end, side = 0.0, ALIVE, action_at(line, 0).side
     if side != 0 and can_change(local, p, state, side):
+        cost += change_price(c, state)
         state = begin_change(local, p, state, side)
-        cost += c.lane_change
     for at in range(len(line)):
         ply = _simulate(work, state, near, action_at(line, at), at, at + 1)
         cost += ply.safety + ply.comfort + ply.passability + ply.loss
@@ -271,8 +272,8 @@ def _spread(
                     local, p, c, state, work.none, action.side, action.accel, at * p.step
                 ):
                     continue
+                cost += change_price(c, state)
                 state = begin_change(local, p, state, action.side)
-                cost += c.lane_change
             copy_pairs(now.others[k], work.moving)
             copy_line(now.line[k], then.line[found])
             put_action(then.line[found], ply, action.accel, action.side)
@@ -314,8 +315,8 @@ def _drive_on(
         action = Action(FOLLOW, 0, NO_SPEED) if np.isnan(tail[k, ACCEL]) else action_at(tail, k)
         side = action.side
         if side != 0 and may_change(local, p, c, state, work.none, side, action.accel, at * p.step):
+            cost += change_price(c, state)
             state = begin_change(local, p, state, side)
-            cost += c.lane_change
         else:
             side = 0
         put_action(line, k, action.accel, side)

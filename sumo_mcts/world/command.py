@@ -193,7 +193,7 @@ class Commander:
     def _begin_change(self, side: int) -> None:
         """Begin a lane change to the left (1) or right (-1), where there is a lane, or give up the
         one to the other side that is under way."""
-        if self.change.target >= 0:
+        if self._gives_up(side):
             self._go_back()
             return
         source = self._here()
@@ -214,12 +214,24 @@ class Commander:
         if takes_time:
             self.change = Change(0.0, source, target)
 
+    def _gives_up(self, side: int) -> bool:
+        """Whether a change to this side means giving up the one under way to the other side."""
+        source, target = self.change.source, self.change.target
+        under_way = self._aside.divided and target >= 0 and self._here() == source
+        return under_way and self._beside(source, -side) == target
+
     def _go_back(self) -> None:
-        """Give up a change: SUMO moves the vehicle to the middle of its lane again."""
-        progress, source, target = self.change
-        if self._aside.divided and progress <= HALF - OVERSHOOT:
-            self._aside.shift(self._vehicle, -self._places.of(self._vehicle).d)
-            self.change = Change(1.0 - (progress + OVERSHOOT), target, source)
+        """Give up a change, unless it has come too far: SUMO moves the vehicle to the middle of its
+        lane again."""
+        source, target, aside = (
+            self.change.source,
+            self.change.target,
+            self._places.of(self._vehicle).d,
+        )
+        share = 2.0 * abs(aside) / float(self._road.width[source] + self._road.width[target])
+        if share < HALF - OVERSHOOT:
+            self._aside.shift(self._vehicle, -aside)
+            self.change = Change(1.0 - (share + OVERSHOOT), target, source)
 
     def _apart(self, source: int, target: int) -> float:
         """m to the left from where the vehicle is on one lane to the middle of another, beside."""
@@ -255,9 +267,9 @@ class Commander:
         self.change = self.change._replace(progress=progress) if progress < 1.0 - 1e-9 else Change()
 
     def _is_late(self) -> bool:
-        """Whether the vehicle is still on its way to the edge of the lane that it leaves: where
-        lanes are divided SUMO takes longer for wide ones."""
-        return self._aside.moves(self._vehicle) and self._here() == self.change.source
+        """Whether the vehicle is still on its way to the middle of its lane: where lanes are
+        divided SUMO takes longer for wide ones, and for going back."""
+        return self._aside.moves(self._vehicle) and self._is_aside()
 
 
 def bounded(wanted: float, v: float, a: float, bounds: Bounds) -> float:

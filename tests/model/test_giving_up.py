@@ -38,6 +38,8 @@ def test_a_driver_in_the_other_lane_sees_who_reaches_over(progress: float, seen:
     assert is_seen(local, state, 2, 80.0) == seen
     assert is_seen(local, state, 1, 80.0)  # in the ego's own lane it always does
     assert (local.followers != 0) == seen
+    back = state._replace(progress=1.0 - progress)  # given up where it is
+    assert is_seen(local, back, 2, 80.0) == seen
     local, state = changing(progress, divided=False)
     assert is_seen(local, state, 2, 80.0) and local.followers != 0
 

@@ -248,8 +248,6 @@ def free(road: Road, most: float = math.inf, side: int = 1) -> bool:
         (94.5, 10.0, False),
         (88.0, 16.0, True),  # 6 m/s faster: 36 / 6 = 6 m, and 1 m, of 7 m
         (88.2, 16.0, False),
-        (112.0, 2.0, False),  # 7 m ahead, 8 m/s slower: braking by 3 m/s2 takes 10.7 m
-        (117.0, 2.0, True),
     ],
 )
 def test_a_place_is_free_that_leaves_room(s: float, v: float, is_free: bool) -> None:

@@ -399,7 +399,9 @@ def test_a_verified_manoeuvre_meets_nobody_within_the_bounds(those: Case, random
     fail_safe, bounds = those.fail_safe, assumed(scenario())
     assume(
         those.command.lane_change == 0
-        or can_change(local_of(those), those.task.ego, those.situation, those.command.lane_change)
+        or can_change(
+            local_of(those), those.task.ego, those.situation.state, those.command.lane_change
+        )
     )
     assume(fail_safe.objection(those.situation, those.command) == "")
     plan = ready(fail_safe, those.situation)

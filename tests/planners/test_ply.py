@@ -19,8 +19,8 @@ from sumo_mcts.model.local_map import LocalMap, State
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import HOME
 from sumo_mcts.planners import ply, search, tree
-from sumo_mcts.planners.actions import FOLLOW, NO_SPEED, Action, lasting
-from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE, SearchParams
+from sumo_mcts.planners.actions import FOLLOW, NO_SPEED, Action, Lines, lasting
+from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE, Driven, SearchParams
 from sumo_mcts.scene import GREEN, LOSS, OTHER, PASSABILITY, SAFETY
 
 simulate, replay, may_change = plain(ply.simulate), plain(ply.replay), plain(ply.may_change)
@@ -198,10 +198,20 @@ def test_times_become_steps() -> None:
 
 def driven(line: Any, seen: tuple[EgoParams, LocalMap, State], q: SearchParams = Q) -> Any:
     p, local, state = seen
-    m, terms = len(line), np.full(5, 9.0)
-    lanes, motion, pose = np.zeros(m, np.int64), np.zeros((m, 2)), np.zeros((m, 4))
-    steps, end = replay(local, p, C, q, state, NO_OTHERS, line, lanes, motion, pose, terms)
-    return steps, end, terms, lanes, motion, pose
+    m = len(line)
+    found = Driven(
+        np.zeros((1, m), np.int64), np.zeros((1, m, 2)), np.zeros((1, m, 4)), np.zeros((1, 5)),
+        np.zeros(1, np.int64), np.zeros(1, np.int64), NO_OTHERS.copy(),
+    )  # fmt: skip
+    replay(local, p, C, q, state, NO_OTHERS, Lines(line[None], np.array([m])), found)
+    return (
+        found.steps[0],
+        found.end[0],
+        found.terms[0],
+        found.node[0],
+        found.motion[0],
+        found.pose[0],
+    )
 
 
 def test_a_sequence_is_written_down_step_by_step() -> None:

@@ -38,13 +38,7 @@ class Sumo:
                 of=lambda _: SimpleNamespace(lane=self.lane, d=self.lateral)
             ),
         )
-        patch.setattr(
-            command,
-            "Aside",
-            lambda *_: SimpleNamespace(
-                moves=lambda _: self.moving, shift=lambda _, left: self.shifts.append(left)
-            ),
-        )
+        patch.setattr(command, "Aside", lambda *_: _Aside(self))
         patch.setattr(command, "Wish", lambda _: _Wish(self))
         patch.setattr(command, "departure", lambda _: self.departed)
         patch.setattr(command, "skip_next", lambda _: self.told.append(("skip",)))
@@ -75,6 +69,21 @@ class Sumo:
     def said(self, name: str) -> list[Any]:
         """The last argument of each call of this name so far."""
         return [each[1] if len(each) > 1 else None for each in self.told if each[0] == name]
+
+
+class _Aside:
+    def __init__(self, sumo: Sumo) -> None:
+        self.sumo = sumo
+
+    @property
+    def divided(self) -> bool:
+        return self.sumo.moving
+
+    def moves(self, _: str) -> bool:
+        return self.sumo.moving
+
+    def shift(self, _: str, left: float) -> None:
+        self.sumo.shifts.append(left)
 
 
 class _Wish:
@@ -281,18 +290,22 @@ def test_who_moves_within_its_lane_is_moved_to_the_next_one(
     sumo.moving, sumo.lateral = True, 0.5
     for lane, side in ((A_0, 1), (A_1, -1)):
         sumo.lane = lane
+        sumo.commander.change = Change()
         sumo.commander.accept(follow(10.0, lane_change=side))
     assert sumo.shifts == pytest.approx([2.7, -3.7]) and sumo.said("changeLane") == []
 
 
-def test_such_a_change_lasts_until_it_has_left_its_lane(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_such_a_change_lasts_until_it_is_in_the_middle(monkeypatch: pytest.MonkeyPatch) -> None:
     sumo = Sumo(monkeypatch)
-    sumo.moving = True
+    sumo.moving, sumo.lateral = True, 1.0
     sumo.commander.accept(follow(10.0, lane_change=1))
     sumo.commander.skip(29)
     sumo.commander.skip(4)
     assert sumo.commander.change == Change(pytest.approx(29.0 / 30.0), A_0, A_1)
-    sumo.lane = A_1
+    sumo.lane, sumo.lateral = A_1, -0.5
+    sumo.commander.skip(1)
+    assert sumo.commander.change == Change(pytest.approx(29.0 / 30.0), A_0, A_1)
+    sumo.lateral = 0.0
     sumo.commander.skip(1)
     assert sumo.commander.change == Change()
 
