@@ -267,11 +267,12 @@ def test_a_trace_from_before_anybody_asked_or_waited(tmp_path: Path) -> None:
     """Each column that an older version did not write is one that this version does without."""
     trace = busy_trace()
     columns = codec.columns_of(records.Trace, trace)
+    written = tuple(columns)
     for name in set(codec.ADDED) - {"roadmap/oncoming"}:
-        gone = [each for each in columns if each.endswith(name) or f"{name}/" in each]
+        gone = [each for each in written if each.endswith(name) or f"{name}/" in each]
         assert gone
-        for column in gone:
-            del columns[column]
+        for column in gone:  # some end like others
+            columns.pop(column, None)
     (tmp_path / "old.npz").write_bytes(codec.packed(columns))
     cycles = records.load_trace(tmp_path / "old.npz").cycles
     commands = [cycle.decision.command for cycle in cycles]
