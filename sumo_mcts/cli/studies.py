@@ -32,7 +32,9 @@ Seeds = Annotated[
 ]  # fmt: skip
 Scenarios = Annotated[
     Optional[list[str]],
-    typer.Argument(help="As for `run`; default: the built-in scenes, reactive and scripted."),
+    typer.Argument(
+        help="As for `run`; default: the three scenes of Table 1, reactive and scripted."
+    ),
 ]
 Planners = Annotated[str, typer.Option(metavar="NAME,...", help="The planners that are asked.")]
 IterationCounts = Annotated[

@@ -176,7 +176,7 @@ _NARROWER = one_of("ahead", *_NARROW.choices[:2])  # the first ones of the wide 
 KINDS = (
     Kind("oncoming-lane", "past slow traffic through the lane of the oncoming",
          {"ahead": _SLOW,
-          "share": Range(0.35, 0.6, "", "speed of cars and lorries ahead over the limit"),
+          "share": Range(0.35, 0.6, "", "speed of cars and lorries ahead, as a share of the limit"),
           "distance": _DISTANCE, "oncoming": _ONCOMING,
           "edges": _EDGES,
           "odd": Range(300.0, 2250.0, "m", "length of the first and third edge"),
