@@ -29,7 +29,7 @@ class Ego:
     def __init__(self, net: str) -> None:
         self.road = read_roadmap(net)
         self.observer = Observer(self.road)
-        bounds = Bounds(STEP, 3.0, 2.6, 8.0, 20.0)
+        bounds = Bounds(STEP, 4.2, 2.6, 8.0, 20.0)  # as driver/params.py has it
         self.commander = Commander("ego", self.road, self.observer.lanes, bounds)
 
     def go(self, seconds: float, side: int = 0, shift: float = 0.0) -> None:
@@ -154,7 +154,7 @@ def test_a_change_can_be_given_up(after_s: float, options: tuple[str, ...], tmp_
 
 def test_a_change_that_has_come_too_far_goes_on(tmp_path: Path) -> None:
     with ego_in(tmp_path) as ego:
-        ego.go(1.4, side=1)
+        ego.go(2.2, side=1)
         begun = ego.commander.change
         ego.go(0.0, side=-1)
         assert ego.commander.change == begun
