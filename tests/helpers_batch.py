@@ -14,7 +14,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sumo_mcts import records
+from sumo_mcts import config, records
+from sumo_mcts.config import builtin
+from sumo_mcts.episode import run_episode
 from sumo_mcts.experiments.experiment import Episode, Plan, load
 from sumo_mcts.experiments.tasks import Driven, drive
 from sumo_mcts.records import ROW_KEYS, Row
@@ -209,3 +211,11 @@ def raise_value_error() -> None:
 def die() -> None:
     """End the process at once."""
     os._exit(3)
+
+
+def driven_alone(row: Row) -> Row:
+    """The row of the same episode, driven by itself."""
+    path = builtin.scenario_path(str(row["scenario"]))
+    scenario = config.load(path, (f"planner.name={row['planner']}",))
+    result = run_episode(scenario, row["seed"], variant=row["variant"])
+    return {**result.rows[0], "redrawn": result.manifest["redrawn"]}
