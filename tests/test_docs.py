@@ -39,7 +39,7 @@ PAGES = [
 SECTIONS = config.json_schema()["properties"]
 # What a run leaves behind, and files of the reader.
 _NOT_HERE = ("manifests/", "out/", "traces/", "maps/", "figures/", "exports/")
-_FILE = re.compile(r"[\w.-]+(?:/[\w.-]+)+\.(?:py|md|yaml|json|toml|xml|gif|sumocfg)")
+_FILE = re.compile(r"[\w.-]+(?:/[\w.-]+)+\.(?:py|md|yaml|jsonl|json|toml|xml|gif|sumocfg)")
 
 
 def pages(pattern: str) -> list[tuple[Path, str]]:

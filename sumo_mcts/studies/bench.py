@@ -1,6 +1,8 @@
 """How fast this machine plans, against the limits of docs/measures.md.
 
-Only the traffic is random, with a fixed seed.
+Only the traffic is random, with a fixed seed. Each figure is also given as a ratio to the yardstick
+(numerics/yardstick.py), which runs right before it: a rate over its rate, and a time over the time
+that it takes for YARD passes. So machines, and busy moments of one machine, compare.
 """
 
 import os
@@ -22,6 +24,7 @@ from sumo_mcts.driver.driver import Driver
 from sumo_mcts.driver.params import Physics
 from sumo_mcts.driver.warmup import standing_car
 from sumo_mcts.errors import ConfigError
+from sumo_mcts.numerics import yardstick
 from sumo_mcts.numerics.announce import COMPILING, announced
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import GREEN, Agents, Scene, Signals
@@ -50,6 +53,7 @@ VEHICLES, SETTLE_S, CYCLES = 300, 60.0, 120
 SEARCHES = ((5, 0, 100_000.0), (10, 0, None), (50, 0, None), (10, 10, 20_000.0))
 # kind of the 10 agents, how many react; ms at most in the median and the 99th percentile
 DECISIONS = (("tabulated", 0, (20.0, 40.0)), ("reactive", 10, (150.0, 300.0)))
+YARD = 20_000  # passes of the yardstick
 LIMIT_RANGE = 120.0  # m within which about 60 of them are, as the limit says
 PHYSICS = Physics(0.1, False, 3.0)
 FIRST_DECISION = """
@@ -99,24 +103,39 @@ def _plans(share: float, note: Note) -> list[Row]:
             if reactive
             else "tabulated agents, 12 actions, 4 + 4 steps of 1 s (setting a)"
         )
-        quantity = Quantity(name, "1/s", limit, at_least=True)
-        rows.append(_row(quantity, _iterations_per_second(agents, reactive, share)))
+        quantity, yard = Quantity(name, "1/s", limit, at_least=True), yard_s()
+        rows.append(_row(quantity, _iterations_per_second(agents, reactive, share), yard))
     note("deciding with 3000 iterations")
     for kind, reactive, limits in DECISIONS:
-        name = f"one decision of 3000 iterations, 10 {kind} agents"
-        rows += _quantiles(name, _decisions(10, reactive, 3000, share), limits)
+        name, yard = f"one decision of 3000 iterations, 10 {kind} agents", yard_s()
+        rows += _quantiles(name, _decisions(10, reactive, 3000, share), limits, yard)
     note("driving through a grid of streets")
     for range_m, most in ((LIMIT_RANGE, (25.0, 50.0)), (SensorConfig().range_m, (None, None))):
+        yard = yard_s()
         times, in_range = _cycles(share, range_m)
         name = (
             f"a cycle among {VEHICLES} vehicles, up to {in_range} in range ({range_m:.0f} "
             "m), 1000 iterations, all in"
         )
-        rows += _quantiles(name, times, most)
+        rows += _quantiles(name, times, most, yard)
     return rows
 
 
-def _row(measured: Quantity, value: float) -> Row:
+def yard_s() -> float:
+    """The median time of YARD passes of the yardstick, s."""
+    yardstick.searched(1)  # loads it
+    times = []
+    for _ in range(5):
+        began = time.perf_counter()
+        yardstick.searched(YARD)
+        times.append(time.perf_counter() - began)
+    return float(np.median(times))
+
+
+def _row(measured: Quantity, value: float, yard: float) -> Row:
+    """`yard`: s for YARD passes of the yardstick, just before."""
+    seconds = value / 1000.0 if measured.unit == "ms" else value
+    ratio = value * yard / YARD if measured.unit == "1/s" else seconds / yard
     ok = (
         None
         if measured.limit is None
@@ -127,17 +146,18 @@ def _row(measured: Quantity, value: float) -> Row:
         "quantity": measured.name,
         "value": round(value, digits),
         "unit": measured.unit,
+        "ratio": float(f"{ratio:.3g}"),
         "budget": measured.limit,
         "ok": ok,
     }
 
 
 def _quantiles(
-    name: str, times: Sequence[float], limits: tuple[float | None, float | None]
+    name: str, times: Sequence[float], limits: tuple[float | None, float | None], yard: float
 ) -> list[Row]:
     """Rows for the median and the 99th percentile of times in s."""
     return [
-        _row(Quantity(f"{name}, p{q}", "ms", limit), float(np.percentile(times, q)) * 1000.0)
+        _row(Quantity(f"{name}, p{q}", "ms", limit), float(np.percentile(times, q)) * 1000.0, yard)
         for q, limit in zip((50, 99), limits, strict=True)
     ]
 
@@ -150,7 +170,8 @@ def _starts(share: float, note: Note) -> list[Row]:
 
     The warm start comes last: it finds what was compiled.
     """
-    rows = [_row(Quantity("--help", "s", 0.3), _fastest(["-m", "sumo_mcts", "--help"], 3))]
+    yard = yard_s()
+    rows = [_row(Quantity("--help", "s", 0.3), _fastest(["-m", "sumo_mcts", "--help"], 3), yard)]
     if share >= 1.0:
         note(f"{COMPILING}, with an empty cache")
         with tempfile.TemporaryDirectory(prefix="sumo_mcts-") as empty:
@@ -158,11 +179,12 @@ def _starts(share: float, note: Note) -> list[Row]:
                 _row(
                     Quantity("first compilation", "s", 15.0),
                     _seconds(["-c", FIRST_DECISION], {"XDG_CACHE_HOME": empty}),
+                    yard,
                 )
             )
     _seconds(["-c", FIRST_DECISION], {})  # compiles, where that is still to be done
     warm = Quantity("warm start to first decision", "s", 4.0)
-    return [*rows, _row(warm, _fastest(["-c", FIRST_DECISION], 3))]
+    return [*rows, _row(warm, _fastest(["-c", FIRST_DECISION], 3), yard_s())]
 
 
 def _fastest(words: list[str], count: int) -> float:
