@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts import files
+from sumo_mcts.records.coarse import from_steps, narrowed, time_axis, to_steps
 
-FORMAT = 6
+SINGLE, FORMAT = 6, 7  # format 6 has the coarse columns in single precision
 MOST_BYTES = 1 << 30  # of a trace or map, unpacked: five times what an hour in dense traffic takes
-# Large columns that are drawn and not computed with: single precision (0.5 mm at 5 km).
-COARSE = ("forecast/pose", "forecast/v", "forecast/s", "Plan/pose", "children/poses")
 # Columns that traces of this format may lack: their fields then have their default.
 ADDED = (
     "Follow/asks", "Follow/skips_stop", "Follow/shift", "memory/planner/waited_s", "memory/stop",
@@ -67,7 +66,7 @@ def load_columns(path: Path, kind: type, what: str, problem_of: Callable[[Any], 
     """
     try:
         columns = _unpacked(path)
-        if int(columns["format"]) != FORMAT:
+        if int(columns["format"]) not in (SINGLE, FORMAT):
             raise TraceError(
                 f"{path}: written in {what} format {int(columns['format'])}, this version reads "
                 f"{FORMAT}"
@@ -135,8 +134,13 @@ def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> No
         columns[path] = np.array(values, dtype=_SCALARS[kind])
     elif origin is np.ndarray:
         _encode(tuple[int, ...], [value.shape for value in values], path + "#shape", columns)
-        flat: list[NDArray[Any]] = [np.ravel(value).astype(_stored(kind, path)) for value in values]
-        columns[path] = np.concatenate(flat) if flat else np.zeros(0, dtype=_stored(kind, path))
+        axis, stored = time_axis(path), _element(kind)
+        flat: list[NDArray[Any]] = [
+            np.ravel(value).astype(stored) if axis is None else to_steps(value, axis)
+            for value in values
+        ]
+        whole = np.concatenate(flat) if flat else np.zeros(0, dtype=stored)
+        columns[path] = whole if axis is None else narrowed(whole.astype(np.int64))
     elif origin is tuple:
         columns[path + "#count"] = np.array([len(value) for value in values], dtype=np.int32)
         _encode(args[0], [item for value in values for item in value], path, columns)
@@ -168,14 +172,19 @@ def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]
         return _exactly(_column(columns, path, _SCALARS[kind]).tolist(), count, path)
     if origin is np.ndarray:
         shapes = _decode(tuple[int, ...], count, path + "#shape", columns)
-        whole: NDArray[Any] = _column(columns, path, _stored(kind, path)).astype(_element(kind))
+        axis, stored = time_axis(path), _element(kind)
+        if axis is not None and int(columns["format"]) == SINGLE:
+            axis, stored = None, np.float32
+        elif axis is not None:
+            there = columns.get(path)
+            stored = np.int32 if there is not None and there.dtype == np.int32 else np.int64
+        whole: NDArray[Any] = _column(columns, path, stored)
+        parts = _split(whole, [math.prod(_lengths(shape, path)) for shape in shapes], path)
         return [
-            part.reshape(shape)
-            for part, shape in zip(
-                _split(whole, [math.prod(_lengths(shape, path)) for shape in shapes], path),
-                shapes,
-                strict=True,
-            )
+            part.astype(_element(kind)).reshape(shape)
+            if axis is None
+            else from_steps(part, shape, axis)
+            for part, shape in zip(parts, shapes, strict=True)
         ]
     if origin is tuple:
         lengths = _exactly(
@@ -221,10 +230,6 @@ def _element(kind: Any) -> type:
     """The element type of an annotated array."""
     element: type = get_args(get_args(kind)[1])[0]
     return element
-
-
-def _stored(kind: Any, path: str) -> type:
-    return np.float32 if path.endswith(COARSE) else _element(kind)
 
 
 def _column(columns: Columns, path: str, kind: type) -> NDArray[Any]:

@@ -23,7 +23,7 @@ from sumo_mcts import records
 from sumo_mcts.commands import recorded
 from sumo_mcts.driver.replan import recorded_config, replan
 from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.records import TraceError, check
+from sumo_mcts.records import TraceError, check, coarse
 from sumo_mcts.records.rules import RULES
 from sumo_mcts.road import RoadMap
 
@@ -175,9 +175,9 @@ TRACE_DAMAGE = {
     "cycles/ego/x": np.nan, "cycles/ego/vclass": 64,
     "cycles/agents/lane": -5, "cycles/agents/x": np.nan, "cycles/agents/vclass": 99,
     "cycles/agents/length": -1.0, "cycles/forecast/dt": 0.0,
-    "cycles/forecast/pose": np.inf, "cycles/forecast/weight": 2.0, "cycles/decision/chosen": 40,
+    "cycles/forecast/pose": 2**60, "cycles/forecast/weight": 2.0, "cycles/decision/chosen": 40,
     "cycles/decision/command/Follow/lane_change": 2, "lanes/points": np.nan, "lanes/offset": -1,
-    "cycles/decision/children/poses": np.nan, "cycles/decision/plan/Plan/time": np.nan,
+    "cycles/decision/children/poses": -(2**60), "cycles/decision/plan/Plan/time": np.nan,
     "cycles/memory/planner/numbers": np.nan,
 }  # fmt: skip
 
@@ -188,8 +188,10 @@ def test_a_number_of_a_trace_that_makes_no_sense_is_refused_by_file_and_field(
 ) -> None:
     (path,) = (copy / records.TRACES).iterdir()
     columns = columns_of(path)
-    column = columns[f"trace/{field}"]
-    column[len(column) // 2] = TRACE_DAMAGE[field]
+    name = f"trace/{field}"
+    if coarse.time_axis(name) is not None:
+        columns[name] = columns[name].astype(np.int64)
+    columns[name][len(columns[name]) // 2] = TRACE_DAMAGE[field]
     np.savez(path, **columns)
     with pytest.raises(TraceError, match=rf"{KEY}\.npz: trace\.") as caught:
         records.load_trace(path)

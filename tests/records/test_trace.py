@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from typing_extensions import TypeAliasType
 
 from sumo_mcts import records
-from sumo_mcts.records import check, codec
+from sumo_mcts.records import check, coarse, codec
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import NO_STOP, Decision, EgoState, Follow, Release
 
@@ -39,11 +39,10 @@ def random_value(kind: Any, rng: np.random.Generator, path: str = "") -> Any:
         values = rng.normal(size=shape) * 1000
         if issubclass(get_args(args[1])[0], np.floating):
             values = np.where(rng.random(shape) < 0.1, np.inf, values)
-            return (
-                values.astype(np.float32).astype(np.float64)
-                if path.endswith(codec.COARSE)
-                else values
-            )
+            axis = coarse.time_axis(path)
+            if axis is None:
+                return values
+            return coarse.from_steps(coarse.to_steps(values, axis), values.shape, axis)
         return values.astype(get_args(args[1])[0])
     if origin is tuple:
         return tuple(random_value(args[0], rng, path) for _ in range(rng.integers(4)))
@@ -112,19 +111,40 @@ def test_a_trace_without_cycles_comes_back(tmp_path: Path) -> None:
     assert_same(records.load_trace(tmp_path / "t.npz"), trace)
 
 
-def test_the_ego_keeps_double_precision_and_the_forecast_half_a_millimetre(tmp_path: Path) -> None:
+def test_the_ego_keeps_double_precision_and_the_forecast_five_millimetres(tmp_path: Path) -> None:
     trace = crossing_trace()
     records.save_trace(tmp_path / "t.npz", trace)
     back = records.load_trace(tmp_path / "t.npz")
     for before, after in zip(trace.cycles, back.cycles, strict=True):
         assert_same(after.ego, before.ego)
         assert_same(after.agents, before.agents)
-        np.testing.assert_allclose(after.forecast.pose, before.forecast.pose, atol=5e-4)
+        there, back_there = before.forecast.pose, after.forecast.pose
+        np.testing.assert_allclose(back_there[..., :2], there[..., :2], atol=0.005 + 1e-9)
+        np.testing.assert_allclose(back_there[..., 2:], there[..., 2:], atol=5e-5 + 1e-9)
+        np.testing.assert_allclose(after.forecast.v, before.forecast.v, atol=0.005 + 1e-9)
         assert after.forecast.pose.dtype == np.float64
     assert isinstance(back.cycles[-1].decision.command, Release)
     assert isinstance(back.cycles[0].decision.command, Follow)
     assert back.cycles[-1].decision.plan is None
     assert back.cycles[-1].executed_lane == -1
+
+
+def test_a_trace_of_format_6_is_read_too(tmp_path: Path) -> None:
+    """There the coarse columns are in single precision."""
+    trace = crossing_trace()
+    columns, single = codec.columns_of(records.Trace, trace), {"format": np.array(6)}
+    for name in columns:
+        if coarse.time_axis(name) is not None and "children" not in name and "Plan" not in name:
+            field = name.rpartition("/")[2]
+            values = [np.ravel(getattr(cycle.forecast, field)) for cycle in trace.cycles]
+            single[name] = np.concatenate(values).astype(np.float32)
+        elif coarse.time_axis(name) is not None:
+            single[name] = np.zeros(len(columns[name]), np.float32)
+    np.savez(tmp_path / "t.npz", **{**columns, **single})
+    back = records.load_trace(tmp_path / "t.npz")
+    np.testing.assert_allclose(
+        back.cycles[1].forecast.pose, trace.cycles[1].forecast.pose, atol=5e-4
+    )
 
 
 def test_a_long_trace_is_small(tmp_path: Path) -> None:
