@@ -321,6 +321,9 @@ class Memory(NamedTuple):
     failures: int = 0  # of the planner, in a row
     ready: Manoeuvre | None = None  # the fail-safe's, verified last
     planner: PlannerMemory = PlannerMemory()
+    # agents that stand, and when they were last seen to have a reason for it, simulation time, s
+    held_up: tuple[str, ...] = ()
+    held_up_at: tuple[float, ...] = ()
 
 
 # --- what the referee sees ---

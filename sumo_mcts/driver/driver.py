@@ -20,6 +20,7 @@ from sumo_mcts.driver.params import (
     sight,
     time_budget_s,
 )
+from sumo_mcts.driver.reasons import Reasons
 from sumo_mcts.driver.route_keeper import Kept, RouteKeeper
 from sumo_mcts.driver.stops import without_stop
 from sumo_mcts.errors import in_one_line
@@ -88,6 +89,7 @@ class Driver:
         self._period = max(1, round(config.planner.period_s / physics.step)) * physics.step
         self._fail_safe = FailSafe(assumed(config), self._period)
         self._timekeeper = Timekeeper(time_budget_s(config))
+        self._reasons = Reasons()
         self._failures = 0  # of planner and predictor, in a row
         self._last = LastDecision()
         # what the planner was asked last; None where the ego is not on its route
@@ -184,6 +186,7 @@ class Driver:
         """Go on after the decision `last`, taken at the time `when` (s), as if all earlier ones had
         been taken here; `ego` and the `changes` of the map as they were then."""
         self._failures = memory.failures
+        self._reasons.seen = dict(zip(memory.held_up, memory.held_up_at, strict=True))
         self._keeper.recall(ego, changes, memory)
         self._forecaster.follow(self._keeper.road)
         if last is not None:
@@ -198,6 +201,8 @@ class Driver:
         if keeper.route is None:
             return Memory(failures=self._failures)
         return Memory(
+            held_up=tuple(self._reasons.seen),
+            held_up_at=tuple(self._reasons.seen.values()),
             edges=keeper.edges,
             stood=tuple(keeper.stood),
             stood_since=tuple(keeper.stood.values()),
@@ -236,7 +241,9 @@ class Driver:
 
     def _cycle(self, scene: Scene, state: State) -> Cycle:
         stood_s = self._keeper.stood_s(state, scene.time)
-        return Cycle(scene, ego_lanes(self._task.route, state), self._last, stood_s)
+        patience_s = self._config.prediction.stays_after_s
+        held_up = self._reasons.lately(self._keeper.road, scene, patience_s)
+        return Cycle(scene, ego_lanes(self._task.route, state), self._last, stood_s, held_up)
 
     def _plan(self, situation: Situation, failure: str) -> tuple[Decision | None, str]:
         """The planner's decision and "", or None and why there is none.

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.arrays import Floats, Ints
+from sumo_mcts.arrays import Bools, Floats, Ints
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.factories import forecast_s, make_predictor
 from sumo_mcts.driver.params import Physics, traffic_params
@@ -42,6 +42,7 @@ class Cycle(NamedTuple):
     lanes: Ints  # [K] that the ego is going to drive, see ego_lanes
     last: LastDecision
     stood_s: float  # s since the ego came to a stand at the stop sign before it; -inf: it has not
+    held_up: Bools  # [N] as in Question
 
 
 class Forecaster:
@@ -98,6 +99,7 @@ class Forecaster:
             stood_s=cycle.stood_s,
             hypotheses=hypotheses,
             command=nominal_command(cycle.last, cycle.scene.time, self._step),
+            held_up=cycle.held_up,
         )
         found = self._predictor(name).predict(question)
         if name not in PREDICTORS:

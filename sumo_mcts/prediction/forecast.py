@@ -60,6 +60,8 @@ class Question(NamedTuple):
     stood_s: float = -math.inf
     hypotheses: int = 1  # that the planner weighs at most
     command: Follow | Release = Release()  # what is left of the ego's last command
+    # [N] agents that have, or had a moment ago, a reason to stand (driver/reasons.py); empty: none
+    held_up: Bools = np.zeros(0, np.bool_)
 
 
 class OracleData(NamedTuple):
@@ -211,7 +213,7 @@ def _drivers(road: RoadMap, agents: Agents, question: Question, course: Course |
         x=np.concatenate([[ego.s], agents.s]),
         v=np.concatenate([[ego.v], agents.v]),
         length=np.concatenate([[ego.length], agents.length]),
-        stays=np.concatenate([[False], agents.standing_s >= params.stays_after]),
+        stays=np.concatenate([[False], _stays(agents, question)]),
         cruises=np.concatenate([[False], cruises]),
         stood=stood,
         turn=turns(road, course, stood),
@@ -221,6 +223,12 @@ def _drivers(road: RoadMap, agents: Agents, question: Question, course: Course |
     )
     waits = waits_for_turn(course, drivers, params.stays_after)
     return drivers._replace(stays=drivers.stays & ~waits)
+
+
+def _stays(agents: Agents, question: Question) -> Bools:
+    """[N] which agents have stood for long without a reason that was seen."""
+    stands = agents.standing_s >= question.params.stays_after
+    return stands & ~question.held_up if len(question.held_up) else stands
 
 
 def _overwrite(forecast: Forecast, oracle: OracleData) -> None:

@@ -25,6 +25,7 @@ MOST_BYTES = 1 << 30  # of a trace or map, unpacked: five times what an hour in 
 # Columns that traces of this format may lack: their fields then have their default.
 ADDED = (
     "Follow/asks", "Follow/skips_stop", "Follow/shift", "memory/planner/waited_s", "memory/stop",
+    "memory/held_up", "memory/held_up_at",
     "ego/asks", "ego/can_ask", "ego/reroutes", "ego/detour", "ego/stop", "stop/waits", "ego/held",
     "ego/sideways", "ego/standing_s", "cycles/changes", "answers/told", "roadmap/oncoming",
 )  # fmt: skip

@@ -161,7 +161,8 @@ RULES: Mapping[str, Mapping[str, Rule]] = {
     "PlannerMemory": {"numbers": Rule(("n",)), "generator": Rule(("g",), most=math.inf),
     "waited_s": Rule()},
     "Memory": {"edges": _index("edges", "e"), "stood": _COUNT._replace(shape=("s",)),
-    "stood_since": Rule(("s",)), "failures": _COUNT},
+    "stood_since": Rule(("s",)), "failures": _COUNT, "held_up": Rule(("h",)),
+    "held_up_at": Rule(("h",))},
     "Answers": {
         "ways": Rule(("W",)), "agent": _index("N", "a", least=0), "scripted": Rule(("a",)),
         "pose": _place("a", "t", 4), "v": Rule(("a", "t")),

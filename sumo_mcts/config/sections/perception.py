@@ -77,7 +77,9 @@ class PredictionConfig(Section):
     )
     yield_gap_s: Delay = Field(1.0, description="time gap that a yielding agent accepts")
     stays_after_s: NonNegative = Field(
-        2.0, description="a vehicle that stood this long without a cause is expected to stay"
+        2.0,
+        description="a vehicle that stands, and had no reason for it that was seen for this long, "
+        "is expected to stay",
     )
     persistence_s: NonNegative = Field(
         2.0,
