@@ -41,6 +41,7 @@ from sumo_mcts.model.local_map import (
     upstream_of,
 )
 from sumo_mcts.model.motion import EgoParams, pose_of
+from sumo_mcts.model.nearing import margin_of, nearing_cost
 from sumo_mcts.model.occupancy import (
     late_cost,
     may_be_near,
@@ -106,7 +107,8 @@ def meet(  # noqa: PLR0915
         node, moved = node_of(local, t, i), local.trait[i, SLOT] >= 0.0
         if node == GONE:
             continue
-        near = moved or may_be_near(local, x, y, own, t, i)
+        margin = margin_of(local, t, i)
+        near = moved or may_be_near(local, x, y, own + margin, t, i)
         comes_to = upstream_of(local, t, i) if changing else -1
         if node < 0 and comes_to < 0 and not near:
             continue
@@ -164,6 +166,8 @@ def meet(  # noqa: PLR0915
         if math.isinf(nearness):
             return Meeting(True, rate, once, Neighbours(gap, leader_v, followers))
         rate += nearness
+        if margin > 0.0 and not moved:
+            rate += nearing_cost(local, c, state, box, other, t, i)
     neighbours = Neighbours(gap, leader_v, followers)
     if gap > LOOKS_FURTHER:
         neighbours = _with_distant_leader(local, state, x, y, others, neighbours, t)

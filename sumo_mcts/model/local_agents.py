@@ -20,11 +20,13 @@ from sumo_mcts.model.stop_lines import Rules
 from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.prediction.poses import SIDEWAYS
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import STARTS, Agents, EgoState, Forecast
+from sumo_mcts.scene import STANDING, STARTS, Agents, EgoState, Forecast, Scene
 
 MOST_ASKED = 4  # agents behind the ego that may make room in one cycle
 MOST_FOLLOWERS = 63  # bits of a mask
 MOST_AT_KERBS = 12  # people whom the search has wait or walk in one cycle
+DRIFTS = 0.2  # m off the middle of its lane from which an agent moves sideways
+STRAIGHTENS = 1.0  # s from the middle of the lane until its rear has followed
 CRAWLS = 1.0  # m/s of the ego below which people on foot walk round it
 
 
@@ -71,15 +73,17 @@ def traits(
     traffic: Traffic,
     state: State,
     slots: Indices,
-    beside: tuple[Indices, Ints],
+    sideways: tuple[Indices, Ints, Ints],
     bits: Indices,
     walks: Bools,
     owed: Indices,
 ) -> Floats:
-    """LocalMap.trait, from its columns SLOT; BESIDE and UNTIL; BIT; ON_FOOT; and OWED."""
+    """LocalMap.trait, from its columns SLOT; BESIDE, UNTIL and SIDEWAYS_UNTIL; BIT; ON_FOOT; and
+    OWED."""
+    beside, until, sideways_until = sideways
     return np.column_stack([
         forecast.half_length, forecast.half_width, forecast.reacts, traffic.polite,
-        slots, *beside, bits, walks, walks & (state.v < CRAWLS), owed,
+        slots, beside, until, bits, walks, walks & (state.v < CRAWLS), owed, sideways_until,
     ])  # fmt: skip
 
 
@@ -173,16 +177,21 @@ def followers_of(
     return result
 
 
-def reaching_in(
-    road: RoadMap, agents: Agents, lane: Ints, half_width: Floats, lane_node: Indices, dt: float
-) -> tuple[Indices, Ints]:
-    """BESIDE [H, N] and UNTIL [H, N] of agents on the lanes `lane` [H, T, N].
+def moving_sideways(
+    road: RoadMap, scene: Scene, lane: Ints, half_width: Floats, lane_node: Indices, dt: float
+) -> tuple[Indices, Ints, Ints]:
+    """BESIDE [H, N], UNTIL [H, N] and SIDEWAYS_UNTIL [H, N] of agents on the lanes `lane`
+    [H, T, N].
 
-    The lane that an agent leaves is not free until its whole box is out of it.
+    The lane that an agent leaves is not free until its whole box is out of it. Where lanes are
+    divided, agents that change no lane stay where they are in theirs. Who stands moves nowhere: an
+    ego beside it would wait as long as it does.
     """
+    agents = scene.agents
     first, times = lane[:, 0], lane.shape[1]
     if not agents.ids:  # a forecast without a scene (evaluation/hindsight.py): its boxes are true
-        return np.full(first.shape, -1), np.zeros(first.shape, np.int32)
+        nothing = np.zeros(first.shape, np.int32)
+        return np.full(first.shape, -1), nothing, nothing - 1
     apart = 0.5 * (road.width[agents.lane] + road.width[first])
     off = np.where(
         first == agents.lane,
@@ -196,7 +205,11 @@ def reaching_in(
     leaves = lane != first[:, None]
     on_it = np.where(leaves.any(axis=1), np.argmax(leaves, axis=1), times)
     until = np.minimum(np.floor(seconds / dt), on_it - 1).astype(np.int32)
-    return np.where((beside >= 0) & (seconds > 0.0), lane_node[beside], -1), until
+    drifts = (first >= 0) & ((first != agents.lane) | (scene.ego.sideways.speed <= 0.0))
+    drifts &= (np.abs(off) > DRIFTS) & (agents.v > STANDING)
+    last = np.floor((np.abs(off) / SIDEWAYS + STRAIGHTENS) / dt)
+    drifts_until = np.where(drifts, last, -1.0).astype(np.int32)
+    return np.where((beside >= 0) & (seconds > 0.0), lane_node[beside], -1), until, drifts_until
 
 
 def on_foot(agents: Agents, count: int) -> Bools:

@@ -15,9 +15,9 @@ from sumo_mcts.model.local_agents import (
     bits_of,
     comes_to,
     followers_of,
+    moving_sideways,
     on_foot,
     owed_at,
-    reaching_in,
     slots_of,
     traffic_of,
     traits,
@@ -117,7 +117,7 @@ def build_locals(
     tables = tables_of(road.length, route.upstream, lane_node, those, agents, dt, rules.claim_s)
     _leave_out_who_leaves_room(c, tables)
     level, shares = levels(road, route.lane[view], those), drawn(route, view, agents)
-    beside = reaching_in(road, c.scene.agents, agents.lane, forecast.half_width, lane_node, dt)
+    sideways = moving_sideways(road, c.scene, agents.lane, forecast.half_width, lane_node, dt)
     stays = agents.v.max(axis=1) < STANDING
     free_m = float(route.limit[state.node]) * agents.v.shape[1] * dt + FREE_BEYOND
     open_ahead = is_open(route, c.closed, view.start, state, free_m)
@@ -152,8 +152,8 @@ def build_locals(
             limit=float(route.limit[state.node]), dt=dt, closed=c.closed, yellow=c.yellow,
             level=level, place=tables.place[h], agent=tables.agent[h], drawn=shares[h],
             trait=traits(
-                forecast, traffic, state, slots, (beside[0][h], beside[1][h]), bits, c.walks,
-                waits_at,
+                forecast, traffic, state, slots, tuple(each[h] for each in sideways), bits,
+                c.walks, waits_at,
             ),
             bounds=tables.bounds[h],
             followers=followers, starts=traffic.starts, patience=rules.patience, asked=rules.asked,

@@ -54,7 +54,7 @@ class LocalMap(NamedTuple):
     agent: Floats  # [T, N, 8] X .. DRIVEN below: a row is a cache line
     # [T, N] the share of its length to which an agent is drawn; [0, 0]: all are drawn in full
     drawn: Floats
-    trait: Floats  # [N, 11] HALF_LENGTH .. OWED below
+    trait: Floats  # [N, 12] HALF_LENGTH .. SIDEWAYS_UNTIL below
     # [T, N, 4] WEST .. NORTH: bounds of an agent's box at that time and LATE earlier, and of its
     # predicted occupancy
     bounds: Floats
@@ -120,9 +120,11 @@ V, NODE, S, DRIVEN = range(4, 8)
 #   ON_FOOT     1 where it is a person
 #   GOES_ROUND  1 where it is one that walks round the ego once the ego stands
 #   OWED        the row of LocalMap.obligation at whose kerb it may wait for the ego; -1: none
+#   SIDEWAYS_UNTIL  the last forecast time at which it moves sideways in its lane; -1: it does not
 (
     HALF_LENGTH, HALF_WIDTH, REACTS, POLITE, SLOT, BESIDE, UNTIL, BIT, ON_FOOT, GOES_ROUND, OWED,
-) = range(11)  # fmt: skip
+    SIDEWAYS_UNTIL,
+) = range(12)  # fmt: skip
 
 # Columns of LocalMap.obligation: the ego's node; from where on it the ego's front is in the way, m;
 # where the stretch ends, m; the agent; m that it drives or walks until it enters the stretch; one

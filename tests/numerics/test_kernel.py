@@ -479,7 +479,7 @@ NEEDED = {
         step_passability stuck_behind terminal
     """,
     "gaps": "gap_ahead gap_behind gap_to_leaving lane_left",
-    "geometry": "boxes_touch chord point_at point_on swung",
+    "geometry": "_corner_distance box_distance boxes_touch chord point_at point_on swung",
     "interaction": """
         _headway _is_distant _nearness _swept _touch _with_distant_leader meet
     """,
@@ -495,6 +495,7 @@ NEEDED = {
         _cap _move _moved _must_stop _next_speed _to_line _towards_line _turned advance follow_accel
         is_closed pose_of within_step
     """,
+    "nearing": "likely_contact nearing_cost",
     "behaviour": "_driving_accel _step_all",
     "conflicts": "_find_conflicts",
     "course": "to_sign",

@@ -27,6 +27,11 @@ class CostWeights(Section):
         16.0,
         description="per second of standing on the path of an agent that is about to come",
     )
+    nearing: NonNegative = Field(
+        1.0,
+        description="times what a contact costs and the growth of its probability, while the ego "
+        "comes near an agent that moves sideways; 0: only contacts in the forecast count",
+    )
     acceleration: NonNegative = Field(0.02, description="per second at 1 m/s2, quadratic")
     jerk: NonNegative = Field(
         0.005, description="k of C_c = k j^2 per second, saturating at 10 m/s3"
