@@ -35,9 +35,11 @@ from sumo_mcts.scene import COMFORT, GREEN, OTHER, PASSABILITY, SAFETY
 ply = plain(paper_search._ply)
 
 
-def nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
+def nearest(
+    local: LocalMap, p: EgoParams, state: State, time: float, aligned: bool = False
+) -> float:
     """The distance alone."""
-    return float(plain(paper_cost.nearest)(local, p, state, time)[0])
+    return float(plain(paper_cost.nearest)(local, p, state, time, aligned)[0])
 
 
 W = paper._weights(scenario("planner.name=paper"), 0.1)._replace(turn=3.0)
