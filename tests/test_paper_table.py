@@ -31,6 +31,7 @@ def sentences() -> list[Sentence]:
 
 
 ROWS = sentences()
+FILES = definitions(TOP / "sumo_mcts")
 
 
 def test_the_table_is_whole() -> None:
@@ -41,9 +42,8 @@ def test_the_table_is_whole() -> None:
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.says)
 def test_its_function_is_there_or_the_reason_why_there_is_none(row: Sentence) -> None:
     named = NAMED.findall(row.function)
-    files = definitions(TOP / "sumo_mcts")
     assert named or row.function.startswith("none: ")
-    assert not [f"{file}::{name}" for file, name in named if file not in files.get(name, [])]
+    assert not [f"{file}::{name}" for file, name in named if file not in FILES.get(name, [])]
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.says)
