@@ -15,7 +15,7 @@ import typer
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 COMMANDS = DOCS / "commands.md"
-NAMED = re.compile(r"`([\w/]+\.py)::(\w+)`")
+NAMED = re.compile(r"`(?!tests/)([\w/]+\.py)::(\w+)`")
 _HEAD = """\
 # Commands
 

@@ -21,7 +21,7 @@ from sumo_mcts.planners.actions import ACCEL, SIDE
 from sumo_mcts.planners.base import SeededPlanner, Situation, Task, local_of
 from sumo_mcts.planners.budget import SLICE, passes_within
 from sumo_mcts.planners.paper_cost import Guide, Weights
-from sumo_mcts.planners.paper_search import PaperTree, new_tree, search
+from sumo_mcts.planners.paper_search import PaperTree, bound, new_tree, search
 from sumo_mcts.planners.ply import LOST
 from sumo_mcts.road import LEFT, RIGHT
 from sumo_mcts.scene import Decision, Follow, Plan, RootChild
@@ -77,21 +77,24 @@ class PaperPlanner(SeededPlanner):
                 break
             count = min(at_once, most - done)
             search(tree, local, task.ego, weights, self._actions, state, guide, count, self._rng)
-            done, before, best = done + count, best, _best(tree)
+            done, before, best = done + count, best, _best(tree, weights, p.choice)
             settled = settled + count if best == before else 0
         return done
 
     def _decision(
         self, tree: PaperTree, local: LocalMap, weights: Weights, situation: Situation, done: int
     ) -> Decision:
-        """The root's child of lowest mean cost C/n."""
-        children, plans = [], []
+        """The root's child of lowest mean cost C/n, or by the other reading of highest UCB."""
+        children: list[RootChild] = []
+        plans, chosen = [], 0
+        preferred = _best(tree, weights, self._scenario.paper.choice)
         for k, action in enumerate(self._actions):
             i = int(tree.child[0, k])
             if i < 0 or tree.end[i] == LOST or tree.visits[i] == 0:
                 continue
             plan = _drive(local, self._task, weights, situation.state, action)
             mean = float(tree.total[i] / tree.visits[i])
+            chosen = len(children) if k == preferred else chosen
             children.append(
                 RootChild(
                     accel=float(action[ACCEL]),
@@ -107,18 +110,21 @@ class PaperPlanner(SeededPlanner):
         if not children:
             plan = _drive(local, self._task, weights, situation.state, np.array([EMERGENCY, 0.0]))
             return Decision(Follow(plan.v, 0), plan, (), -1, "brake", done, 0)
-        chosen = min(range(len(children)), key=lambda i: children[i].mean)
         command = Follow(plans[chosen].v, children[chosen].lane_change)
         return Decision(command, plans[chosen], tuple(children), chosen, "search", done, 0)
 
 
-def _best(tree: PaperTree) -> int:
-    """The root's child of lowest mean cost, as a number of an action; -1: none has a visit."""
-    mean = [
-        tree.total[i] / tree.visits[i] if i >= 0 and tree.visits[i] > 0 else math.inf
+def _best(tree: PaperTree, weights: Weights, choice: str) -> int:
+    """The root's child to take, as a number of an action; -1: none has a visit."""
+    worth = [
+        -math.inf
+        if i < 0 or tree.end[i] == LOST or tree.visits[i] == 0
+        else bound(tree, weights, 0, i)
+        if choice == "ucb"
+        else -tree.total[i] / tree.visits[i]
         for i in tree.child[0]
     ]
-    return -1 if math.isinf(min(mean)) else int(np.argmin(mean))
+    return -1 if math.isinf(max(worth)) else int(np.argmax(worth))
 
 
 def _full_size(actions: int, levels: int) -> int:
@@ -135,6 +141,10 @@ def _weights(scenario: ScenarioConfig, step: float) -> Weights:
         look_ahead=p.look_ahead_steps,
         rollout=p.rollout_steps,
         skips=p.collided == "skip",
+        by_root=p.visits_of == "root",
+        dead_end_free=p.dead_end == "free",
+        last_alone=p.counted == "last",
+        aligned=p.contact_boxes == "aligned",
         exploration=p.exploration,
         brake_probability=p.brake_probability,
         accelerate_probability=p.accelerate_probability,

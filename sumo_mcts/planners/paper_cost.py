@@ -46,6 +46,10 @@ class Weights(NamedTuple):
     look_ahead: int
     rollout: int
     skips: bool  # a pass whose expansion finds a collision ends there
+    by_root: bool  # N of the UCB equation counts the visits of the root
+    dead_end_free: bool  # where every child was discarded, 0 is backed up
+    last_alone: bool  # J is that of the last step
+    aligned: bool  # contact is between boxes parallel to the axes
     exploration: float
     brake_probability: float
     accelerate_probability: float
@@ -82,9 +86,14 @@ class Guide(NamedTuple):
 
 
 @kernel
-def nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> tuple[float, float]:
+def nearest(
+    local: LocalMap, p: EgoParams, state: State, time: float, aligned: bool
+) -> tuple[float, float]:
     """Distance between the boxes of the ego and of the nearest agent, m, 0 at contact; and how fast
-    the two approach each other, m/s, at least 0."""
+    the two approach each other, m/s, at least 0.
+
+    `aligned`: between the smallest boxes around them that are parallel to the axes.
+    """
     x, y, c, s = pose_of(local, p, state)
     t = min(index_at(local, time), local.agent.shape[0] - 1)
     distance, closing = math.inf, 0.0
@@ -102,6 +111,8 @@ def nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> tuple[f
             if local.drawn.shape[0] > 0:
                 own = as_drawn(own, drawn_share(local, state.node, state.s), p.half_length)
                 other = as_drawn(other, local.drawn[t, i], trait[HALF_LENGTH])
+            if aligned:
+                own, other = _upright(own), _upright(other)
             found = box_distance(own, other)
             if found < distance:
                 distance = found
@@ -113,10 +124,19 @@ def nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> tuple[f
 
 
 @kernel
+def _upright(box: Box) -> Box:
+    """The smallest box around it that is parallel to the axes."""
+    c, s = abs(box.cos), abs(box.sin)
+    length = box.half_length * c + box.half_width * s
+    width = box.half_length * s + box.half_width * c
+    return Box(box.x, box.y, 1.0, 0.0, length, width)
+
+
+@kernel
 def safety(local: LocalMap, p: EgoParams, w: Weights, state: State, time: float) -> float:
     """C_s: 1/d up to the threshold; with relative velocity, larger by the share of it in
     `closing`."""
-    distance, closing = nearest(local, p, state, time)
+    distance, closing = nearest(local, p, state, time, False)
     on_highway = local.node[state.node, LIMIT] >= HIGHWAY
     if distance > (w.highway_threshold if on_highway else w.threshold):
         return 0.0

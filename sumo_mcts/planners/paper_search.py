@@ -86,12 +86,36 @@ def search(
             collided = _expand(tree, local, p, w, actions, guide, node)
             if w.skips and collided:
                 continue
-        cost = _rollout(tree, local, p, w, guide, node, rng)
+        if w.dead_end_free and _is_dead_end(tree, node):
+            cost = 0.0
+        else:
+            cost = _rollout(tree, local, p, w, guide, node, rng)
         i = node
         while i != NONE:
             tree.total[i] += cost
             tree.visits[i] += 1
             i = tree.parent[i]
+
+
+@kernel
+def bound(tree: PaperTree, w: Weights, node: int, i: int) -> float:
+    """UCB of the child `i` of a node, which has visits: -C/n + const sqrt(2 ln N / n)."""
+    visits = tree.visits[0] if w.by_root else tree.visits[node]
+    return -tree.total[i] / tree.visits[i] + w.exploration * math.sqrt(
+        2.0 * math.log(max(visits, 1)) / tree.visits[i]
+    )
+
+
+@kernel
+def _is_dead_end(tree: PaperTree, node: int) -> bool:
+    """Whether a node has been expanded and all that could follow was discarded."""
+    if tree.child[node, 0] == NONE or tree.end[node] != ALIVE:
+        return False
+    for k in range(tree.child.shape[1]):
+        i = tree.child[node, k]
+        if i >= 0 and tree.end[i] != LOST:
+            return False
+    return True
 
 
 @kernel
@@ -110,9 +134,7 @@ def _select(tree: PaperTree, w: Weights, rng: Generator) -> int:
                 if rng.random() * unvisited < 1.0:
                     drawn = i
                 continue
-            score = -tree.total[i] / tree.visits[i] + w.exploration * math.sqrt(
-                2.0 * math.log(max(tree.visits[node], 1)) / tree.visits[i]
-            )
+            score = bound(tree, w, node, i)
             if score > top:
                 chosen, top = i, score
         if drawn != NONE:
@@ -173,7 +195,8 @@ def _can_finish(local: LocalMap, p: EgoParams, w: Weights, state: State, level: 
             return True
         state, event = advance(local, p, state, 0.0, k * p.step)
         if event != FREE or (
-            (k + 1) % w.check == 0 and nearest(local, p, state, (k + 1) * p.step)[0] <= 0.0
+            (k + 1) % w.check == 0
+            and nearest(local, p, state, (k + 1) * p.step, w.aligned)[0] <= 0.0
         ):
             return event == GOAL
     return True
@@ -202,7 +225,7 @@ def _rollout(
         elif draw < w.brake_probability + w.accelerate_probability:
             accel = LEAST + ACCEL_RANGE * rng.random()
         state, cost, end = _ply(local, p, w, state, accel, guide, level * w.ply)
-        total += cost.sum()
+        total = cost.sum() if w.last_alone else total + cost.sum()
         if end == LOST:
             return total + w.safety * w.contact
         if end == ARRIVED:
@@ -228,10 +251,10 @@ def _ply(
         if event == GOAL:
             end = ARRIVED
             break
-        if (at + k + 1) % w.check == 0 and nearest(local, p, state, (at + k + 1) * p.step)[
-            0
-        ] <= 0.0:
-            return state, cost, LOST
+        if (at + k + 1) % w.check == 0:
+            distance, _ = nearest(local, p, state, (at + k + 1) * p.step, w.aligned)
+            if distance <= 0.0:
+                return state, cost, LOST
     # Beyond the end of the route neither traffic nor distance is left; how the ego drove there
     # counts.
     if end == ALIVE:

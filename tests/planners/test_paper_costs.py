@@ -35,9 +35,11 @@ from sumo_mcts.scene import COMFORT, GREEN, OTHER, PASSABILITY, SAFETY
 ply = plain(paper_search._ply)
 
 
-def nearest(local: LocalMap, p: EgoParams, state: State, time: float) -> float:
+def nearest(
+    local: LocalMap, p: EgoParams, state: State, time: float, aligned: bool = False
+) -> float:
     """The distance alone."""
-    return float(plain(paper_cost.nearest)(local, p, state, time)[0])
+    return float(plain(paper_cost.nearest)(local, p, state, time, aligned)[0])
 
 
 W = paper._weights(scenario("planner.name=paper"), 0.1)._replace(turn=3.0)
@@ -123,8 +125,10 @@ def test_the_nearer_the_dearer_and_by_the_nearest_of_all() -> None:
     assert alone == sorted(alone, reverse=True)
     assert alone == pytest.approx([safety(gap) for gap in drawn])
     for near, far in pairwise(drawn):
-        view.put((102.5 + far, 0.0), (92.5 - near, 0.0))  # the nearer one at the ego's rear
-        assert view.costs()[1][SAFETY] == pytest.approx(safety(near))
+        both = (102.5 + far, 0.0), (92.5 - near, 0.0)  # the nearer one at the ego's rear
+        for boxes in (both, both[::-1]):
+            view.put(*boxes)
+            assert view.costs()[1][SAFETY] == pytest.approx(safety(near))
 
 
 @pytest.mark.parametrize(

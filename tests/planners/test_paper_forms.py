@@ -7,12 +7,23 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import Agent, Lane, build, edges, ego_at
-from helpers_model import lanes_east, local_of, scenario, scene_of, situation_of, task_of
+from helpers_model import (
+    lanes_east,
+    local_of,
+    plain,
+    scenario,
+    scene_of,
+    situation_of,
+    task_of,
+)
 from helpers_tree import Toy, on_three_lanes
 
-from sumo_mcts.model.local_map import LocalMap, State
-from sumo_mcts.model.motion import EgoParams
-from sumo_mcts.planners import paper, paper_cost
+from sumo_mcts.model.local_map import ELSEWHERE, NODE, LocalMap, State
+from sumo_mcts.model.motion import EgoParams, pose_of
+from sumo_mcts.numerics.geometry import COS, SIN, X, Y
+from sumo_mcts.planners import paper, paper_cost, paper_search
+from sumo_mcts.planners.paper_search import new_tree
+from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST
 from sumo_mcts.road import STOP, RoadMap
 from sumo_mcts.scene import Decision
 
@@ -190,3 +201,107 @@ def test_the_search_ends_when_nothing_has_changed_for_so_long(patience: int) -> 
     for before in (0, patience):  # what would have been decided then, too
         alike, _ = decided(toy, settled.iterations - before)
         assert alike.children[alike.chosen].accel == settled.children[settled.chosen].accel
+
+
+# --- the readings of the published program ---
+
+
+def bare(visits: tuple[int, ...], totals: tuple[float, ...]) -> paper.PaperTree:
+    """A root with 100 visits and one child, which has 10, and children of its own."""
+    tree = new_tree(2 + len(visits), len(visits))
+    tree.used[0], tree.visits[0], tree.visits[1] = 2 + len(visits), 100, 10
+    tree.child[0] = IMPOSSIBLE
+    tree.child[0, 0], tree.parent[1] = 1, 0
+    for k, (n, total) in enumerate(zip(visits, totals, strict=True)):
+        tree.child[1, k], tree.parent[2 + k] = 2 + k, 1
+        tree.visits[2 + k], tree.total[2 + k] = n, total
+    return tree
+
+
+@pytest.mark.parametrize(("of", "visits"), [("parent", 10), ("root", 100)])
+def test_n_counts_the_visits_of_the_parent_or_of_the_root(of: str, visits: int) -> None:
+    w = paper._weights(scenario(f"paper.visits_of={of}", "paper.exploration=5"), 0.1)
+    found = plain(paper_search.bound)(bare((4, 6), (8.0, 6.0)), w, 1, 2)
+    assert found == pytest.approx(-2.0 + 5.0 * math.sqrt(2.0 * math.log(visits) / 4.0))
+
+
+def test_a_dead_end_may_count_as_free() -> None:
+    """Where every child of a node was discarded; a node that is left or ends is none."""
+    dead = plain(paper_search._is_dead_end)
+    tree = bare((0, 0), (0.0, 0.0))
+    assert not dead(tree, 1) and not dead(tree, 2)  # children that are left, and no children yet
+    tree.end[2] = LOST
+    assert not dead(tree, 1)
+    tree.child[1, 1] = IMPOSSIBLE
+    assert dead(tree, 1)
+    tree.end[1] = ARRIVED
+    assert not dead(tree, 1)
+
+
+def test_a_dead_end_is_backed_up_as_a_cost_of_nothing() -> None:
+    """Three walls that nothing can stop before: the root is a dead end, so each pass costs 0."""
+    ego = ego_at(lanes_east(3), "a_1", HERE, 14.0)
+    walls = [Agent(f"w{k}", f"a_{k}", HERE + 6.5, v=0.0) for k in range(3)]
+    toy = on_three_lanes(ego, *walls)
+    totals = {}
+    for way in ("rollout", "free"):
+        decision, tree = decided(toy, 9, f"paper.dead_end={way}")
+        assert decision.reason == "brake" and tree.visits[0] == 9
+        totals[way] = float(tree.total[0])
+    assert totals["free"] == 0.0 and totals["rollout"] >= 9 * 10_000
+
+
+def test_j_may_be_that_of_the_last_step_alone() -> None:
+    """Nobody is near and the ego keeps its speed, so the costs are distances: the sum is of 90, 80
+    and 70 m, the last is 70 m."""
+    toy = on_three_lanes(ego_at(lanes_east(3), "a_1", HERE, 10.0))
+    for way, cost in (("each", 90.0 + 80.0 + 70.0), ("last", 70.0)):
+        sets = ("paper.accelerations_mps2=[0]", "paper.lane_change_accelerations_mps2=[0]",
+                "paper.brake_probability=0", "paper.accelerate_probability=0")  # fmt: skip
+        _, tree = decided(toy, 1, f"paper.counted={way}", *sets)
+        assert tree.total[0] == pytest.approx(cost)
+
+
+def test_the_choice_may_be_that_of_the_highest_bound() -> None:
+    """Means 10, 11, 12 after 10, 6 and 4 visits: with const = 5 the bound is the highest for the
+    last one, whose mean is the worst (test_the_equation_of_the_upper_confidence_bound)."""
+    tree = new_tree(4, 3)
+    tree.visits[:], tree.total[1:4] = (20, 10, 6, 4), (100.0, 66.0, 48.0)
+    tree.child[0], tree.parent[1:] = (1, 2, 3), 0
+    w = paper._weights(scenario("paper.exploration=5"), 0.1)
+    assert [paper._best(tree, w, choice) for choice in ("mean", "ucb")] == [0, 2]
+    tree.end[3] = LOST
+    assert paper._best(tree, w, "ucb") == 1
+    toy = on_three_lanes(None, Agent("x", "a_1", 130.0, v=6.0))
+    for choice in ("mean", "ucb"):
+        decision, grown = decided(toy, 60, f"paper.choice={choice}")
+        best = [int(i) for i in grown.child[0]][paper._best(grown, w, choice)]
+        chosen = decision.children[decision.chosen]
+        assert (chosen.visits, chosen.mean) == (
+            grown.visits[best], pytest.approx(grown.total[best] / grown.visits[best])
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(("turn", "aligned", "end"), [
+    (45.0, "turned", ALIVE), (45.0, "aligned", LOST), (0.0, "aligned", ALIVE),
+    (90.0, "aligned", ALIVE),
+])  # fmt: skip
+def test_contact_may_be_between_upright_boxes(turn: float, aligned: str, end: int) -> None:
+    """Half a car of 5 m by 1.8 m, turned by 45 degrees, is 2.40 m wide and high in its upright box:
+    with its middle 4.5 m ahead and 2.9 m aside that one meets the ego's, the car itself does not,
+    and neither does one that stands along an axis of the world."""
+    car = Agent("x", "", x=0.0, y=300.0, width=1.8, length=5.0)
+    view = View(lanes_east(1), 0.0, car, contact_boxes=aligned)
+    x, y, _, _ = plain(pose_of)(view.local, view.p, view.state)
+    c, s = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+    view.local.agent[:, 0, [X, Y, COS, SIN, NODE]] = x + 4.5, y + 2.9, c, s, ELSEWHERE
+    if turn == 90.0:
+        view.local.agent[:, 0, Y] += 1.0  # it is higher now
+    w, accel = view.w, 0.0
+    found = plain(paper_search._ply)(view.local, view.p, w, view.state, accel, view.guide(), 0)
+    assert found[2] == end
+    upright, itself = (
+        plain(paper_cost.nearest)(view.local, view.p, view.state, 0.0, each)[0]
+        for each in (True, False)
+    )
+    assert upright == itself or (turn == 45.0 and upright == 0.0 < itself)

@@ -295,10 +295,8 @@ def test_a_change_is_followed_to_its_end_as_far_as_the_tree_looks(
     for level, expected in ((0, 1.5), (1, 2.5), (2, 3.0)):
         times: list[float] = []
 
-        def clear(
-            _: Any, __: Any, ___: Any, time: float, times: list[float] = times
-        ) -> tuple[float, float]:
-            times.append(time)
+        def clear(*those: Any, times: list[float] = times) -> tuple[float, float]:
+            times.append(those[3])
             return 1.0, 0.0
 
         monkeypatch.setattr(paper_search, "nearest", clear)

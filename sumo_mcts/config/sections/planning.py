@@ -189,6 +189,24 @@ class PaperConfig(Section):
         description="a child that collides is never selected; skip: and the pass that finds it "
         "ends there, by Algorithm 1's `continue`",
     )
+    visits_of: Literal["parent", "root"] = Field(
+        "parent", description="whose visits N of the UCB equation counts"
+    )
+    dead_end: Literal["rollout", "free"] = Field(
+        "rollout",
+        description="what is backed up where every child was discarded: a rollout, or a cost of 0",
+    )
+    choice: Literal["mean", "ucb"] = Field(
+        "mean", description="the root's child to take: of lowest mean cost, or of highest UCB"
+    )
+    counted: Literal["each", "last"] = Field(
+        "each", description="J sums the costs of each step, or is those of the last one"
+    )
+    contact_boxes: Literal["turned", "aligned"] = Field(
+        "turned",
+        description="contact is between the boxes, or the smallest ones around them that are "
+        "parallel to the axes",
+    )
     settled_after: Int | None = Field(
         None,
         ge=1,
