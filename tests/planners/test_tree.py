@@ -203,6 +203,18 @@ def test_the_golden_trees_grow_again() -> None:
         assert found == expected, name
 
 
+SMALL = ("planner.look_ahead_steps=2", "planner.rollout_steps=2")  # leaves have many rollouts
+
+
+def test_nothing_is_drawn_by_default() -> None:
+    """The seed has no effect on a tree, but where rollouts are drawn."""
+    toy = TOYS["traffic"]._replace(sets=SMALL)
+    trees = [plain(grow(toy, 600, seed)) for seed in (1, 2, 3)]
+    assert trees[0] == trees[1] == trees[2]
+    drawn = [plain(grow(steady(toy), 600, seed)) for seed in (1, 1, 2)]
+    assert drawn[0] == drawn[1] != drawn[2]
+
+
 # --- decisions whose answer is known ---
 
 
