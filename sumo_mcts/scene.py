@@ -58,8 +58,9 @@ class Agents(NamedTuple):
     s: Floats  # [N] lane position of the front, m
     d: Floats  # [N] offset from the lane's centre line, m, left positive
     blinker: Ints  # [N] -1 right, 0 none, 1 left
-    # [N] for how long it has stood, s, as far as it was seen; 0: it moves; below 0: it has set off
-    # from where it came to a stand so long ago, and has come less than SETS_OFF m since
+    # [N] for how long it has stood, s, as far as it was seen, and 2 s longer where it already stood
+    # when it was first seen; 0: it moves; below 0: it has set off from where it came to a stand so
+    # long ago, and has come less than SETS_OFF m since
     standing_s: Floats
     person: Bools  # [N] on foot
     # [N] index into VEHICLE_CLASSES, or IGNORING: a car, a lorry, a tram or a bicycle looks like

@@ -1,7 +1,7 @@
 """Writes docs/scenarios.md: the scenes of the paper, as their files have them.
 
-`python tests/helpers_scenes.py` writes the text; with `--pictures` it drives every scene with
-planner mcts, seed 0, and draws the pictures too.
+`python tests/helpers_scenes.py` writes the text; with `--pictures` it drives every scene, or those
+whose names follow, with planner mcts, seed 0, and draws the pictures too.
 """
 
 import sys
@@ -29,9 +29,15 @@ _HEAD = """\
 Each scene is built in twice: NAME, where SUMO drives the others, and NAME-scripted, where they
 follow their scripts whatever the ego does. Three more, with `-varied` at the end, draw their
 traffic; in the others places and speeds vary a little with the seed (`traffic.vary`). The pictures
-show planner `mcts` with seed 0 in NAME. In two of them it does not arrive: in `stationary-objects`
-it touches the first parked car, which the forecast has drive off, and in `crossing-blocked` its
-time is up. What the scenes ask for, 49 of 50 arrivals in each, is not measured yet.
+show planner `mcts` with seed 0 in NAME. What the scenes ask for, 49 of 50 arrivals in each, has not
+been measured with 50 seeds yet; what has been: [the paper's scenes](studies/paper-scenes.md).
+
+Where a scene differs from what the paper and its program have:
+
+- `exit-cut-in`: a sixth car has broken down in the right lane. That is why the slow one leaves it;
+  else the lane that it left would be the shortest way past it, and not the gap on the left.
+- `stationary-objects`: the last parked car stands right behind the junction, 6 m further on, since
+  SUMO lets no vehicle begin inside a junction.
 
     sumo-mcts run go-straight-1 --seed 0 --out out/straight
     sumo-mcts run go-straight-1-scripted --set prediction.name=script # the scripts are known
@@ -128,6 +134,6 @@ def _draw(name: str) -> None:
 if __name__ == "__main__":
     if "--pictures" in sys.argv:
         PICTURES.mkdir(parents=True, exist_ok=True)
-        for each in names():
+        for each in sys.argv[sys.argv.index("--pictures") + 1 :] or names():
             _draw(each)
     PAGE.write_text(page(), encoding="utf-8")

@@ -11,6 +11,9 @@ from sumo_mcts.reporting.canvas import SS, View
 from sumo_mcts.scene import Agents
 
 STRIP = 4.4  # aspect ratio of a window on a long straight road
+AROUND_EGO = 20.0  # m of room on every side of the ego's trajectory
+NEAR = 50.0  # m about the ego within which the others belong in the picture
+AROUND = 4.0  # m of room about each of them
 
 
 class Shot(NamedTuple):
@@ -43,17 +46,27 @@ def shot_at(trace: Trace, time: float) -> Shot:
 def views_of(shots: list[Shot], size: tuple[int, int], largest: float = 110.0) -> list[View]:
     """The window of each shot, of this size in px.
 
-    It is the same for all if the ego's trajectory fits into `largest` m. Else the windows have one
-    scale and move with the ego.
+    It is the same for all if the ego's trajectory fits into `largest` m, with the others near it
+    if they fit too. Else the windows have one scale and move with the ego.
     """
     wide, tall = size
-    stretch = min(max(wide / tall / 1.3, 1.0), 1.8)  # a strip may show more of the road
-    spans = _extent(shots)
-    needed = max(spans[0] + 40.0, (spans[1] + 40.0) * wide / tall, 60.0 * stretch)
-    fixed = needed <= largest * stretch
-    metres = needed if fixed else 88.0 * stretch  # beyond it vehicles would be too small to read
+    # a strip may show more of the road, an upright window less: it is narrow
+    stretch = min(max(wide / tall / 1.3, 0.5), 1.8)
+
+    def needed(box: Floats) -> float:
+        across, along = box[1] - box[0]
+        return max(float(across), float(along) * wide / tall, 60.0 * stretch)
+
     places = np.array([shot.ego[:2] for shot in shots])
-    middle = (places.min(axis=0) + places.max(axis=0)) / 2
+    box = np.array([places.min(axis=0) - AROUND_EGO, places.max(axis=0) + AROUND_EGO])
+    others = np.concatenate([box, *map(_near, shots)])
+    with_others = np.array([others.min(axis=0), others.max(axis=0)])
+    if needed(with_others) <= largest * stretch:
+        box = with_others
+    fixed = needed(box) <= largest * stretch
+    # beyond it vehicles would be too small to read
+    metres = needed(box) if fixed else 88.0 * stretch
+    middle = box.mean(axis=0)
     centres = [middle if fixed else _ahead(shot, metres, metres * tall / wide) for shot in shots]
     pixel = metres / wide  # the window moves by whole pixels, so that edges do not flicker
     corners = [
@@ -75,6 +88,13 @@ def arrangement(shots: list[Shot]) -> tuple[int, float]:
     if tall > 100 and tall > 3 * wide:
         return 6, 0.5
     return 3, 1.3
+
+
+def _near(shot: Shot) -> Floats:
+    """[K, 2] the corners of what the others near the ego need of the picture, m."""
+    away = np.hypot(*(shot.others[:, :2] - shot.ego[:2]).T)
+    near = shot.others[away < NEAR, :2]
+    return np.concatenate([near - AROUND, near + AROUND])
 
 
 def _extent(shots: list[Shot]) -> tuple[float, float]:

@@ -18,6 +18,9 @@ TREND_S = 0.5  # memory of smoothed accelerations
 # m/s2 between an acceleration and the smoothed one beyond which smoothing begins again. SUMO's own
 # noise stays below.
 CHANGED = 2.0
+# s that a vehicle counts as having stood before, where it stands when it is first seen: nobody saw
+# it come, so it may have stood for long. It is the default of prediction.stays_after_s.
+STOOD_BEFORE = 2.0
 _BLINKER_RIGHT, _BLINKER_LEFT = 1, 2  # bits of SUMO's vehicle signals
 
 
@@ -66,8 +69,11 @@ class AgentReader:
         self._types, self._bodies = types, bodies
         self._vehicles, self._walking = Whereabouts(self._cars), Whereabouts(self._persons)
         self._time = -math.inf  # of what follows, s
+        self._before = -math.inf  # the moment before, s
         self._read: dict[tuple[bool, str], _Row] = {}  # by name, persons apart
         self._stands: dict[str, _Stand] = {}  # the last one of each
+        self._found: set[str] = set()  # who stood when first seen, and has not driven off since
+        self._first = math.inf  # when agents were first read, s
         self._trend: dict[str, tuple[float, float]] = {}  # time, s, and smoothed acceleration, m/s2
 
     def present(self, vehicle: str, time: float) -> bool:
@@ -82,6 +88,7 @@ class AgentReader:
     def rows(self, ego: str, x: float, y: float, reach: float, time: float) -> list[_Row]:
         """The same as rows, unsorted. Reading them is what the memory lives on."""
         self._look(time)
+        self._first = min(self._first, time)
         vehicles = self._vehicles.within(x, y, reach, time)
         walking = self._walking.within(x, y, reach, time)
         return [
@@ -92,7 +99,7 @@ class AgentReader:
     def _look(self, time: float) -> None:
         """Begin anew where this is another moment than before."""
         if time != self._time:
-            self._time, self._read = time, {}
+            self._before, self._time, self._read = self._time, time, {}
             self._vehicles.look()
             self._walking.look()
 
@@ -109,6 +116,8 @@ class AgentReader:
         body = self._bodies.read(vehicle, kind, px, py)
         v, a = get.getSpeed(vehicle), get.getAcceleration(vehicle)
         require_finite(vehicle, px, py, v)
+        if vehicle not in self._trend and v <= STANDING and not self._appeared(vehicle, time):
+            self._found.add(vehicle)
         signals = get.getSignals(vehicle)
         return _Row(
             id=vehicle,
@@ -124,7 +133,7 @@ class AgentReader:
             s=body.s,
             d=body.d,
             blinker=-1 if signals & _BLINKER_RIGHT else 1 if signals & _BLINKER_LEFT else 0,
-            standing_s=self.standing_s(vehicle, v, time),
+            standing_s=self._stood(vehicle, v, time),
             person=False,
             vclass=kind.vclass,
         )
@@ -153,6 +162,20 @@ class AgentReader:
             person=True,
             vclass=PEDESTRIAN,
         )
+
+    def _appeared(self, vehicle: str, time: float) -> bool:
+        """Whether SUMO has put it there since the moment before, when others were read already."""
+        return time > self._first and self._cars.getDeparture(vehicle) >= self._before
+
+    def _stood(self, vehicle: str, v: float, time: float) -> float:
+        """Agents.standing_s of a vehicle."""
+        seen = self.standing_s(vehicle, v, time)
+        if vehicle not in self._found:
+            return seen
+        if vehicle not in self._stands:
+            self._found.remove(vehicle)
+            return seen
+        return seen + STOOD_BEFORE if v <= STANDING else seen - STOOD_BEFORE
 
     def standing_s(self, name: str, v: float, time: float) -> float:
         """As Agents.standing_s, of one at `v` m/s at this time, s."""

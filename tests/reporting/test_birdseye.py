@@ -3,6 +3,7 @@ in real time."""
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,6 +88,28 @@ def test_any_number_of_moments_can_be_drawn(tmp_path: Path, moments: int) -> Non
     trace = crossing_trace()
     storyboard.storyboard(trace._replace(cycles=trace.cycles[:7]), tmp_path / "s.png", moments)
     assert (tmp_path / "s.png").stat().st_size > 0
+
+
+def shots(*places: tuple[float, float], others: tuple[float, float]) -> list[camera.Shot]:
+    """The ego at these places in turn, and another vehicle that stands."""
+    there = np.array([[*others, 0.0]])
+    nothing: Any = None
+    return [camera.Shot(nothing, 0.0, np.array([x, y, 0.0, 5.0]), there) for x, y in places]
+
+
+@pytest.mark.parametrize(("away", "shown"), [(40.0, True), (60.0, False)])
+def test_the_others_near_the_ego_are_in_the_picture(away: float, shown: bool) -> None:
+    size = (600, 460)
+    for view in camera.views_of(shots((0.0, 0.0), (40.0, 0.0), others=(40.0 + away, 5.0)), size):
+        across = (40.0 + away - view.west) * view.scale / canvas.SS
+        assert (across < size[0]) == shown
+
+
+def test_vehicles_can_be_read_in_upright_windows() -> None:
+    """They move with an ego that drives north for 180 m: 20 px of a car of 4.7 m."""
+    views = camera.views_of(shots((0.0, 0.0), (0.0, 180.0), others=(0.0, 20.0)), (286, 572))
+    assert views[0].north != views[1].north
+    assert min(view.scale / canvas.SS for view in views) * 4.7 > 20.0
 
 
 def test_moments_run_from_the_first_cycle_to_the_last_in_order() -> None:

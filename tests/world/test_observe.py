@@ -231,3 +231,31 @@ def test_a_signal_is_read_near_each_of_its_links() -> None:
     assert read == [[RED] * 3, [RED] * 3, [GREEN] * 3, [GREEN] * 3]
     again = [reader.read(x, 0.0, 1.0, 1).state for x in (690.0, 690.0)]
     assert again[0] is again[1]  # lights that do not change are not laid out again
+
+
+@pytest.mark.parametrize(("depart", "stood"), [("0", 2.0), ("3", 0.0)])
+def test_who_stands_when_first_seen_has_stood_before(
+    tmp_path: Path, depart: str, stood: float
+) -> None:
+    """But for one that SUMO puts there before open eyes. What counts ends with the stand."""
+    net = netconvert(tmp_path, NODES, EDGES, WAYS)
+    (tmp_path / "x.rou.xml").write_text(
+        f"""<routes><vType id="still" sigma="0"/>
+        <vehicle id="ego" depart="0" departPos="50" departSpeed="0"><route edges="a b"/></vehicle>
+        <vehicle id="x" type="still" depart="{depart}" departLane="1" departPos="80" departSpeed="0"><route edges="a b"/></vehicle>
+        </routes>"""
+    )
+    with simulation(net, [tmp_path / "x.rou.xml"]):
+        observer, found, own = Observer(read_roadmap(net)), [], []
+        while len(found) < 40:
+            libsumo.simulationStep()
+            libsumo.vehicle.setSpeed("ego", 0.0)
+            if "x" in libsumo.vehicle.getIDList():
+                libsumo.vehicle.setSpeed("x", 0.0 if len(found) < 10 else 8.0)
+            scene = observer.scene("ego", Change(), 300.0, timing=False)
+            found += scene.agents.standing_s.tolist()
+            own.append(scene.ego.standing_s)
+        assert own[:3] == pytest.approx([0.0, 0.1, 0.2])
+        assert found[:10] == pytest.approx(stood + 0.1 * np.arange(10.0), abs=1e-6)
+        moving = np.array(found[11:])
+        assert moving[0] == pytest.approx(-stood - 1.1, abs=0.11) and moving[-1] == 0.0
