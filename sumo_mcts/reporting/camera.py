@@ -40,20 +40,25 @@ def shot_at(trace: Trace, time: float) -> Shot:
     return Shot(cycle, elapsed, ego, np.array(others).reshape(-1, 3))
 
 
-def views_of(shots: list[Shot], size: tuple[int, int], largest: float = 110.0) -> list[View]:
+def views_of(
+    shots: list[Shot], size: tuple[int, int], largest: float = 110.0, also: Floats | None = None
+) -> list[View]:
     """The window of each shot, of this size in px.
 
-    It is the same for all if the ego's trajectory fits into `largest` m. Else the windows have one
-    scale and move with the ego.
+    It is the same for all if the ego's trajectory, and the places `also` [K, 2] m, fit into
+    `largest` m. Else the windows have one scale and move with the ego.
     """
     wide, tall = size
     stretch = min(max(wide / tall / 1.3, 1.0), 1.8)  # a strip may show more of the road
-    spans = _extent(shots)
-    needed = max(spans[0] + 40.0, (spans[1] + 40.0) * wide / tall, 60.0 * stretch)
-    fixed = needed <= largest * stretch
+    ego = np.array([shot.ego[:2] for shot in shots])
+    for places in (ego if also is None else np.concatenate([ego, also]), ego):
+        spans = np.ptp(places, axis=0).tolist()
+        needed = max(spans[0] + 40.0, (spans[1] + 40.0) * wide / tall, 60.0 * stretch)
+        fixed = needed <= largest * stretch
+        middle = (places.min(axis=0) + places.max(axis=0)) / 2
+        if fixed:
+            break
     metres = needed if fixed else 88.0 * stretch  # beyond it vehicles would be too small to read
-    places = np.array([shot.ego[:2] for shot in shots])
-    middle = (places.min(axis=0) + places.max(axis=0)) / 2
     centres = [middle if fixed else _ahead(shot, metres, metres * tall / wide) for shot in shots]
     pixel = metres / wide  # the window moves by whole pixels, so that edges do not flicker
     corners = [
