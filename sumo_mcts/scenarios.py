@@ -16,6 +16,15 @@ from sumo_mcts.world.roadmap import known_roadmap
 LISTED = 25  # candidates shown
 SEARCHED = 100_000  # vehicles checked for `--ego any`
 Note = Callable[[str], None]
+# Groups of built-in scenarios, in the order in which they are listed, and what they have in common.
+GROUPS = {
+    "paper": "The paper's scenes; SUMO drives the others",
+    "scripted": "The paper's scenes; the others follow their scripts",
+    "varied": "The scenes of the paper's table, in traffic drawn by the seed",
+    "dense": "Dense traffic, drawn by the seed",
+    "rule": "Rules of the road, drawn by the seed",
+    "passing": "Slow traffic to pass, drawn by the seed",
+}
 
 
 def load_scenario(
@@ -113,9 +122,23 @@ def require_egos(scenario: str, egos: Sequence[str]) -> None:
 
 
 def listed_scenarios() -> list[dict[str, str]]:
-    """Name and description of the built-in scenarios."""
+    """Name, description and group of the built-in scenarios, in the order of GROUPS."""
     found = [config.load(builtin.scenario_path(name)) for name in builtin.scenario_names()]
-    return [{"name": scenario.name, "description": scenario.description} for scenario in found]
+    order = list(GROUPS)
+    return [
+        {"name": each.name, "description": each.description, "group": group_of(each)}
+        for each in sorted(found, key=lambda each: order.index(group_of(each)))
+    ]
+
+
+def group_of(scenario: ScenarioConfig) -> str:
+    """The group of GROUPS in which a built-in scenario is listed, by what moves its traffic."""
+    if scenario.traffic.crowd.count[1] > 0:
+        return "varied"
+    drawn = next((kind for kind in GROUPS if getattr(scenario.sumo, kind, None)), "")
+    egos = {ego.id for ego in scenario.egos}
+    drivers = {actor.driver for actor in scenario.traffic.actors if actor.id not in egos}
+    return drawn or ("scripted" if drivers == {"script"} else "paper")
 
 
 def listed_experiments() -> list[dict[str, str]]:

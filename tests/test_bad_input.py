@@ -422,7 +422,7 @@ def test_options(words: tuple[str, ...], said: str, command: Command, tmp_path: 
 BESIDE = {
     "run": ("good.yaml",), "forecast": ("good.yaml",), "drivers": ("good.yaml",),
     "regret": ("good.yaml",), "value": ("good.yaml",),
-    "batch": ("quick", "--out", "/nowhere"),
+    "batch": ("quick", "--out", "/nowhere"), "article": ("--out", "/nowhere"),
 }  # fmt: skip
 
 

@@ -8,10 +8,13 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from sumo_mcts import load_scenario, run_batch, run_episode
+from sumo_mcts.cli import app
 from sumo_mcts.config import whole
 from sumo_mcts.errors import ConfigError
+from sumo_mcts.scenarios import GROUPS, listed_scenarios
 
 SCENE = load_scenario("straight-line", "planner.name=sumo", "episode.stop_time_s=1")
 WRONG: dict[str, Callable[[Path], object]] = {
@@ -52,3 +55,23 @@ def test_wrong_arguments(said: str, tmp_path: Path) -> None:
 def test_whole_numbers_of_any_kind_are_taken() -> None:
     assert [whole("k", each, 1) for each in (1, np.int64(7), np.uint8(3))] == [1, 7, 3]
     assert json.dumps(run_episode(SCENE, np.int64(3)).rows[0]["seed"]) == "3"
+
+
+def test_built_in_scenarios_are_listed_in_groups_by_what_moves_the_others() -> None:
+    found = listed_scenarios()
+    groups = {group: [each["name"] for each in found if each["group"] == group] for group in GROUPS}
+    assert [each["name"] for each in found] == [name for names in groups.values() for name in names]
+    assert all(names == sorted(names) and names for names in groups.values())
+    assert [f"{name}-scripted" for name in groups["paper"]] == groups["scripted"]
+    assert groups["varied"] == [
+        f"{name}-varied" for name in ("highway-exit", "straight-line", "unprotected-left-turn")
+    ]
+    for prefix in ("dense", "rule", "passing"):
+        assert all(name.startswith(f"{prefix}-") for name in groups[prefix])
+
+
+def test_each_group_stands_under_its_heading() -> None:
+    blocks = CliRunner().invoke(app, ["scenarios"]).stdout.split("\n\n")
+    assert [block.splitlines()[0] for block in blocks] == list(GROUPS.values())
+    listed = [line.split()[0] for block in blocks for line in block.splitlines()[1:]]
+    assert listed == [each["name"] for each in listed_scenarios()]

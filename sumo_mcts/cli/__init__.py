@@ -1,7 +1,7 @@
 """The command line: a file for each group of commands, registered where it is imported here.
 
 application.py  the decorator `@command()`
-run.py, experiments.py, recorded.py, studies.py, inputs.py  the commands
+run.py, experiments.py, article.py, recorded.py, studies.py, inputs.py  the commands
 options.py      arguments and options that several commands have
 progress.py     what a command tells while it works
 """
@@ -15,9 +15,19 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.process import ending
 from sumo_mcts.process.ending import INVALID
 
-from sumo_mcts.cli import run, experiments, recorded, studies, inputs  # isort: skip  # as --help lists them
+from sumo_mcts.cli import run, experiments, article, recorded, studies, inputs  # isort: skip  # as --help lists them
 
-__all__ = ["app", "experiments", "inputs", "main", "recorded", "run", "status", "studies"]
+__all__ = [
+    "app",
+    "article",
+    "experiments",
+    "inputs",
+    "main",
+    "recorded",
+    "run",
+    "status",
+    "studies",
+]
 
 
 def main() -> None:

@@ -2,6 +2,8 @@
 with it."""
 
 import json
+from collections.abc import Mapping
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated
 
@@ -11,15 +13,17 @@ from sumo_mcts.cli.application import command, print_json
 from sumo_mcts.cli.options import AllowPlugins
 from sumo_mcts.process.ending import INVALID
 
-AsList = Annotated[bool, typer.Option("--json", help="A list of {name, description}.")]
+AsList = Annotated[
+    bool, typer.Option("--json", help="A list of {name, description}; scenarios have a group too.")
+]
 
 
 @command()
 def scenarios(as_json: AsList = False) -> None:
-    """The built-in scenarios."""
-    from sumo_mcts.scenarios import listed_scenarios
+    """The built-in scenarios, in groups."""
+    from sumo_mcts.scenarios import GROUPS, listed_scenarios
 
-    _print_built_in(listed_scenarios(), as_json=as_json)
+    _print_built_in(listed_scenarios(), GROUPS, as_json=as_json)
 
 
 @command()
@@ -27,7 +31,7 @@ def experiments(as_json: AsList = False) -> None:
     """The built-in experiments, for `batch`."""
     from sumo_mcts.scenarios import listed_experiments
 
-    _print_built_in(listed_experiments(), as_json=as_json)
+    _print_built_in(listed_experiments(), {}, as_json=as_json)
 
 
 @command()
@@ -58,9 +62,20 @@ def schema() -> None:
     typer.echo(json.dumps(json_schema(), indent=2))
 
 
-def _print_built_in(found: list[dict[str, str]], *, as_json: bool) -> None:
+def _print_built_in(
+    found: list[dict[str, str]], headings: Mapping[str, str], *, as_json: bool
+) -> None:
+    """Print what there is, a heading above each group."""
     if as_json:
         print_json(found)
         return
-    for item in found:
-        typer.echo(f"{item['name']:32s} {item['description']}")
+    blocks = [
+        "\n".join(
+            [
+                *([headings[group]] if group else []),
+                *(f"{item['name']:32s} {item['description']}" for item in items),
+            ]
+        )
+        for group, items in groupby(found, lambda item: item.get("group", ""))
+    ]
+    typer.echo("\n\n".join(blocks))

@@ -23,6 +23,21 @@ PictureFormat = Annotated[
     Optional[str],
     typer.Option("--format", help="png (storyboard; the default), gif, or mp4 (extra `video`)."),
 ]
+Moments = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="SECONDS,...",
+        help="Draw these moments instead, side by side (png), in simulation time.",
+    ),
+]
+Views = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="VIEW,...",
+        help="... each of them from `above`, north up, and from behind the ego (`chase`). Default: "
+        "both.",
+    ),
+]
 TableFormat = Annotated[
     Optional[str],
     typer.Option("--format", help="csv (the default), or fcd: SUMO's floating car data."),
@@ -52,13 +67,17 @@ def render(
     folder: Folder,
     episode: Episode = None,
     form: PictureFormat = None,
+    moments: Moments = None,
+    views: Views = None,
     out: Target = None,
     quiet: Quiet = False,
 ) -> None:
-    """Draw a recorded episode from above."""
-    from sumo_mcts.commands.recorded import PICTURES, format_of
+    """Draw a recorded episode from above, or some of its moments as the ego meets them."""
+    from sumo_mcts.commands import recorded
 
-    _write(folder, episode, format_of(form, out, PICTURES), out, quiet=quiet)
+    times, seen = recorded.moments_of(moments), recorded.views_of(views, moments)
+    form = recorded.format_of(form, out, recorded.PICTURES[:1] if times else recorded.PICTURES)
+    _write(folder, episode, form, out, quiet=quiet, times=times, views=seen)
 
 
 @command()
@@ -101,8 +120,17 @@ def explain(
     typer.echo(json_text(found, indent=None) if as_json else recorded.explanation_text(found))
 
 
-def _write(folder: Path, episode: str | None, form: str, out: Path | None, *, quiet: bool) -> None:
-    """Write an episode in a format, and print the name of the file."""
+def _write(
+    folder: Path,
+    episode: str | None,
+    form: str,
+    out: Path | None,
+    *,
+    quiet: bool,
+    times: tuple[float, ...] = (),
+    views: tuple[str, ...] = (),
+) -> None:
+    """Write an episode in a format, or moments of it, and print the name of the file."""
     from sumo_mcts.commands import recorded
 
     key = recorded.chosen(folder, episode)
@@ -110,7 +138,10 @@ def _write(folder: Path, episode: str | None, form: str, out: Path | None, *, qu
         _list_episodes(folder, as_json=False)
         return
     with progress("reading the trace", quiet=quiet) as note:
-        path = recorded.write(folder, key, form, out, note)
+        if times:
+            path = recorded.write_sheet(folder, key, times, views, out, note)
+        else:
+            path = recorded.write(folder, key, form, out, note)
     if not quiet:
         typer.echo(str(path))
 

@@ -1,5 +1,6 @@
 """The commands render, export and explain: recorded episodes, without SUMO."""
 
+import math
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -9,6 +10,7 @@ from sumo_mcts.errors import ConfigError
 from sumo_mcts.records import (
     FIGURES,
     MAPS,
+    MOMENTS,
     TRACES,
     Row,
     Trace,
@@ -146,6 +148,66 @@ def write(folder: Path, key: str, form: str, out: Path | None, note: Note) -> Pa
         _draw(trace, form, path, note)
     else:
         _export(trace, map_of(folder, trace), form, path, note)
+    return path
+
+
+def moments_of(text: str | None) -> tuple[float, ...]:
+    """The times of `--moments`, in rising order; none where it is not given. Raises ConfigError."""
+    from sumo_mcts.reporting.sheet import MOST
+
+    if text is None:
+        return ()
+    words = text.split(",")
+    try:
+        times = sorted({float(word) for word in words})
+    except ValueError:
+        times = []
+    if not times or not all(map(math.isfinite, times)):
+        raise ConfigError(f"--moments {text}: allowed: times in s, as 2,4,6")
+    if len(times) > MOST:
+        raise ConfigError(f"--moments {text}: {len(times)} moments; allowed: at most {MOST}")
+    return tuple(times)
+
+
+def views_of(text: str | None, moments: str | None) -> tuple[str, ...]:
+    """The views of `--views`, each once; all where it is not given.
+
+    Raises ConfigError, also where no `moments` are given.
+    """
+    from sumo_mcts.reporting.sheet import VIEWS
+
+    if text is None:
+        return VIEWS
+    views = tuple(dict.fromkeys(text.split(",")))
+    unknown = [view for view in views if view not in VIEWS]
+    if unknown:
+        raise ConfigError(f"--views {text}: {unknown[0]!r}; allowed: {', '.join(VIEWS)}")
+    if moments is None:
+        raise ConfigError(f"--views {text}: of which moments? Give --moments, in s, as 2,4,6")
+    return views
+
+
+def write_sheet(
+    folder: Path, key: str, times: Sequence[float], views: Sequence[str], out: Path | None,
+    note: Note,
+) -> Path:  # fmt: skip
+    """Draw moments of an episode (simulation time, s), a column for each; the file.
+
+    Raises ConfigError, OSError.
+    """
+    from sumo_mcts.reporting.sheet import sheet
+
+    path = out or folder / FIGURES / f"{key}{MOMENTS}"
+    note("reading the trace")
+    trace = trace_of(folder, key)
+    first, last = trace.cycles[0].time, trace.cycles[-1].time
+    beyond = [time for time in times if not first - 1e-6 <= time <= last + 1e-6]
+    if beyond:
+        raise ConfigError(
+            f"--moments: {beyond[0]:g}; {key} has decisions from {first:g} s to {last:g} s"
+        )
+    note("drawing the moments")
+    sheet(trace, _map_if_there(folder, trace), times, views, path)
     return path
 
 

@@ -9,7 +9,7 @@ from sumo_mcts import records
 from sumo_mcts.commands import run_key
 from sumo_mcts.episode.run import EpisodeResult
 from sumo_mcts.experiments import folder as batch_folder
-from sumo_mcts.records import Row
+from sumo_mcts.records import MOMENTS, Row
 from sumo_mcts.scenarios import Note
 
 PATIENCE_S = 20.0  # for another run that writes into the same folder
@@ -86,8 +86,8 @@ def _placed(
 def _drop_pictures(out: Path, row: Row, before: Row) -> None:
     """Remove the pictures of an earlier row, unless they show the same drive."""
     if row["trace_digest"] != before.get("trace_digest"):
-        for form in ("png", "gif", "mp4"):
-            (out / records.FIGURES / f"{row['key']}.{form}").unlink(missing_ok=True)
+        for end in (".png", ".gif", ".mp4", MOMENTS):
+            (out / records.FIGURES / f"{row['key']}{end}").unlink(missing_ok=True)
 
 
 def draw(result: EpisodeResult, out: Path, note: Note) -> list[Path]:

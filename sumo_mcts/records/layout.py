@@ -6,9 +6,10 @@ episodes.jsonl       the rows, a line for each ego of each episode
 episodes.csv         the same as a table
 traces/KEY.npz       every decision of one ego
 maps/MAP.npz         the roads to which traces refer
-figures/KEY.png      and .gif, .mp4: drawings
+figures/KEY.png      and .gif, .mp4, --moments.png: drawings
 """
 
 MANIFEST, ROWS, TABLE = "manifest.json", "episodes.jsonl", "episodes.csv"
 MANIFESTS, TRACES, MAPS, FIGURES = "manifests", "traces", "maps", "figures"
+MOMENTS = "--moments.png"  # the end of the name of a drawing of chosen moments
 SCHEMA_VERSION = 1  # of manifests and of what --json prints

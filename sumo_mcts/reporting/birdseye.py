@@ -31,11 +31,9 @@ from sumo_mcts.reporting.canvas import (
     mixed,
 )
 from sumo_mcts.reporting.ground import draw_ground, roads_of
+from sumo_mcts.reporting.marks import expected, plan_marks, plan_path
 from sumo_mcts.reporting.words import BRAKING
 from sumo_mcts.scene import RootChild
-
-MARK_S = 1.0  # expected positions are marked every second, of plan and forecast alike
-AHEAD_S = 5.0  # so far ahead
 
 
 def picture(trace: Trace, time: float, width: int = 720) -> tuple[Image.Image, View]:
@@ -143,22 +141,10 @@ def _placed(view: View, pose: tuple[float, float, float]) -> Place:
 
 
 def _draw_forecast(draw: ImageDraw.ImageDraw, view: View, shot: Shot) -> None:
-    """The expected positions of the others, every second, fading."""
-    forecast = shot.cycle.forecast
-    times = forecast.dt * np.arange(forecast.pose.shape[1])
-    for at in reversed(_marks(shot.elapsed, times[-1] if len(times) else 0.0)):
-        k = int(np.argmin(np.abs(times - at)))
-        for h in np.argsort(forecast.weight):
-            strength = fade(at) * (0.35 + 0.65 * float(forecast.weight[h]))
-            for n in np.flatnonzero(forecast.valid[h, k]):
-                moved = np.hypot(*(forecast.pose[h, k, n, :2] - forecast.pose[h, 0, n, :2]))
-                if moved > 0.5:
-                    draw_dot(
-                        draw,
-                        view.pixels(forecast.pose[h, k, n, :2])[0],
-                        0.55 * view.scale,
-                        mixed(OTHER, ASPHALT, strength),
-                    )
+    """The expected positions of the others, fading."""
+    for place, strength in expected(shot):
+        colour = mixed(OTHER, ASPHALT, strength)
+        draw_dot(draw, view.pixels(place)[0], 0.55 * view.scale, colour)
 
 
 def _draw_tried(draw: ImageDraw.ImageDraw, view: View, shot: Shot) -> None:
@@ -175,30 +161,16 @@ def _draw_tried(draw: ImageDraw.ImageDraw, view: View, shot: Shot) -> None:
 
 
 def _draw_plan(draw: ImageDraw.ImageDraw, view: View, shot: Shot) -> None:
-    """The chosen plan from the ego's position on, marked every second like the forecast."""
-    plan = shot.cycle.decision.plan
-    if plan is None or len(plan.time) == 0:
+    """The chosen plan, marked every second like the forecast."""
+    path = plan_path(shot)
+    if not len(path):
         return
-    coming = plan.time > shot.elapsed
-    ahead = np.concatenate([shot.ego[None, :2], plan.pose[coming, :2]])
-    draw_line(draw, view.pixels(ahead), 0.5, EGO, view)
-    for at in reversed(_marks(shot.elapsed, float(plan.time[-1]))):
-        place = view.pixels(plan.pose[int(np.argmin(np.abs(plan.time - at))), :2])[0]
+    draw_line(draw, view.pixels(path), 0.5, EGO, view)
+    for mark in plan_marks(shot):
+        place = view.pixels(mark)[0]
         if np.linalg.norm(place - view.pixels(shot.ego[:2])[0]) > 1.5 * view.scale:
             draw_dot(draw, place, 0.62 * view.scale, EGO)
             draw_dot(draw, place, 0.34 * view.scale, PAINT)
-
-
-def fade(at: float) -> float:
-    """The strength of a mark this many seconds ahead."""
-    return 0.9 - 0.65 * min(at / AHEAD_S, 1.0)
-
-
-def _marks(elapsed: float, horizon: float) -> list[float]:
-    """Times since the decision at which an expected position is marked."""
-    return [
-        float(t) for t in np.arange(MARK_S, min(AHEAD_S, horizon) + 1e-6, MARK_S) if t > elapsed
-    ]
 
 
 def _by_visits(children: tuple[RootChild, ...]) -> list[int]:

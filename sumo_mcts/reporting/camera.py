@@ -43,11 +43,14 @@ def shot_at(trace: Trace, time: float) -> Shot:
     return Shot(cycle, elapsed, ego, np.array(others).reshape(-1, 3))
 
 
-def views_of(shots: list[Shot], size: tuple[int, int], largest: float = 110.0) -> list[View]:
+def views_of(
+    shots: list[Shot], size: tuple[int, int], largest: float = 110.0, also: Floats | None = None
+) -> list[View]:
     """The window of each shot, of this size in px.
 
-    It is the same for all if the ego's trajectory fits into `largest` m, with the others near it
-    if they fit too. Else the windows have one scale and move with the ego.
+    It is the same for all if the ego's trajectory fits into `largest` m, with the places `also`
+    [K, 2] m, or else the others near it, if they fit too. Else the windows have one scale and move
+    with the ego.
     """
     wide, tall = size
     # a strip may show more of the road, an upright window less: it is narrow
@@ -59,7 +62,8 @@ def views_of(shots: list[Shot], size: tuple[int, int], largest: float = 110.0) -
 
     places = np.array([shot.ego[:2] for shot in shots])
     box = np.array([places.min(axis=0) - AROUND_EGO, places.max(axis=0) + AROUND_EGO])
-    others = np.concatenate([box, *map(_near, shots)])
+    wished = map(_near, shots) if also is None else [_around(also[:, :2])]
+    others = np.concatenate([box, *wished])
     with_others = np.array([others.min(axis=0), others.max(axis=0)])
     if needed(with_others) <= largest * stretch:
         box = with_others
@@ -93,8 +97,12 @@ def arrangement(shots: list[Shot]) -> tuple[int, float]:
 def _near(shot: Shot) -> Floats:
     """[K, 2] the corners of what the others near the ego need of the picture, m."""
     away = np.hypot(*(shot.others[:, :2] - shot.ego[:2]).T)
-    near = shot.others[away < NEAR, :2]
-    return np.concatenate([near - AROUND, near + AROUND])
+    return _around(shot.others[away < NEAR, :2])
+
+
+def _around(places: Floats) -> Floats:
+    """[2K, 2] the corners of the room that vehicles at these places [K, 2] take, m."""
+    return np.concatenate([places - AROUND, places + AROUND])
 
 
 def _extent(shots: list[Shot]) -> tuple[float, float]:

@@ -27,6 +27,7 @@ OTHER: Colour = (84, 91, 101)
 OTHER_DARK: Colour = (44, 49, 57)
 BRAKE: Colour = (222, 46, 46)
 BLINK: Colour = (245, 158, 11)
+GO: Colour = (38, 158, 92)  # of a signal
 INK: Colour = (28, 32, 38)
 FAINT: Colour = (112, 119, 128)
 SS = 2  # supersampling: pixels of the drawing per pixel of the finished picture

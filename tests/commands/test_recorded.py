@@ -190,6 +190,21 @@ def test_an_episode_is_chosen_and_a_file_is_named(several: Path) -> None:
     assert (several / "figures" / "crossing--mcts--8.png").is_file()
 
 
+def test_moments_are_drawn_beside_each_other(several: Path) -> None:
+    """Without the map too, which has the signals."""
+    words = ("render", several, "--episode", "crossing--mcts--8", "--moments", "0.75,0")
+    sizes = {}
+    for views in ("above", "chase", "above,chase", None):
+        path = several / "figures" / "crossing--mcts--8--moments.png"
+        answer = call(*words, *(() if views is None else ("--views", views)))
+        assert (answer.status, answer.out) == (0, f"{path}\n")
+        with Image.open(path) as image:
+            sizes[views] = image.size
+    assert sizes[None] == sizes["above,chase"]
+    assert len({width for width, _ in sizes.values()}) == 1
+    assert sizes[None][1] > sizes["above"][1] > sizes["chase"][1]
+
+
 def test_the_head_line_tells_how_long_the_ego_stood(several: Path) -> None:
     words = ("explain", several, "--episode", "crossing--mcts--7", "--at", "0.7")
     head = call(*words).out.splitlines()[0]
@@ -254,6 +269,22 @@ def test_wrong_words_are_told_in_one_line(recorded: Path, several: Path, tmp_pat
         ): "it was run, but its trace was not kept; an experiment keeps all of them with traces: "
         "all",
         ("render", recorded, "--format", "webm"): "--format webm: allowed: png, gif, mp4",
+        ("render", recorded, "--moments", "2,x"): "--moments 2,x: allowed: times in s, as 2,4,6",
+        ("render", recorded, "--moments", ""): "--moments : allowed: times in s, as 2,4,6",
+        ("render", recorded, "--moments", "nan"): "--moments nan: allowed: times in s, as 2,4,6",
+        ("render", recorded, "--moments", "1,2,3,4,5,6,7"): "7 moments; allowed: at most 6",
+        ("render", recorded, "--moments", "2,99"): f"--moments: 99; {KEY} has decisions from 0.1 s",
+        ("render", recorded, "--moments", "0"): f"--moments: 0; {KEY} has decisions from 0.1 s",
+        (
+            "render",
+            recorded,
+            "--moments",
+            "2",
+            "--views",
+            "above,front",
+        ): "--views above,front: 'front'; allowed: above, chase",
+        ("render", recorded, "--views", "above"): "--views above: of which moments? Give --moments",
+        ("render", recorded, "--moments", "2", "--format", "gif"): "--format gif: allowed: png",
         ("export", recorded, "--format", "png"): "--format png: allowed: csv, fcd",
         (
             "render",

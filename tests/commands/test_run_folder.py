@@ -292,15 +292,17 @@ def test_what_an_earlier_folder_does_not_tell_is_told_by_its_rows(tmp_path: Path
 
 def test_pictures_of_another_drive_go_and_those_of_the_same_stay(tmp_path: Path) -> None:
     run_folder.keep(made(), tmp_path, ())
-    picture = tmp_path / records.FIGURES / f"{made().rows[0]['key']}.gif"
-    records.write_whole(picture, b"GIF")
+    key = made().rows[0]["key"]
+    pictures = [tmp_path / records.FIGURES / f"{key}{end}" for end in (".gif", records.MOMENTS)]
+    for picture in pictures:
+        records.write_whole(picture, b"drawn")
     run_folder.keep(made(), tmp_path, ())
-    assert picture.exists()
+    assert all(picture.exists() for picture in pictures)
     other = made()
     run_folder.keep(
         other._replace(rows=({**other.rows[0], "trace_digest": "u"},), traces=()), tmp_path, ()
     )
-    assert not picture.exists()
+    assert not any(picture.exists() for picture in pictures)
     assert list((tmp_path / records.TRACES).iterdir()) == [], (
         "a drive without a decision leaves no trace, and none of an earlier one"
     )

@@ -58,6 +58,8 @@ BESIDE: dict[str, tuple[str, ...]] = {
     "regret": ("regret", "nowhere.yaml", "--quiet"),
     "value": ("value", "nowhere.yaml", "--quiet"),
     "batch": ("batch", "exp1.yaml", "--jobs", "1", "--out", "out", "--quiet"),
+    # one of the two is refused, whichever option is attacked: it would drive for long
+    "article": ("article", "--jobs", "0", "--out", "good.yaml/x", "--quiet"),
     "report": ("report", "nowhere"),
     "render": ("render", "nowhere"),
     "export": ("export", "nowhere"),
