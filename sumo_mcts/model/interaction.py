@@ -28,6 +28,7 @@ from sumo_mcts.model.local_map import (
     ON_FOOT,
     POLITE,
     REACTS,
+    SIDEWAYS_UNTIL,
     SLOT,
     LocalMap,
     S,
@@ -41,7 +42,7 @@ from sumo_mcts.model.local_map import (
     upstream_of,
 )
 from sumo_mcts.model.motion import EgoParams, pose_of
-from sumo_mcts.model.nearing import margin_of, nearing_cost
+from sumo_mcts.model.nearing import nearing_cost
 from sumo_mcts.model.occupancy import (
     late_cost,
     may_be_near,
@@ -107,8 +108,7 @@ def meet(  # noqa: PLR0915
         node, moved = node_of(local, t, i), local.trait[i, SLOT] >= 0.0
         if node == GONE:
             continue
-        margin = margin_of(local, t, i)
-        near = moved or may_be_near(local, x, y, own + margin, t, i)
+        near = moved or may_be_near(local, x, y, own, t, i)
         comes_to = upstream_of(local, t, i) if changing else -1
         if node < 0 and comes_to < 0 and not near:
             continue
@@ -166,7 +166,7 @@ def meet(  # noqa: PLR0915
         if math.isinf(nearness):
             return Meeting(True, rate, once, Neighbours(gap, leader_v, followers))
         rate += nearness
-        if margin > 0.0 and not moved:
+        if not moved and t <= local.trait[i, SIDEWAYS_UNTIL]:
             rate += nearing_cost(local, c, state, box, other, t, i)
     neighbours = Neighbours(gap, leader_v, followers)
     if gap > LOOKS_FURTHER:

@@ -24,6 +24,7 @@ from sumo_mcts.model.local_agents import (
     with_people,
 )
 from sumo_mcts.model.local_map import NODE, LocalMap, State
+from sumo_mcts.model.nearing import widened
 from sumo_mcts.model.obligations import Coming, junction_nodes, obligations, to_oncoming, to_people
 from sumo_mcts.model.oncoming import (
     WANTS_BACK,
@@ -118,6 +119,7 @@ def build_locals(
     _leave_out_who_leaves_room(c, tables)
     level, shares = levels(road, route.lane[view], those), drawn(route, view, agents)
     sideways = moving_sideways(road, c.scene, agents.lane, forecast.half_width, lane_node, dt)
+    bounds = widened(tables.bounds, sideways[2])
     stays = agents.v.max(axis=1) < STANDING
     free_m = float(route.limit[state.node]) * agents.v.shape[1] * dt + FREE_BEYOND
     open_ahead = is_open(route, c.closed, view.start, state, free_m)
@@ -155,7 +157,7 @@ def build_locals(
                 forecast, traffic, state, slots, tuple(each[h] for each in sideways), bits,
                 c.walks, waits_at,
             ),
-            bounds=tables.bounds[h],
+            bounds=bounds[h],
             followers=followers, starts=traffic.starts, patience=rules.patience, asked=rules.asked,
             obligation=np.concatenate([owed, to_oncoming(road, route, view, c.here, coming)]),
             gate=gate, to_gate=to_gate, urgency=moment.urgency, to_leave=moment.to_leave,

@@ -1,20 +1,35 @@
 """What it costs to come near an agent that moves sideways: its place is not known to the
 decimetre."""
 
+import numpy as np
+
+from sumo_mcts.arrays import Floats, Ints
 from sumo_mcts.model.cost_params import CostParams
-from sumo_mcts.model.local_map import SIDEWAYS_UNTIL, LocalMap, State, on_other_level
+from sumo_mcts.model.local_map import (
+    EAST,
+    NORTH,
+    SOUTH,
+    WEST,
+    LocalMap,
+    State,
+    on_other_level,
+)
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, box_distance
-from sumo_mcts.numerics.kernel import inlined, kernel
+from sumo_mcts.numerics.kernel import kernel
 
 # m by which an agent that moves sideways may be nearer than its forecast. The error is taken to be
 # distributed as a triangle of that half width.
 MARGIN = 1.0
 
 
-@inlined
-def margin_of(local: LocalMap, t: int, i: int) -> float:
-    """m by which agent i may be elsewhere than it is predicted at forecast time `t`."""
-    return MARGIN if 0 < t <= local.trait[i, SIDEWAYS_UNTIL] else 0.0
+def widened(bounds: Floats, until: Ints) -> Floats:
+    """LocalMap.bounds [H, T, N, 4] with MARGIN about agents that move sideways until the forecast
+    times `until` [H, N]."""
+    moves = np.arange(bounds.shape[1])[:, None] <= until[:, None]
+    wider = bounds.copy()
+    wider[..., [WEST, SOUTH]] -= MARGIN * moves[..., None]
+    wider[..., [EAST, NORTH]] += MARGIN * moves[..., None]
+    return wider
 
 
 @kernel
@@ -27,6 +42,8 @@ def nearing_cost(
     that stays as near pays nothing, and one that comes as near as can be pays half of a contact,
     however slowly it comes.
     """
+    if t == 0:
+        return 0.0
     now = likely_contact(box_distance(box, other))
     if now == 0.0 or on_other_level(local, state.node, state.s, 2.0 * box.half_length, t, i):
         return 0.0

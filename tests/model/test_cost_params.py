@@ -69,6 +69,7 @@ def drives() -> tuple[Drive, ...]:
     """Situations in which each number counts at least once."""
     reactive = TOYS["reactive"].sets
     follower = Agent("behind", "a_0", 78.0, 13.0)
+    moves_over = Agent("moves", "a_2", 106.0, 0.5, -0.9)
     slow = ego_at(TOYS["free"].road, "a_1", 100.0, 5.0)
     standing = on_three_lanes(ego_at(TOYS["free"].road, "a_1", 100.0, 0.0))
     return (
@@ -80,6 +81,7 @@ def drives() -> tuple[Drive, ...]:
         drive(in_junction(), lasting(0.0, 0, STEPS)),
         drive(on_ending_lane(10.0), lasting(0.0, 0, STEPS)),
         drive(standing, lasting(0.0, 0, STEPS), turn=0.3),
+        drive(on_three_lanes(slow, moves_over), lasting(0.0, 0, STEPS)),
     )
 
 
