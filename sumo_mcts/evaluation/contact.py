@@ -356,11 +356,12 @@ def touch_point(contact: Contact) -> tuple[float, float]:
         (other_half[0], other_half[1], other_half[0], other_half[1])
     ):  # clip by each side of the other box
         nx, ny = cos(heading + k * np.pi / 2), sin(heading + k * np.pi / 2)
-        inside = [reach - (px - x) * nx - (py - y) * ny for px, py in ring]
+        # rounded, so that a corner on the side is on it
+        inside = [round(reach - (px - x) * nx - (py - y) * ny, 9) for px, py in ring]
         clipped = []
         for i, (p, d) in enumerate(zip(ring, inside, strict=True)):
             q, e = ring[i - 1], inside[i - 1]
-            if (d >= 0) != (e >= 0):
+            if d * e < 0:
                 clipped.append(
                     (q[0] + (p[0] - q[0]) * e / (e - d), q[1] + (p[1] - q[1]) * e / (e - d))
                 )

@@ -209,6 +209,10 @@ def test_the_touch_point_by_hand() -> None:
     assert touch_point(aslant) == pytest.approx(((2**0.5 + 2 * 1.2) / 3, 0.0))
     assert point(6.0, 4.0, 0.0) == pytest.approx((3.0, 2.0))  # apart: between the middles
     assert point(4.0 - 0.5, 0.0, pi) == pytest.approx((1.75, 0.0))
+    # sides that lie on each other: one behind the other in the same lane, and beside each other
+    assert point(3.5, 0.0, 0.0) == pytest.approx((1.75, 0.0))
+    assert point(0.0, 0.0, 0.0) == pytest.approx((0.0, 0.0))
+    assert point(0.0, 1.8, 0.0) == pytest.approx((0.0, 0.9))
 
 
 def test_the_touch_point_is_the_mean_corner_of_the_overlap() -> None:
