@@ -128,7 +128,9 @@ def _draw(name: str) -> None:
             CliRunner().invoke(app, command, catch_exceptions=False)
         picture = Image.open(drawn).convert("RGB")
         small = picture.resize((WIDTH, round(picture.height * WIDTH / picture.width)))
-        small.quantize(256).save(PICTURES / f"{name}.png", optimize=True)
+        # the few red and amber pixels of the lights have to survive
+        few = small.quantize(method=Image.Quantize.MAXCOVERAGE, kmeans=1)
+        few.save(PICTURES / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":
