@@ -26,7 +26,7 @@ def test_numbers_comparisons_arithmetic_and_terms_are_changed() -> None:
         "max(gap, 0.0) -> min(gap, 0.0)",
         "1.0 -> 2.0",
     } <= headway
-    assert "tree.visits[node] -> tree.visits[0]" in changed("planners/paper_search.py", "_select")
+    assert "tree.visits[node] -> tree.visits[0]" in changed("planners/paper_search.py", "bound")
     assert "rate += c.blocking -> pass" in changed("model/cost.py", "step_passability")
 
 

@@ -198,16 +198,18 @@ class Driver:
     def _memory(self) -> Memory:
         """What the next decision depends on, beside its scene and the last decision."""
         planner, keeper = self._planner, self._keeper
-        if keeper.route is None:
-            return Memory(failures=self._failures)
-        return Memory(
+        found = Memory(
+            failures=self._failures,
             held_up=tuple(self._reasons.seen),
             held_up_at=tuple(self._reasons.seen.values()),
+        )
+        if keeper.route is None:
+            return found
+        return found._replace(
             edges=keeper.edges,
             stood=tuple(keeper.stood),
             stood_since=tuple(keeper.stood.values()),
             stop=keeper.stop,
-            failures=self._failures,
             ready=self._fail_safe.ready,
             planner=planner.memory() if isinstance(planner, Remembering) else PlannerMemory(),
         )

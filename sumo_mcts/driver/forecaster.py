@@ -42,7 +42,7 @@ class Cycle(NamedTuple):
     lanes: Ints  # [K] that the ego is going to drive, see ego_lanes
     last: LastDecision
     stood_s: float  # s since the ego came to a stand at the stop sign before it; -inf: it has not
-    held_up: Bools  # [N] as in Question
+    held_up: Bools = np.zeros(0, np.bool_)  # [N] as in Question
 
 
 class Forecaster:

@@ -20,7 +20,7 @@ from sumo_mcts.scene import BRAKES, STANDING, STARTS
 # driving.
 CRUISE_GAP, CRUISE_S = 10.0, 3.0
 # A vehicle that has stood for a while is taken to stay, unless a leader or a red light within this
-# distance is the reason, m.
+# distance is the reason, m, along its path; driver/reasons.py asks the same of what is seen.
 STAY_GAP, STAY_RED = 4.0, 30.0
 MOST_HABIT = 4.0  # m/s2 by which a driver accelerates otherwise than expected, at most
 HARD = 4.5  # m/s2 with which an agent brakes that is taken to brake for no reason

@@ -9,7 +9,7 @@ from helpers_model import PHYSICS, scenario, scene_of
 from sumo_mcts.driver.driver import Driver
 from sumo_mcts.driver.reasons import Reasons, has_reason
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import GREEN, RED, Scene, Signals
+from sumo_mcts.scene import AFTER_STOP, GREEN, RED, Scene, Signals
 
 PATIENCE_S = 2.0
 FIRST, SECOND = Agent("first", "si_0", 88.0, 0.0), Agent("second", "si_0", 80.0, 0.0)
@@ -44,8 +44,36 @@ def test_the_ego_is_a_reason_too_and_one_that_drives_needs_none() -> None:
     assert has_reason(road, scene).tolist() == [True, False]
 
 
+@pytest.mark.parametrize(("ahead", "aside", "expected"), [(2.0, 4.0, True), (9.0, 0.0, False)])
+def test_a_lorry_across_the_lane_is_as_wide_as_it_is_long(
+    ahead: float, aside: float, expected: bool
+) -> None:
+    """16 m long and 2 m wide, its middle so far from the bumper and from the lane."""
+    road = crossing(bridge=False)
+    scene = seen(Agent("a", "si_0", 40.0, 0.0), Agent("lorry", "", x=0.0, y=0.0))
+    agents = scene.agents
+    x, y = agents.x[0] + aside, agents.y[0] + 2.5 + ahead
+    lorry = agents._replace(
+        x=np.array([agents.x[0], x]), y=np.array([agents.y[0], y]),
+        heading=np.array([agents.heading[0], 0.0]), length=np.array([5.0, 16.0]),
+        width=np.array([1.8, 2.0]), person=np.array([False, False]),
+    )  # fmt: skip
+    assert has_reason(road, scene._replace(agents=lorry))[0] == expected
+
+
+def test_a_vehicle_on_a_bridge_is_no_reason() -> None:
+    """The bridge leads northward over eo at x = 50."""
+    road = crossing()
+    above = Agent("above", "br_0", 100.9, 8.0)  # its middle 0.2 m beside the axis of eo
+    under = Agent("under", "eo_0", 35.0, 0.0)  # its front at x = 45
+    assert has_reason(road, seen(above, under, road=road)).tolist() == [False, False]
+    beside = Agent("above", "eo_0", 42.0, 8.0)
+    assert has_reason(road, seen(beside, under, road=road)).tolist() == [False, True]
+
+
 @pytest.mark.parametrize(
-    ("shows", "s", "expected"), [(RED, 85.0, True), (RED, 55.0, False), (GREEN, 85.0, False)]
+    ("shows", "s", "expected"),
+    [(RED, 85.0, True), (RED, 55.0, False), (GREEN, 85.0, False), (AFTER_STOP, 85.0, False)],
 )
 def test_a_red_light_is_a_reason_close_before_it(shows: int, s: float, expected: bool) -> None:
     road = crossing("tls", bridge=False)
@@ -110,3 +138,18 @@ def test_the_memory_goes_with_the_record() -> None:
     found = again.decide(after).forecast
     assert found is not None and planned.forecast is not None
     np.testing.assert_array_equal(found.v, planned.forecast.v)
+
+
+def test_the_memory_outlasts_a_decision_off_the_route() -> None:
+    road = crossing(bridge=False)
+    driver, again = (Driver(scenario(), road, PHYSICS, 0) for _ in range(2))
+    before, after = seen(FIRST, SECOND), seen(SECOND, time=1.0)
+    driver.decide(before)
+    off = seen(SECOND, time=0.5)
+    last = driver.decide(off._replace(ego=off.ego._replace(route=()))).decision
+    planned = driver.decide(after)
+    again.recall(before.ego, before.changes, planned.memory, last, 0.5)
+    found = again.decide(after).forecast
+    assert found is not None and planned.forecast is not None
+    np.testing.assert_array_equal(found.v, planned.forecast.v)
+    assert found.v.max() > 2.0

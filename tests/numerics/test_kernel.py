@@ -479,7 +479,7 @@ NEEDED = {
         step_passability stuck_behind terminal
     """,
     "gaps": "gap_ahead gap_behind gap_to_leaving lane_left",
-    "geometry": "_corner_distance box_distance boxes_touch chord point_at point_on swung",
+    "geometry": "boxes_touch chord point_at point_on swung",
     "interaction": """
         _headway _is_distant _nearness _swept _touch _with_distant_leader meet
     """,
@@ -495,7 +495,6 @@ NEEDED = {
         _cap _move _moved _must_stop _next_speed _to_line _towards_line _turned advance follow_accel
         is_closed pose_of within_step
     """,
-    "nearing": "likely_contact nearing_cost",
     "behaviour": "_driving_accel _step_all",
     "conflicts": "_find_conflicts",
     "course": "to_sign",
@@ -542,7 +541,7 @@ def _functions(module: ModuleType) -> Iterator[FunctionType]:
 # Python calls these a few times a decision: what that takes as plain Python is nothing beside their
 # compilation.
 CHEAP = {
-    "advance", "begin_change", "box_distance", "can_change", "follow_accel", "goes_back",
+    "advance", "begin_change", "bound", "box_distance", "can_change", "follow_accel", "goes_back",
     "lane_pose", "may_change", "place_is_free", "pose_of", "safe_gap",
     "step_comfort",
 }  # fmt: skip
