@@ -181,7 +181,7 @@ def _expand(
         tree.used[0] += 1
         tree.child[node, k], tree.parent[i] = i, node
         tree.level[i], tree.end[i] = tree.level[node] + 1, end
-        tree.cost[i] = tree.cost[node] + cost
+        tree.cost[i] = cost if w.last_alone else tree.cost[node] + cost
         keep_state(tree.where, tree.motion, i, state)
     return collided
 

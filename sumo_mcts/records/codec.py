@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_mcts import files
-from sumo_mcts.records.coarse import from_steps, narrowed, time_axis, to_steps
+from sumo_mcts.records.coarse import from_steps, layout_of, narrowed, to_steps
 
 SINGLE, FORMAT = 6, 7  # format 6 has the coarse columns in single precision
 MOST_BYTES = 1 << 30  # of a trace or map, unpacked: five times what an hour in dense traffic takes
@@ -70,7 +70,7 @@ def load_columns(path: Path, kind: type, what: str, problem_of: Callable[[Any], 
         if int(columns["format"]) not in (SINGLE, FORMAT):
             raise TraceError(
                 f"{path}: written in {what} format {int(columns['format'])}, this version reads "
-                f"{FORMAT}"
+                f"{SINGLE} and {FORMAT}"
             )
         value = value_of(kind, columns)
         problem = problem_of(value)
@@ -135,13 +135,13 @@ def _encode(kind: Any, values: Sequence[Any], path: str, columns: Columns) -> No
         columns[path] = np.array(values, dtype=_SCALARS[kind])
     elif origin is np.ndarray:
         _encode(tuple[int, ...], [value.shape for value in values], path + "#shape", columns)
-        axis, stored = time_axis(path), _element(kind)
+        layout, stored = layout_of(path), _element(kind)
         flat: list[NDArray[Any]] = [
-            np.ravel(value).astype(stored) if axis is None else to_steps(value, axis)
+            np.ravel(value).astype(stored) if layout is None else to_steps(value, layout)
             for value in values
         ]
         whole = np.concatenate(flat) if flat else np.zeros(0, dtype=stored)
-        columns[path] = whole if axis is None else narrowed(whole.astype(np.int64))
+        columns[path] = whole if layout is None else narrowed(whole.astype(np.int64))
     elif origin is tuple:
         columns[path + "#count"] = np.array([len(value) for value in values], dtype=np.int32)
         _encode(args[0], [item for value in values for item in value], path, columns)
@@ -173,18 +173,18 @@ def _decode(kind: Any, count: int, path: str, columns: Columns) -> Sequence[Any]
         return _exactly(_column(columns, path, _SCALARS[kind]).tolist(), count, path)
     if origin is np.ndarray:
         shapes = _decode(tuple[int, ...], count, path + "#shape", columns)
-        axis, stored = time_axis(path), _element(kind)
-        if axis is not None and int(columns["format"]) == SINGLE:
-            axis, stored = None, np.float32
-        elif axis is not None:
+        layout, stored = layout_of(path), _element(kind)
+        if layout is not None and int(columns["format"]) == SINGLE:
+            layout, stored = None, np.float32
+        elif layout is not None:
             there = columns.get(path)
             stored = np.int32 if there is not None and there.dtype == np.int32 else np.int64
         whole: NDArray[Any] = _column(columns, path, stored)
         parts = _split(whole, [math.prod(_lengths(shape, path)) for shape in shapes], path)
         return [
             part.astype(_element(kind)).reshape(shape)
-            if axis is None
-            else from_steps(part, shape, axis)
+            if layout is None
+            else from_steps(part, shape, layout)
             for part, shape in zip(parts, shapes, strict=True)
         ]
     if origin is tuple:

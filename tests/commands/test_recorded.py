@@ -412,7 +412,7 @@ def test_a_trace_of_another_format_and_a_broken_one_are_told(several: Path) -> N
     with np.load(path) as archive:
         columns = dict(archive)
     np.savez(path, **{**columns, "format": np.array(2)})
-    assert f"written in trace format 2, this version reads {codec.FORMAT}" in error_of(
+    assert f"written in trace format 2, this version reads 6 and {codec.FORMAT}" in error_of(
         "render", several, "--episode", "crossing--mcts--7"
     )
     path.write_bytes(b"half")

@@ -260,6 +260,17 @@ def test_j_may_be_that_of_the_last_step_alone() -> None:
                 "paper.brake_probability=0", "paper.accelerate_probability=0")  # fmt: skip
         _, tree = decided(toy, 1, f"paper.counted={way}", *sets)
         assert tree.total[0] == pytest.approx(cost)
+        # without a rollout J is that of the tree's last step: a pass that only expands the root
+        _, tree = decided(
+            toy, 1, f"paper.counted={way}", "paper.rollout_steps=0", "paper.look_ahead_steps=2",
+            *sets,
+        )  # fmt: skip
+        deepest = int(tree.level[: tree.used[0]].argmax())
+        path = [deepest]
+        while tree.parent[path[-1]] > 0:
+            path.append(int(tree.parent[path[-1]]))
+        steps = [90.0, 80.0][: len(path)]
+        assert tree.cost[deepest].sum() == pytest.approx(sum(steps) if way == "each" else steps[-1])
 
 
 def test_the_choice_may_be_that_of_the_highest_bound() -> None:

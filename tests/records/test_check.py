@@ -189,7 +189,7 @@ def test_a_number_of_a_trace_that_makes_no_sense_is_refused_by_file_and_field(
     (path,) = (copy / records.TRACES).iterdir()
     columns = columns_of(path)
     name = f"trace/{field}"
-    if coarse.time_axis(name) is not None:
+    if coarse.layout_of(name) is not None:
         columns[name] = columns[name].astype(np.int64)
     columns[name][len(columns[name]) // 2] = TRACE_DAMAGE[field]
     np.savez(path, **columns)
