@@ -18,6 +18,7 @@ from statistics import median
 from typing import Any
 
 from sumo_mcts.driver.driver import Driver
+from sumo_mcts.files import between
 from sumo_mcts.numerics import yardstick
 from sumo_mcts.reporting import svg
 from sumo_mcts.reporting.svg import Axis
@@ -25,8 +26,11 @@ from sumo_mcts.studies import bench
 
 TOP = Path(__file__).resolve().parent.parent
 HISTORY = TOP / "docs" / "studies" / "speed.jsonl"
+PAGE = TOP / "docs" / "performance.md"
+BEGIN = "<!-- history: made by python tests/helpers_speed.py -->"
+END = "<!-- end of history -->"
 FIGURE = TOP / "docs" / "images" / "speed.svg"
-YARD = 20_000  # passes
+YARD = 20_000  # passes, as in studies/bench.py, which older versions have without it
 TIMES = 5
 WIDTH, HEIGHT, LEFT, RIGHT, TOP_PX, BOTTOM = 720.0, 300.0, 46.0, 190.0, 14.0, 34.0
 COLOURS = ("#3465a4", "#c4510e", "#4e7d0e", "#75507b", "#555753")
@@ -145,6 +149,15 @@ def drawn(lines: list[dict[str, Any]]) -> str:
     )
 
 
+def table(lines: list[dict[str, Any]]) -> str:
+    """The history as a table in Markdown."""
+    head = f"| commit | {' | '.join(MEASURED)} |\n|{'---|' * (len(MEASURED) + 1)}\n"
+    return head + "\n".join(
+        f"| {line['commit']} | {' | '.join(f'{line[name]:g}' for name in MEASURED)} |"
+        for line in lines
+    )
+
+
 def _shown() -> list[str]:
     """Rates of the search: they have one scale."""
     return [name for name in MEASURED if name.startswith("iterations")]
@@ -171,6 +184,7 @@ def main() -> None:
             print(json.dumps(lines[-1]), flush=True)
         HISTORY.write_text("".join(json.dumps(line) + "\n" for line in lines))
     FIGURE.write_text(drawn(lines))
+    PAGE.write_text(between(PAGE.read_text(), BEGIN, END, table(lines)))
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ class LocalMap(NamedTuple):
     drawn: Floats
     trait: Floats  # [N, 12] HALF_LENGTH .. SIDEWAYS_UNTIL below
     # [T, N, 4] WEST .. NORTH: bounds of an agent's box at that time and LATE earlier, and of its
-    # predicted occupancy
+    # predicted occupancy; with a margin where it moves sideways (model/nearing.py)
     bounds: Floats
     # [K, 8] OWN_NODE .. PAST below: stretches of a junction that an agent is going to use and
     # that the ego has to leave to it, and lanes of oncoming traffic likewise

@@ -1,7 +1,7 @@
 """How fast this machine plans, against the limits of docs/measures.md.
 
 Only the traffic is random, with a fixed seed. Each figure is also given as a ratio to the yardstick
-(numerics/yardstick.py), which runs right before it: a rate over its rate, and a time over the time
+(numerics/yardstick.py), which runs before it: a rate over its rate, and a time over the time
 that it takes for YARD passes. So machines, and busy moments of one machine, compare.
 """
 
@@ -103,15 +103,15 @@ def _plans(share: float, note: Note) -> list[Row]:
             if reactive
             else "tabulated agents, 12 actions, 4 + 4 steps of 1 s (setting a)"
         )
-        quantity, yard = Quantity(name, "1/s", limit, at_least=True), yard_s()
+        quantity, yard = Quantity(name, "1/s", limit, at_least=True), _yard_s()
         rows.append(_row(quantity, _iterations_per_second(agents, reactive, share), yard))
     note("deciding with 3000 iterations")
     for kind, reactive, limits in DECISIONS:
-        name, yard = f"one decision of 3000 iterations, 10 {kind} agents", yard_s()
+        name, yard = f"one decision of 3000 iterations, 10 {kind} agents", _yard_s()
         rows += _quantiles(name, _decisions(10, reactive, 3000, share), limits, yard)
     note("driving through a grid of streets")
     for range_m, most in ((LIMIT_RANGE, (25.0, 50.0)), (SensorConfig().range_m, (None, None))):
-        yard = yard_s()
+        yard = _yard_s()
         times, in_range = _cycles(share, range_m)
         name = (
             f"a cycle among {VEHICLES} vehicles, up to {in_range} in range ({range_m:.0f} "
@@ -121,7 +121,7 @@ def _plans(share: float, note: Note) -> list[Row]:
     return rows
 
 
-def yard_s() -> float:
+def _yard_s() -> float:
     """The median time of YARD passes of the yardstick, s."""
     yardstick.searched(1)  # loads it
     times = []
@@ -170,7 +170,7 @@ def _starts(share: float, note: Note) -> list[Row]:
 
     The warm start comes last: it finds what was compiled.
     """
-    yard = yard_s()
+    yard = _yard_s()
     rows = [_row(Quantity("--help", "s", 0.3), _fastest(["-m", "sumo_mcts", "--help"], 3), yard)]
     if share >= 1.0:
         note(f"{COMPILING}, with an empty cache")
@@ -184,7 +184,8 @@ def _starts(share: float, note: Note) -> list[Row]:
             )
     _seconds(["-c", FIRST_DECISION], {})  # compiles, where that is still to be done
     warm = Quantity("warm start to first decision", "s", 4.0)
-    return [*rows, _row(warm, _fastest(["-c", FIRST_DECISION], 3), yard_s())]
+    yard = _yard_s()
+    return [*rows, _row(warm, _fastest(["-c", FIRST_DECISION], 3), yard)]
 
 
 def _fastest(words: list[str], count: int) -> float:

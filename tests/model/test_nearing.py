@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from sumo_mcts.driver.driver import Driver
 from sumo_mcts.driver.params import cost_params
 from sumo_mcts.model import nearing
-from sumo_mcts.model.local_map import SIDEWAYS_UNTIL, LocalMap
+from sumo_mcts.model.local_map import EAST, NORTH, SIDEWAYS_UNTIL, SOUTH, WEST, LocalMap
 from sumo_mcts.model.nearing import MARGIN
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y, box_distance
 from sumo_mcts.scene import Forecast, Plan, Scene
@@ -69,6 +69,19 @@ def local(scene: Scene) -> LocalMap:
 def test_who_moves_sideways_and_until_when(d: float, blinker: int, seconds: float) -> None:
     until = local(scene_with(d, blinker)).trait[0, SIDEWAYS_UNTIL]
     assert until == math.floor(seconds / 0.2 + 1e-9)
+
+
+def test_bounds_are_wider_about_agents_that_move_sideways_while_they_do() -> None:
+    """Else two narrow vehicles would not be looked at that are less than MARGIN apart."""
+    bounds = np.arange(3 * 2 * 4.0).reshape(1, 3, 2, 4)
+    wider = nearing.widened(bounds, np.array([[1, -1]], np.int32)) - bounds
+    by = dict(zip((WEST, SOUTH, EAST, NORTH), (-MARGIN, -MARGIN, MARGIN, MARGIN), strict=True))
+    for side, margin in by.items():
+        assert wider[0, :, 0, side].tolist() == [margin, margin, 0.0]
+    assert not wider[0, :, 1].any()
+    keeps, drifts = (local(scene_with(d)).bounds[1, 0] for d in (0.1, 0.6))
+    assert drifts[WEST] == pytest.approx(keeps[WEST] - MARGIN, abs=0.3)
+    assert drifts[EAST] == pytest.approx(keeps[EAST] + MARGIN, abs=0.3)
 
 
 def test_who_stands_astride_is_passed_as_any_other() -> None:

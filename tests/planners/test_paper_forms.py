@@ -283,14 +283,16 @@ def test_the_choice_may_be_that_of_the_highest_bound() -> None:
     assert [paper._best(tree, w, choice) for choice in ("mean", "ucb")] == [0, 2]
     tree.end[3] = LOST
     assert paper._best(tree, w, "ucb") == 1
-    toy = on_three_lanes(None, Agent("x", "a_1", 130.0, v=6.0))
+    toy, taken = on_three_lanes(None, Agent("x", "a_1", 130.0, v=6.0)), []
     for choice in ("mean", "ucb"):
-        decision, grown = decided(toy, 60, f"paper.choice={choice}")
+        decision, grown = decided(toy, 20, f"paper.choice={choice}", "paper.exploration=50")
+        taken.append(decision.chosen)
         best = [int(i) for i in grown.child[0]][paper._best(grown, w, choice)]
         chosen = decision.children[decision.chosen]
         assert (chosen.visits, chosen.mean) == (
             grown.visits[best], pytest.approx(grown.total[best] / grown.visits[best])
         )  # fmt: skip
+    assert taken[0] != taken[1]
 
 
 @pytest.mark.parametrize(("turn", "aligned", "end"), [

@@ -3,6 +3,7 @@
 The written ratios are those of tests/speed.yaml. A commit that changes them says why.
 """
 
+import json
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import helpers_speed as speed
 import pytest
 import yaml
 
+from sumo_mcts.files import between
 from sumo_mcts.numerics import kernel
 
 WRITTEN = yaml.safe_load(Path(speed.__file__).with_name("speed.yaml").read_text())
@@ -32,6 +34,13 @@ def test_the_ratio_has_not_fallen(name: str) -> None:
         f"{name}: {ratios} of the yardstick's rate, {WRITTEN[name]} are written down in "
         "tests/speed.yaml"
     )
+
+
+def test_the_page_has_the_history() -> None:
+    lines = [json.loads(line) for line in speed.HISTORY.read_text().splitlines()]
+    page = speed.PAGE.read_text()
+    assert between(page, speed.BEGIN, speed.END, speed.table(lines)) == page
+    assert speed.FIGURE.read_text() == speed.drawn(lines)
 
 
 def test_the_figure_has_a_point_for_each_version_and_ratio() -> None:
