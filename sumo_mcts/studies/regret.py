@@ -16,7 +16,8 @@ from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.planners.base import Situation, Task
-from sumo_mcts.planners.paper_optimum import Own, optimum, taken
+from sumo_mcts.planners.paper import actions_of
+from sumo_mcts.planners.paper_optimum import Own, draws, optimum, taken
 from sumo_mcts.planners.reference import (
     CELL,
     ENDS_S,
@@ -44,6 +45,7 @@ ASKED = tuple(
 SHARE = 0.05  # near-optimal: regret up to this share of the spread, or
 OWN = "paper"  # the planner that may be judged by its own J too
 SMALL = 0.1  # up to this share of the scale, where the spread is smaller than the scale
+MOST = 200_000  # sequences of J's whole tree and its rollouts: seconds for each state
 # the reference has converged if it comes to the same with so many times the labels,
 FACTOR = 100
 FINER = 10  # and with so many times the labels in cells half as wide
@@ -152,8 +154,21 @@ def check(config: ScenarioConfig, asked: Asked) -> None:
             f"--reference: {asked.reference}: no version of the reference problem; "
             f"allowed: {', '.join(VERSIONS)}"
         )
+    if asked.own and (count := sequences(config)) > MOST:
+        raise ConfigError(
+            "--judge: paper: with paper.look_ahead_steps, paper.rollout_steps and the actions of "
+            f"this scenario J has {count} sequences; at most {MOST} are driven in each state"
+        )
     if not asked.converged:
         Panel(config, asked)
+
+
+def sequences(config: ScenarioConfig) -> int:
+    """How many sequences of actions and drawn movements the optimum of J is found among, at most:
+    where every child was discarded, movements are drawn instead."""
+    p = config.paper
+    drawn = len(draws(p.brake_probability, p.accelerate_probability)[0])
+    return max(len(actions_of(config)), drawn) ** p.look_ahead_steps * drawn**p.rollout_steps
 
 
 # --- planners ---

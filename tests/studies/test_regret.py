@@ -23,10 +23,12 @@ from sumo_mcts.studies.regret import (
     Panel,
     Row,
     both_budgets,
+    check,
     convergence,
     judged,
     judged_by_own,
     ranking,
+    sequences,
     yardstick,
 )
 
@@ -251,6 +253,18 @@ def test_paper_is_judged_by_its_own_costs_too() -> None:
 def test_who_may_judge(judge: str, planners: str) -> None:
     done = CliRunner().invoke(app, ["regret", "--judge", judge, "--planners", planners])
     assert done.exit_code == 2 and "--judge" in done.output + done.stderr
+
+
+def test_a_tree_too_large_to_be_grown_whole_is_refused() -> None:
+    """12 actions on 2 levels, and 9 movements that the rollout may draw."""
+    asked = Asked(("paper",), (100,), own=True)
+    assert sequences(scenario()) == 12**2 * 9
+    assert sequences(scenario("paper.accelerations_mps2=[0]")) == 9**2 * 9
+    for key in ("look_ahead_steps=5", "rollout_steps=6"):
+        large = scenario(f"paper.{key}")
+        check(large, asked._replace(own=False))
+        with pytest.raises(ConfigError, match=r"--judge: paper: .*sequences"):
+            check(large, asked)
 
 
 # --- the command ---
