@@ -542,7 +542,7 @@ def _functions(module: ModuleType) -> Iterator[FunctionType]:
 # Python calls these a few times a decision: what that takes as plain Python is nothing beside their
 # compilation.
 CHEAP = {
-    "advance", "begin_change", "box_distance", "can_change", "follow_accel", "goes_back",
+    "advance", "begin_change", "bound", "box_distance", "can_change", "follow_accel", "goes_back",
     "lane_pose", "may_change", "place_is_free", "pose_of", "safe_gap",
     "step_comfort",
 }  # fmt: skip
