@@ -61,6 +61,14 @@ Converged = Annotated[
     bool,
     typer.Option("--converged", help="Measure the reference itself, against 100 times its budget."),
 ]
+Judge = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME,NAME",
+        help="reference, or reference,paper: planner paper is judged by the optimum of its own J "
+        "too.",
+    ),
+]
 DenseOrScenarios = Annotated[
     Optional[list[str]],
     typer.Argument(help="As for `run`; default: the built-in kinds of dense situations."),
@@ -161,6 +169,7 @@ def regret(
     every: Every = 5,
     reference: Reference = "2",
     converged: Converged = False,
+    judge: Judge = "reference",
     jobs: Jobs = None,
     assign: Assignments = None,
     out: RegretFolder = None,
@@ -176,7 +185,9 @@ def regret(
 
     if out is not None:
         folders.check_folder(out)
-    asked = Asked(tuple(planners.split(",")), command.counts(iterations), converged, reference)
+    names = tuple(planners.split(","))
+    own = command.judges(judge, names)
+    asked = Asked(names, command.counts(iterations), converged, reference, own)
     plan = command.RegretPlan(asked, seeds, every, states, jobs)
     with progress("starting SUMO", quiet=quiet or as_json) as note:
         result = command.regret(

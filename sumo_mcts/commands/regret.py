@@ -21,6 +21,7 @@ from sumo_mcts.scenarios import Note, naming_source, resolve_each
 from sumo_mcts.studies.regret import (
     FACTOR,
     FINER,
+    OWN,
     Asked,
     Harvest,
     Row,
@@ -126,6 +127,17 @@ def counts(text: str) -> tuple[int, ...]:
             f"{MOST_ITERATIONS} at most"
         )
     return numbers
+
+
+def judges(text: str, planners: Sequence[str]) -> bool:
+    """Whether `paper` is judged by its own J beside the reference. Raises ConfigError."""
+    if text == "reference":
+        return False
+    if text != f"reference,{OWN}":
+        raise ConfigError(f"--judge {text}: allowed: reference; reference,{OWN}")
+    if OWN not in planners:
+        raise ConfigError(f"--judge {text}: {OWN} has to be among --planners")
+    return True
 
 
 def _sources(
@@ -241,28 +253,50 @@ def table(document: dict[str, Any]) -> str:
             columns,
             "|---|---|---|---|---|---|---|---|---|---|---|",
             *(_regret_line(row) for row in document["planners"]),
+            *_own_lines(document["planners"]),
         ]
     )
 
 
-def _regret_line(row: Row) -> str:
-    def show(part: Row) -> list[str]:
-        k, n = part["near_optimal"], part["states"]
-        if n == 0:
-            return ["0", "-", "-", "-"]
-        low, high = part["wilson"]
-        return [
-            str(n),
-            f"{k}/{n} ({100 * low:.1f}..{100 * high:.1f} %)",
-            f"{part['mean_regret']:.2f}",
-            f"{part['p95_regret']:.2f}",
-        ]
+def _own_lines(planners: Sequence[Row]) -> list[str]:
+    """A table of those that are judged by their own costs too, if there are any."""
+    own = [row for row in planners if "own" in row]
+    if not own:
+        return []
+    part = "states | near-optimal (95 % Wilson) | mean regret | 95 % of regrets below"
+    return [
+        "",
+        "By its own J, regret in units of what braking with 4 m/s2 for T_1 costs:",
+        "",
+        f"| planner | iterations | {part} |",
+        "|---|---|---|---|---|---|",
+        *(
+            f"| {' | '.join([row['planner'], str(row['iterations']), *_part_cells(row['own'])])} |"
+            for row in own
+        ),
+    ]
 
+
+def _part_cells(part: Row) -> list[str]:
+    """States, near-optimal ones, mean regret, and what 95 % of regrets do not exceed."""
+    k, n = part["near_optimal"], part["states"]
+    if n == 0:
+        return ["0", "-", "-", "-"]
+    low, high = part["wilson"]
+    return [
+        str(n),
+        f"{k}/{n} ({100 * low:.1f}..{100 * high:.1f} %)",
+        f"{part['mean_regret']:.2f}",
+        f"{part['p95_regret']:.2f}",
+    ]
+
+
+def _regret_line(row: Row) -> str:
     cells = [
         row["planner"],
         str(row["iterations"] or "-"),
-        *show(row["all"]),
-        *show(row["contested"]),
+        *_part_cells(row["all"]),
+        *_part_cells(row["contested"]),
         f"{row['all']['collides']}/{row['all']['avoidable']}",
     ]
     return f"| {' | '.join(cells)} |"

@@ -48,18 +48,15 @@ class PaperPlanner(SeededPlanner):
     """Monte-Carlo tree search as the paper prints it."""
 
     def __init__(self, scenario: ScenarioConfig) -> None:
-        self._scenario, p = scenario, scenario.paper
-        keep = [(a, 0.0) for a in p.accelerations_mps2]
-        change = [(a, side) for side in (1.0, -1.0) for a in p.lane_change_accelerations_mps2]
-        self._actions = np.array(keep + change)  # [A, 2] ACCEL, SIDE
+        self._scenario, self._actions = scenario, actions_of(scenario)
 
     def plan(self, situation: Situation) -> Decision:
         """Search from the present state; emergency braking when every child was discarded."""
         task, p = self._task, self._scenario.paper
-        local, weights = local_of(task, situation), _weights(self._scenario, task.ego.step)
+        local, weights = local_of(task, situation), weights_of(self._scenario, task.ego.step)
         left = situation.until - time.perf_counter()
         most, actions = passes_within(self._scenario.planner.iterations, left), len(self._actions)
-        tree = new_tree(min(most, _full_size(actions, p.look_ahead_steps)) * actions + 2, actions)
+        tree = new_tree(min(most, full_size(actions, p.look_ahead_steps)) * actions + 2, actions)
         done = self._search(tree, local, weights, situation, most)
         return self._decision(tree, local, weights, situation, done)
 
@@ -68,7 +65,7 @@ class PaperPlanner(SeededPlanner):
     ) -> int:
         """Grow the tree until one of the criteria of termination holds. Returns the iterations."""
         task, p, state = self._task, self._scenario.paper, situation.state
-        guide = _guide(task, state, p.goal_distance_m, p.lane_distance_m)
+        guide = guide_of(task, state, p.goal_distance_m, p.lane_distance_m)
         patience = math.inf if p.settled_after is None else p.settled_after
         at_once = SLICE if math.isinf(situation.until) and math.isinf(patience) else LOOK_SLICE
         done, settled, best = 0, 0, -1
@@ -127,12 +124,20 @@ def _best(tree: PaperTree, weights: Weights, choice: str) -> int:
     return -1 if math.isinf(max(worth)) else int(np.argmax(worth))
 
 
-def _full_size(actions: int, levels: int) -> int:
+def actions_of(scenario: ScenarioConfig) -> Floats:
+    """[A, 2] ACCEL, SIDE: the actions of each node, in their order."""
+    p = scenario.paper
+    keep = [(a, 0.0) for a in p.accelerations_mps2]
+    change = [(a, side) for side in (1.0, -1.0) for a in p.lane_change_accelerations_mps2]
+    return np.array(keep + change)
+
+
+def full_size(actions: int, levels: int) -> int:
     """Nodes of the whole tree: more are never expanded."""
     return sum(actions**k for k in range(levels + 1))
 
 
-def _weights(scenario: ScenarioConfig, step: float) -> Weights:
+def weights_of(scenario: ScenarioConfig, step: float) -> Weights:
     """What the compiled code reads of the scenario, with times in steps (s) of the simulation."""
     p = scenario.paper
     return Weights(
@@ -170,7 +175,7 @@ def _weights(scenario: ScenarioConfig, step: float) -> Weights:
     )
 
 
-def _guide(task: Task, state: State, distance: float, lane_distance: float) -> Guide:
+def guide_of(task: Task, state: State, distance: float, lane_distance: float) -> Guide:
     """The local goal: so many metres down the route, on a lane that does not leave it."""
     route = task.route
     turns = route.internal & np.isin(task.road.direction[route.lane], (LEFT, RIGHT))

@@ -83,7 +83,7 @@ def search(
     for _ in range(iterations):
         node = _select(tree, w, rng)
         if tree.level[node] < w.look_ahead and tree.child[node, 0] == NONE:
-            collided = _expand(tree, local, p, w, actions, guide, node)
+            collided = expand(tree, local, p, w, actions, guide, node)
             if w.skips and collided:
                 continue
         if w.dead_end_free and _is_dead_end(tree, node):
@@ -146,7 +146,7 @@ def _select(tree: PaperTree, w: Weights, rng: Generator) -> int:
 
 
 @making_arrays
-def _expand(
+def expand(
     tree: PaperTree,
     local: LocalMap,
     p: EgoParams,
@@ -169,7 +169,7 @@ def _expand(
         ):
             continue
         state = begin_change(local, p, begin, side) if side != 0 else begin
-        state, cost, end = _ply(
+        state, cost, end = one_ply(
             local, p, w, state, actions[k, ACCEL], guide, tree.level[node] * w.ply
         )
         if side != 0:
@@ -224,7 +224,7 @@ def _rollout(
             accel = -(LEAST + BRAKE_RANGE * rng.random())
         elif draw < w.brake_probability + w.accelerate_probability:
             accel = LEAST + ACCEL_RANGE * rng.random()
-        state, cost, end = _ply(local, p, w, state, accel, guide, level * w.ply)
+        state, cost, end = one_ply(local, p, w, state, accel, guide, level * w.ply)
         total = cost.sum() if w.last_alone else total + cost.sum()
         if end == LOST:
             return total + w.safety * w.contact
@@ -234,7 +234,7 @@ def _rollout(
 
 
 @making_arrays
-def _ply(
+def one_ply(
     local: LocalMap, p: EgoParams, w: Weights, state: State, accel: float, guide: Guide, at: int
 ) -> tuple[State, Floats, int]:
     """One ply of T_1, from simulation step `at` on: the state after it, its four weighted costs,

@@ -16,6 +16,8 @@ from sumo_mcts.episode import run_episode
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.planners.base import Situation, Task
+from sumo_mcts.planners.paper import actions_of
+from sumo_mcts.planners.paper_optimum import Own, draws, optimum, taken
 from sumo_mcts.planners.reference import (
     CELL,
     ENDS_S,
@@ -31,7 +33,7 @@ from sumo_mcts.planners.reference_solver import Solution, best_root, solve
 from sumo_mcts.prediction.hypotheses import likeliest
 from sumo_mcts.records.statistics import wilson
 from sumo_mcts.registry import PLANNERS, searches
-from sumo_mcts.scene import Follow, Scene
+from sumo_mcts.scene import Decision, Follow, Scene
 from sumo_mcts.world.arguments import without_outputs
 
 # planners whose single decisions can be judged: those that drive, first those that read a forecast
@@ -41,7 +43,9 @@ ASKED = tuple(
     if row.drives
 )
 SHARE = 0.05  # near-optimal: regret up to this share of the spread, or
+OWN = "paper"  # the planner that may be judged by its own J too
 SMALL = 0.1  # up to this share of the scale, where the spread is smaller than the scale
+MOST = 200_000  # sequences of J's whole tree and its rollouts: seconds for each state
 # the reference has converged if it comes to the same with so many times the labels,
 FACTOR = 100
 FINER = 10  # and with so many times the labels in cells half as wide
@@ -67,6 +71,7 @@ class Asked(NamedTuple):
     iterations: tuple[int, ...]  # each of them, where a planner searches
     converged: bool = False  # ask no planner, but whether the reference has converged
     reference: str = NEWEST  # which of reference.VERSIONS
+    own: bool = False  # judge planner `paper` by the optimum of its own J too
 
 
 # --- states of an episode ---
@@ -149,8 +154,21 @@ def check(config: ScenarioConfig, asked: Asked) -> None:
             f"--reference: {asked.reference}: no version of the reference problem; "
             f"allowed: {', '.join(VERSIONS)}"
         )
+    if asked.own and (count := sequences(config)) > MOST:
+        raise ConfigError(
+            "--judge: paper: with paper.look_ahead_steps, paper.rollout_steps and the actions of "
+            f"this scenario J has {count} sequences; at most {MOST} are driven in each state"
+        )
     if not asked.converged:
         Panel(config, asked)
+
+
+def sequences(config: ScenarioConfig) -> int:
+    """How many sequences of actions and drawn movements the optimum of J is found among, at most:
+    where every child was discarded, movements are drawn instead."""
+    p = config.paper
+    drawn = len(draws(p.brake_probability, p.accelerate_probability)[0])
+    return max(len(actions_of(config)), drawn) ** p.look_ahead_steps * drawn**p.rollout_steps
 
 
 # --- planners ---
@@ -182,7 +200,7 @@ class Panel:
                 for n in (asked.iterations if searches(name) else (None,))
             )
         )
-        self._reference = asked.reference
+        self._reference, self._own, self._config = asked.reference, asked.own, config
         self._planners = [make_planner(_with_planner(config, name, n)) for name, n in self._asked]
 
     def ask(self, task: Task, situation: Situation, seed: int) -> list[Row]:
@@ -191,19 +209,25 @@ class Panel:
         situation = situation._replace(forecast=likeliest(situation.forecast), until=math.inf)
         problem = problem_of(task, situation, self._reference)
         roots = root_lines(problem)
-        lines = []
+        lines, decisions = [], list[Decision]()
         for planner in self._planners:
             planner.start(task, seed)
-            command = planner.plan(situation).command
+            decisions.append(planner.plan(situation))
+            command = decisions[-1].command
             assert isinstance(command, Follow), "a planner that is asked drives"
             lines.append(profile_line(problem, command))
         solution = solve(problem, np.concatenate([roots, lines]))
         here = yardstick(solution, len(roots), scale(problem.task))
-        answers = zip(self._asked, range(len(roots), len(roots) + len(lines)), strict=True)
-        return [
-            {"planner": name, "iterations": n, **judged(here, solution, i)}
-            for (name, n), i in answers
+        rows: list[Row] = [
+            {"planner": name, "iterations": n, **judged(here, solution, len(roots) + i)}
+            for i, (name, n) in enumerate(self._asked)
         ]
+        if self._own:
+            own = optimum(self._config, task, situation)
+            for row, decision in zip(rows, decisions, strict=True):
+                action = taken(self._config, decision) if row["planner"] == OWN else -1
+                row.update(judged_by_own(own, action))
+        return rows
 
 
 def _with_planner(config: ScenarioConfig, name: str, iterations: int | None) -> ScenarioConfig:
@@ -246,6 +270,15 @@ def judged(here: Yardstick, solution: Solution, i: int) -> Row:
     }
 
 
+def judged_by_own(own: Own, action: int) -> Row:
+    """An action against the optimum of J, in units of its own scale; None where there is none to
+    judge (-1), since another planner decided or every action was discarded."""
+    if action < 0:
+        return {"own_regret": None, "own_near_optimal": None}
+    regret = float(own.value[action] - own.value.min()) / own.scale
+    return {"own_regret": regret, "own_near_optimal": regret <= SMALL}
+
+
 def ranking(rows: Sequence[Row]) -> list[Row]:
     """A row for each planner and number of iterations, over all states and over the contested
     ones."""
@@ -258,9 +291,27 @@ def ranking(rows: Sequence[Row]) -> list[Row]:
             "iterations": n,
             "all": _statistics(those),
             "contested": _statistics([row for row in those if row["contested"]]),
+            **_by_own(those),
         }
         for (name, n), those in groups.items()
     ]
+
+
+def _by_own(rows: Sequence[Row]) -> Row:
+    """The same by the optimum of J, where that was asked for."""
+    judged = [row for row in rows if row.get("own_regret") is not None]
+    if not judged:
+        return {}
+    regret, near = [row["own_regret"] for row in judged], sum(r["own_near_optimal"] for r in judged)
+    return {
+        "own": {
+            "states": len(judged),
+            "near_optimal": near,
+            "wilson": wilson(near, len(judged)),
+            "mean_regret": float(np.mean(regret)),
+            "p95_regret": float(np.percentile(regret, 95)),
+        }
+    }
 
 
 def _statistics(rows: Sequence[Row]) -> Row:

@@ -161,7 +161,7 @@ def test_a_lane_change_that_the_route_needs_counts_as_distance() -> None:
     ego = ego_at(road, "a_1", 150.0, 10.0, route=edges(road, "a", "b", "c"))
     task = task_of(road, ego)
     state = situation_of(task, scene_of(ego, road)).state
-    guide = paper._guide(task, state, 100.0, 20.0)
+    guide = paper.guide_of(task, state, 100.0, 20.0)
     assert guide.goal == 250.0
     node = {road.lane_ids[lane]: i for i, lane in enumerate(task.route.lane)}
     assert [guide.aside[node[lane]] for lane in ("a_0", "a_1", "a_2")] == [0.0, 20.0, 40.0]

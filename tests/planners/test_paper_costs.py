@@ -32,7 +32,7 @@ from sumo_mcts.planners.ply import ALIVE, ARRIVED, LOST
 from sumo_mcts.road import LEFT, RIGHT, RoadMap
 from sumo_mcts.scene import COMFORT, GREEN, OTHER, PASSABILITY, SAFETY
 
-ply = plain(paper_search._ply)
+ply = plain(paper_search.one_ply)
 
 
 def nearest(
@@ -42,7 +42,7 @@ def nearest(
     return float(plain(paper_cost.nearest)(local, p, state, time, aligned)[0])
 
 
-W = paper._weights(scenario("planner.name=paper"), 0.1)._replace(turn=3.0)
+W = paper.weights_of(scenario("planner.name=paper"), 0.1)._replace(turn=3.0)
 FAR = 5000.0  # m: the local goal, where the distance to it is not the question
 
 
@@ -330,7 +330,7 @@ def test_each_change_that_the_route_still_needs_counts(metres: float) -> None:
     ego = ego_at(road, "a_1", 150.0, 10.0, route=edges(road, "a", "b", "c"))
     task = task_of(road, ego)
     _, state = local_of(task, scene_of(ego, road))
-    aside = paper._guide(task, state, 100.0, metres).aside
+    aside = paper.guide_of(task, state, 100.0, metres).aside
     of = {road.lane_ids[lane]: float(aside[i]) for i, lane in enumerate(task.route.lane)}
     assert [of[f"a_{k}"] for k in range(4)] == [0.0, metres, 2.0 * metres, 3.0 * metres]
     assert of["b_0"] == of["b_1"] == of["c_0"] == 0.0
@@ -353,10 +353,10 @@ def test_the_guide_knows_goal_and_turns(direction: int, turns: bool) -> None:
     ego = ego_at(road, "a_0", 150.0, 10.0, route=edges(road, "a", "b"))
     task = task_of(road, ego)
     _, state = local_of(task, scene_of(ego, road))
-    guide = paper._guide(task, state, 100.0, 20.0)
+    guide = paper.guide_of(task, state, 100.0, 20.0)
     assert guide.goal == 250.0 and guide.turns.tolist() == [False, turns, False]
     inside = state._replace(node=1, s=5.0)
-    assert paper._guide(task, inside, 100.0, 20.0).goal == 305.0
+    assert paper.guide_of(task, inside, 100.0, 20.0).goal == 305.0
 
 
 # --- C_o ---
@@ -500,15 +500,15 @@ KEYS = {
 
 @pytest.mark.parametrize("key", KEYS)
 def test_each_key_reaches_the_search_and_no_other_number_changes(key: str) -> None:
-    usual, value = paper._weights(scenario(), 0.1), 0.25 if "probability" in key else 7
-    said = paper._weights(scenario(f"paper.{key}={value}"), 0.1)
+    usual, value = paper.weights_of(scenario(), 0.1), 0.25 if "probability" in key else 7
+    said = paper.weights_of(scenario(f"paper.{key}={value}"), 0.1)
     more = {"highway_threshold": value} if key == "safety_threshold_m" else {}  # unless it is given
     assert said == usual._replace(**{KEYS[key]: value}, **more) != usual
 
 
 def test_times_become_steps_of_the_simulation() -> None:
     config = scenario("paper.step_s=0.8", "planner.check_s=0.4")
-    found = [paper._weights(config, step)[:2] for step in (0.1, 0.2, 0.5, 1.0)]
+    found = [paper.weights_of(config, step)[:2] for step in (0.1, 0.2, 0.5, 1.0)]
     assert found == [(8, 4), (4, 2), (2, 1), (1, 1)]
     several = scenario("paper.step_s=0.8", "paper.look_ahead_steps=3", "paper.rollout_steps=2")
     assert paper.forecast_s(several, 0.1, 0.2) == pytest.approx(5 * 0.8 + 0.2)
@@ -516,5 +516,5 @@ def test_times_become_steps_of_the_simulation() -> None:
 
 
 def test_the_tree_is_as_large_as_all_its_levels() -> None:
-    assert [paper._full_size(12, levels) for levels in range(3)] == [1, 13, 157]
+    assert [paper.full_size(12, levels) for levels in range(3)] == [1, 13, 157]
     assert math.isclose(paper.EMERGENCY, -8.0)

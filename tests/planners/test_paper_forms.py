@@ -47,14 +47,14 @@ class View:
         ego = ego_at(road, road.lane_ids[0], HERE, v, route=route)
         self.task = task_of(road, ego, self.config)
         self.local, self.state = local_of(self.task, scene_of(ego, road, *others))
-        self.p, self.w = self.task.ego, paper._weights(self.config, 0.1)
+        self.p, self.w = self.task.ego, paper.weights_of(self.config, 0.1)
 
     def safety(self) -> float:
         return float(forms["safety"](self.local, self.p, self.w, self.state, 0.0))
 
     def guide(self) -> paper.Guide:
         p = self.config.paper
-        return paper._guide(self.task, self.state, p.goal_distance_m, p.lane_distance_m)
+        return paper.guide_of(self.task, self.state, p.goal_distance_m, p.lane_distance_m)
 
 
 def ahead(gap: float, v: float, lane: str = "a_0") -> Agent:
@@ -220,7 +220,7 @@ def bare(visits: tuple[int, ...], totals: tuple[float, ...]) -> paper.PaperTree:
 
 @pytest.mark.parametrize(("of", "visits"), [("parent", 10), ("root", 100)])
 def test_n_counts_the_visits_of_the_parent_or_of_the_root(of: str, visits: int) -> None:
-    w = paper._weights(scenario(f"paper.visits_of={of}", "paper.exploration=5"), 0.1)
+    w = paper.weights_of(scenario(f"paper.visits_of={of}", "paper.exploration=5"), 0.1)
     found = plain(paper_search.bound)(bare((4, 6), (8.0, 6.0)), w, 1, 2)
     assert found == pytest.approx(-2.0 + 5.0 * math.sqrt(2.0 * math.log(visits) / 4.0))
 
@@ -279,7 +279,7 @@ def test_the_choice_may_be_that_of_the_highest_bound() -> None:
     tree = new_tree(4, 3)
     tree.visits[:], tree.total[1:4] = (20, 10, 6, 4), (100.0, 66.0, 48.0)
     tree.child[0], tree.parent[1:] = (1, 2, 3), 0
-    w = paper._weights(scenario("paper.exploration=5"), 0.1)
+    w = paper.weights_of(scenario("paper.exploration=5"), 0.1)
     assert [paper._best(tree, w, choice) for choice in ("mean", "ucb")] == [0, 2]
     tree.end[3] = LOST
     assert paper._best(tree, w, "ucb") == 1
@@ -312,7 +312,7 @@ def test_contact_may_be_between_upright_boxes(turn: float, aligned: str, end: in
     if turn == 90.0:
         view.local.agent[:, 0, Y] += 1.0  # it is higher now
     w, accel = view.w, 0.0
-    found = plain(paper_search._ply)(view.local, view.p, w, view.state, accel, view.guide(), 0)
+    found = plain(paper_search.one_ply)(view.local, view.p, w, view.state, accel, view.guide(), 0)
     assert found[2] == end
     upright, itself = (
         plain(paper_cost.nearest)(view.local, view.p, view.state, 0.0, each)[0]

@@ -31,11 +31,11 @@ from sumo_mcts.planners.paper_search import PaperTree, new_tree
 from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE
 from sumo_mcts.scene import GREEN, OTHER
 
-W = paper._weights(scenario("planner.name=paper"), 0.1)
+W = paper.weights_of(scenario("planner.name=paper"), 0.1)
 GUIDE = Guide(5000.0, 0.0, 0.0, np.zeros(3), *[np.zeros(3, np.bool_)] * 2)
 FIRST = SimpleNamespace(random=lambda: 0.99)  # draws the first of the unvisited
 select, rollout = plain(paper_search._select), plain(paper_search._rollout)
-expand, search = plain(paper_search._expand), plain(paper_search.search)
+expand, search = plain(paper_search.expand), plain(paper_search.search)
 
 
 def view(lane: str = "a_1", v: float = 10.0) -> tuple[Any, LocalMap, State]:
@@ -162,7 +162,7 @@ class Bare:
 @pytest.mark.parametrize("const", [0.0, 0.3, 5.0])
 def test_passes_go_where_the_algorithm_says(const: float, monkeypatch: pytest.MonkeyPatch) -> None:
     bare = Bare(3, 2, const)
-    monkeypatch.setattr(paper_search, "_expand", bare.expand)
+    monkeypatch.setattr(paper_search, "expand", bare.expand)
     monkeypatch.setattr(paper_search, "_rollout", bare.rollout)
     w, tree = W._replace(exploration=const, look_ahead=2), new_tree(20, 3)
     p, local, state = view()
@@ -200,7 +200,7 @@ ACTIONS = np.array([[-2.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, -1.0]])
 def grown(monkeypatch: pytest.MonkeyPatch, level: int = 0, size: int = 9, **ego: Any) -> Any:
     """One node on a level, with costs 10, 20, 30, 40 so far, and its children."""
     plies = Plies()
-    monkeypatch.setattr(paper_search, "_ply", plies)
+    monkeypatch.setattr(paper_search, "one_ply", plies)
     p, local, state = view(**ego)
     tree = new_tree(size, len(ACTIONS))
     keep_state(tree.where, tree.motion, 0, state)
@@ -231,7 +231,7 @@ def test_all_children_at_once_with_the_costs_from_the_root(
 def test_children_of_a_child_begin_where_it_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     """One level further: after 1 s, with the costs so far, and on."""
     plies = Plies()
-    monkeypatch.setattr(paper_search, "_ply", plies)
+    monkeypatch.setattr(paper_search, "one_ply", plies)
     p, local, state = view()
     tree = new_tree(9, 4)
     keep_state(tree.where, tree.motion, 0, state)
@@ -262,7 +262,7 @@ def test_how_a_child_ends_is_kept_and_nothing_follows_an_end(
     end: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     p, local, state = view()
-    monkeypatch.setattr(paper_search, "_ply", Plies(end, after=1))
+    monkeypatch.setattr(paper_search, "one_ply", Plies(end, after=1))
     tree = new_tree(9, 4)
     keep_state(tree.where, tree.motion, 0, state)
     tree.used[0] = 1
@@ -330,7 +330,7 @@ def drawn(
     end: int = ALIVE,
 ) -> list[float]:  # fmt: skip
     """J of so many rollouts from a node with costs 10, 20, 30, 40."""
-    monkeypatch.setattr(paper_search, "_ply", plies)
+    monkeypatch.setattr(paper_search, "one_ply", plies)
     p, local, state = view()
     tree = new_tree(2, 1)
     keep_state(tree.where, tree.motion, 0, state)

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from sumo_mcts.cli import app
 from sumo_mcts.errors import ConfigError
+from sumo_mcts.planners.paper_optimum import Own
 from sumo_mcts.planners.reference import NEWEST, digest, problem_of, root_lines
 from sumo_mcts.planners.reference_solver import Solution, best_root, solve
 from sumo_mcts.studies import regret
@@ -22,9 +23,12 @@ from sumo_mcts.studies.regret import (
     Panel,
     Row,
     both_budgets,
+    check,
     convergence,
     judged,
+    judged_by_own,
     ranking,
+    sequences,
     yardstick,
 )
 
@@ -223,6 +227,46 @@ def test_the_efforts_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     assert convergence([])["optimum"] == {"count": 0, "mean": None, "p99": None, "max": None}
 
 
+def test_paper_is_judged_by_its_own_costs_too() -> None:
+    """Units of the scale: 4.3 more than the least of the actions is half of a scale of 8.6."""
+    own = Own(np.array([20.0, 24.3, 20.5, np.inf]), 8.6)
+    assert [judged_by_own(own, i) for i in (0, 1, 2)] == [
+        {"own_regret": 0.0, "own_near_optimal": True},
+        {"own_regret": pytest.approx(0.5), "own_near_optimal": False},
+        {"own_regret": pytest.approx(0.5 / 8.6), "own_near_optimal": True},
+    ]
+    assert judged_by_own(own, -1) == {"own_regret": None, "own_near_optimal": None}
+    toy = TOYS["traffic"]
+    config = scenario(*toy.sets)
+    task = task_of(toy.road, toy.scene.ego, config)
+    asked = Asked(("constant", "paper"), (100,), own=True)
+    rows = Panel(config, asked).ask(task, situation_of(task, toy.scene), 0)
+    assert rows[0]["own_regret"] is None and rows[1]["own_regret"] >= 0.0
+    told = ranking(rows)
+    assert "own" not in told[0] and told[1]["own"]["states"] == 1
+    assert told[1]["own"]["mean_regret"] == rows[1]["own_regret"]
+    plain = Panel(config, asked._replace(own=False)).ask(task, situation_of(task, toy.scene), 0)
+    assert plain == [{k: v for k, v in row.items() if k[:4] != "own_"} for row in rows]
+
+
+@pytest.mark.parametrize(("judge", "planners"), [("paper", "paper"), ("reference,paper", "mcts")])
+def test_who_may_judge(judge: str, planners: str) -> None:
+    done = CliRunner().invoke(app, ["regret", "--judge", judge, "--planners", planners])
+    assert done.exit_code == 2 and "--judge" in done.output + done.stderr
+
+
+def test_a_tree_too_large_to_be_grown_whole_is_refused() -> None:
+    """12 actions on 2 levels, and 9 movements that the rollout may draw."""
+    asked = Asked(("paper",), (100,), own=True)
+    assert sequences(scenario()) == 12**2 * 9
+    assert sequences(scenario("paper.accelerations_mps2=[0]")) == 9**2 * 9
+    for key in ("look_ahead_steps=5", "rollout_steps=6"):
+        large = scenario(f"paper.{key}")
+        check(large, asked._replace(own=False))
+        with pytest.raises(ConfigError, match=r"--judge: paper: .*sequences"):
+            check(large, asked)
+
+
 # --- the command ---
 
 
@@ -268,6 +312,8 @@ def test_the_command_from_end_to_end(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "regret.json").read_text()) == told
     again = command(*words)
     old = json.loads(command(*words, "--json", "--reference", "1"))
+    judge = ("--planners", "paper", "--states", "1", "--judge", "reference,paper")
+    assert "By its own J" in command(*words, *judge) and "By its own J" not in again
     assert (old["reference"], old["reference_digest"]) == ("1", digest("1"))
     assert (told["reference"], old["states"]) == (NEWEST, 3)
     assert digest(NEWEST)[:16] in again and "| exhaustive | - | 3 | 3/3 (" in again
