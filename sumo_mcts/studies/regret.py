@@ -168,7 +168,8 @@ def sequences(config: ScenarioConfig) -> int:
     where every child was discarded, movements are drawn instead."""
     p = config.paper
     drawn = len(draws(p.brake_probability, p.accelerate_probability)[0])
-    return max(len(actions_of(config)), drawn) ** p.look_ahead_steps * drawn**p.rollout_steps
+    tree = max(len(actions_of(config)), drawn) ** p.look_ahead_steps
+    return int(tree * drawn**p.rollout_steps)
 
 
 # --- planners ---
