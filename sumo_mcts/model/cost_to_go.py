@@ -239,10 +239,12 @@ def passes_at(local: LocalMap, gate: int, arrives: float, time: float, queue: fl
         opens, closes = local.gate[gate, OPENS + 2 * k], local.gate[gate, CLOSES + 2 * k]
         if math.isinf(opens):
             break
+        if closes <= now:  # who leaves then is not counted: waits are expected too short anyway
+            continue
         opens = max(opens, time)
         start = max(now, opens + queue)
-        if start >= closes:  # it leaves the queue, or comes, in a later one
-            queue = max(queue - max(closes - opens, 0.0), 0.0)
+        if start >= closes:
+            queue = max(queue - (closes - opens), 0.0)
             continue
         queue = 0.0  # it is the first one then
         mean += share * (start - now)
