@@ -44,11 +44,11 @@ The article's ego meets a car from the left; in this scene the ones that cross i
 the south, on its right, and from the east. The ego is through before they arrive.
 """,
     "exit-cut-in": """\
-At 11 s the slow car is behind the picture. It begins to move over at 4 s, and the forecast has it in the ego's lane as soon as it
-blinks. In [this scene](scenarios.md#exit-cut-in) a car has broken down on the right lane. Before
-it stood there, the ego passed on the right, in the lane that the slow car had left. In
-`exit-cut-in-scripted`, with the scripts known and `traffic.vary` 0, the ego waits longer and
-changes to the left at 7.1 s, so that at 11 s it is only beside the slow car.
+At 11 s the slow car is behind the picture. It begins to move over at 4 s, and the forecast has it
+in the ego's lane as soon as it blinks. In [this scene](scenarios.md#exit-cut-in) a car has broken
+down on the right lane. Before it stood there, the ego passed on the right, in the lane that the
+slow car had left. In `exit-cut-in-scripted`, with the scripts known and `traffic.vary` 0, the ego
+waits longer and changes to the left at 7.1 s, so that at 11 s it is only beside the slow car.
 """,
 }
 

@@ -162,7 +162,7 @@ def _write_labels(
     Higher up where an earlier one is in the way, or, if there is room, one of the other vehicles.
     """
     kept_free = [] if ego is None else [ego]
-    font, placed_at = font_of(LABEL_PX), list[tuple[str, Floats, float, Box]]()
+    font, placed_at = font_of(LABEL_PX), list[tuple[str, Floats, Floats, Box]]()
     for label in labels[:LABELLED]:
         text = fitted(draw, label.text, LABEL_PX, LABEL_WIDTH)
         x, y = label.at.tolist()
@@ -176,13 +176,13 @@ def _write_labels(
         fitting = [k for k, box in enumerate(boxes) if _inside(box, size) and _free(box, taken)]
         if fitting:
             k = next((k for k in fitting if _free(boxes[k], others)), fitting[0])
-            placed_at.append((text, at, lifts[k], boxes[k]))
-    for _, (x, y), lift, _ in placed_at:
-        if lift:
-            draw.line((x, y - lift, x, y + 4 * SS), fill=INK, width=SS)
-    for text, (x, y), lift, _ in placed_at:
+            placed_at.append((text, at - (0, lifts[k]), label.at, boxes[k]))
+    for _, (x, y), (over, foot), _ in placed_at:
+        if (x, y) != (over, foot):
+            draw.line((x, y, over, foot + 4 * SS), fill=INK, width=SS)
+    for text, (x, y), _, _ in placed_at:
         draw.text(
-            (x, y - lift), text, font=font, fill=INK, anchor="ms", stroke_width=2 * SS,
+            (x, y), text, font=font, fill=INK, anchor="ms", stroke_width=2 * SS,
             stroke_fill=PAPER,
         )  # fmt: skip
 
