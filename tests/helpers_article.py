@@ -23,7 +23,8 @@ The article shows two scenes at three moments each, from above and from behind t
 what its ego does there. Here are the same moments of ours: planner `mcts` with its defaults and
 seed 0, in the scenes where SUMO drives the others. Nothing of their future is known, while the
 article assumes perfect prediction. A test drives both episodes and asks for every sentence
-(`tests/studies/test_article.py`). What is measured is what SUMO reports: states in the trace, and
+(`tests/studies/test_article.py`). Asked is the decision nearest to the moment, up to 0.25 s away;
+the pictures show the moment itself. What is measured is what SUMO reports: states in the trace, and
 [the row](measures.md).
 
     sumo-mcts article --out out/article
@@ -43,11 +44,11 @@ The article's ego meets a car from the left; in this scene the ones that cross i
 the south, on its right, and from the east. The ego is through before they arrive.
 """,
     "exit-cut-in": """\
-The slow car begins to move over at 4 s, and the forecast has it in the ego's lane as soon as it
-blinks. In [this scene](scenarios.md#exit-cut-in) a car has broken down on the right lane. Before
-it stood there, the ego passed on the right, in the lane that the slow car had left. In
-`exit-cut-in-scripted`, with the scripts known and `traffic.vary` 0, the ego waits longer and
-changes to the left at 7.1 s, so that at 11 s it is only beside the slow car.
+At 11 s the slow car is behind the picture. It begins to move over at 4 s, and the forecast has it
+in the ego's lane as soon as it blinks. In [this scene](scenarios.md#exit-cut-in) a car has broken
+down on the right lane. Before it stood there, the ego passed on the right, in the lane that the
+slow car had left. In `exit-cut-in-scripted`, with the scripts known and `traffic.vary` 0, the ego
+waits longer and changes to the left at 7.1 s, so that at 11 s it is only beside the slow car.
 """,
 }
 

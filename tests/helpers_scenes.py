@@ -30,12 +30,14 @@ Each scene is built in twice: NAME, where SUMO drives the others, and NAME-scrip
 follow their scripts whatever the ego does. Three more, with `-varied` at the end, draw their
 traffic; in the others places and speeds vary a little with the seed (`traffic.vary`). The pictures
 show planner `mcts` with seed 0 in NAME. What the scenes ask for, 49 of 50 arrivals in each, has not
-been measured with 50 seeds yet; what has been: [the paper's scenes](studies/paper-scenes.md).
+been measured with 50 seeds yet; what has been: [the paper's scenes](studies/paper-scenes.md). In
+`crossing-blocked` it does not arrive: [its time is
+up](studies/paper-scenes.md#among-sumos-drivers).
 
 Where a scene differs from what the paper and its program have:
 
-- `exit-cut-in`: a sixth car has broken down in the right lane. That is why the slow one leaves it;
-  else the lane that it left would be the shortest way past it, and not the gap on the left.
+- `exit-cut-in`: a sixth car has broken down in the right lane. That is why the slow one leaves it.
+  Without it the ego would pass on the right, in the lane that the slow car has left.
 - `stationary-objects`: the last parked car stands right behind the junction, 6 m further on, since
   SUMO lets no vehicle begin inside a junction.
 

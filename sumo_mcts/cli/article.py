@@ -46,6 +46,7 @@ def article(
     from sumo_mcts.records import write_whole
 
     folders.check_folder(out)
+    made.check_held(out, seeds)
     with progress("starting SUMO", quiet=quiet) as note:
         shown = made.draw_figures(out, sys.argv[1:], note)
     if not quiet:

@@ -13,13 +13,14 @@ from sumo_mcts.cli.application import command, print_json
 from sumo_mcts.cli.options import AllowPlugins
 from sumo_mcts.process.ending import INVALID
 
-AsList = Annotated[
-    bool, typer.Option("--json", help="A list of {name, description}; scenarios have a group too.")
+AsList = Annotated[bool, typer.Option("--json", help="A list of {name, description}.")]
+AsGroupedList = Annotated[
+    bool, typer.Option("--json", help="A list of {name, group, description}.")
 ]
 
 
 @command()
-def scenarios(as_json: AsList = False) -> None:
+def scenarios(as_json: AsGroupedList = False) -> None:
     """The built-in scenarios, in groups."""
     from sumo_mcts.scenarios import GROUPS, listed_scenarios
 

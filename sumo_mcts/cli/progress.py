@@ -67,7 +67,7 @@ class BatchProgress:
     def tell(self, at: "Progress") -> None:
         """Show what has changed."""
         if self._bar is not None:
-            words = at.doing or _how_far(at)
+            words = _named(at.part, at.doing or _how_far(at))
             total = at.total or None
             self._bar.update(self._task, completed=at.done, total=total, description=words)
         elif not self._quiet:
@@ -75,10 +75,11 @@ class BatchProgress:
 
     def _tell_line(self, at: "Progress") -> None:
         now = time.monotonic()
-        text = (
+        text = _named(
+            at.part,
             f"{_first_words(at.doing)} ..."
             if at.doing
-            else f"{at.done}/{at.total} episodes, {_how_far(at)}"
+            else f"{at.done}/{at.total} episodes, {_how_far(at)}",
         )
         due = at.doing or at.done == at.total or now - self._told_at >= self.EVERY_S
         if due and text != self._text:
@@ -102,6 +103,11 @@ class _Lines:
 def _first_words(text: object) -> str:
     """What is going on; behind two spaces stands how far it is."""
     return str(text).split("  ")[0]
+
+
+def _named(part: str, text: str) -> str:
+    """A text with the part before it that it tells of."""
+    return f"{part}: {text}" if part else text
 
 
 def _how_far(at: "Progress") -> str:

@@ -72,7 +72,8 @@ def render(
     out: Target = None,
     quiet: Quiet = False,
 ) -> None:
-    """Draw a recorded episode from above, or some of its moments as the ego meets them."""
+    """Draw a recorded episode from above, or chosen moments of it from above and from behind the
+    ego."""
     from sumo_mcts.commands import recorded
 
     times, seen = recorded.moments_of(moments), recorded.views_of(views, moments)

@@ -1,6 +1,7 @@
 """The command article: the article's figures and its table, made anew and set beside it."""
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -10,8 +11,8 @@ from sumo_mcts.commands.regret import RegretPlan, regret
 from sumo_mcts.config import builtin, yaml_file
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.experiments.batch import run_batch
-from sumo_mcts.experiments.progress import Watch
-from sumo_mcts.records import Row, write_whole
+from sumo_mcts.experiments.progress import Watch, part_of
+from sumo_mcts.records import Row, versions, write_whole
 from sumo_mcts.records.statistics import collided
 from sumo_mcts.scenarios import Note, load_scenario
 from sumo_mcts.studies.article import FIGURES, TABLE, Claim, Figure
@@ -66,6 +67,23 @@ def draw_figures(out: Path, command: Sequence[str], note: Note) -> list[Shown]:
     return shown
 
 
+def check_held(out: Path, seeds: int) -> None:
+    """Raise ConfigError where the folder holds a table with another number of episodes."""
+    for name in EXPERIMENTS.values():
+        path = out / f"{name}.yaml"
+        if not path.exists():
+            continue
+        try:
+            held = yaml_file.read(path)
+        except yaml_file.YamlError as error:
+            raise ConfigError(f"{path}: {error}") from None
+        found = held.get("seeds") if isinstance(held, dict) else None
+        if found != _seeds(seeds):
+            last = re.fullmatch(r"0\.\.(\d{1,9})", str(found))
+            holds = f"--seeds {int(last[1]) + 1}" if last else f"another {path.name}"
+            raise ConfigError(f"--out {out} holds {holds}; give the same --seeds, or another --out")
+
+
 def drive_table(
     out: Path, seeds: int, jobs: int | None, command: Sequence[str], watch: Watch
 ) -> list[Row]:
@@ -73,26 +91,38 @@ def drive_table(
 
     Raises ConfigError, BatchError, OSError.
     """
-    cells = {"scenarios": list(TABLE), "seeds": f"0..{seeds - 1}"}
+    cells = {"scenarios": list(TABLE), "seeds": _seeds(seeds)}
     sweep = {"sweep": {"planner.iterations": sorted({n for each in TABLE.values() for n in each})}}
     rows = []
-    for name in EXPERIMENTS.values():
+    for k, name in enumerate(EXPERIMENTS.values(), 1):
         experiment = {**yaml_file.read(builtin.experiment_path(name)), **cells, **sweep}
         path = out / f"{name}.yaml"
         write_whole(path, json.dumps(experiment, indent=2).encode())  # JSON is YAML too
-        rows += run_batch(path, out / name, jobs=jobs, command=command, watch=watch)
+        tell = part_of(watch, f"{name}, {k} of {len(EXPERIMENTS)}")
+        rows += run_batch(path, out / name, jobs=jobs, command=command, watch=tell)
     return rows
+
+
+def _seeds(count: int) -> str:
+    """The seeds of so many episodes, as an experiment has them."""
+    return f"0..{count - 1}"
 
 
 def near_optimal(out: Path, states: int, jobs: int | None, note: Note) -> dict[Cell, Count]:
     """How many decisions are near-optimal, in so many states of each scene. Raises ConfigError."""
     found = {}
-    for scene, cells in TABLE.items():
-        note(f"asking for decisions in {scene}")
+    for k, (scene, cells) in enumerate(TABLE.items(), 1):
+        part = f"asking for decisions in {scene}, {k} of {len(TABLE)}"
+        note(part)
+
+        def tell(text: str, part: str = part) -> None:
+            """With the part before a count, which stands alone else."""
+            note(f"{part}  {text}" if text[:1].isdigit() else text)
+
         asked = Asked(tuple(EXPERIMENTS), tuple(sorted(cells)), False, REFERENCE)
         plan = RegretPlan(asked, seeds=states, every=EVERY, states=states, jobs=jobs)
         folder = out / "near-optimal" / scene
-        result = regret((scene,), (), None, AS_THE_ARTICLE, plan, folder, note)
+        result = regret((scene,), (), None, AS_THE_ARTICLE, plan, folder, tell)
         for row in result["planners"]:
             cell = scene, row["planner"], row["iterations"]
             found[cell] = row["all"]["near_optimal"], row["all"]["states"]
@@ -115,10 +145,30 @@ def measured(rows: Sequence[Row], near: Mapping[Cell, Count]) -> Measured:
 
 # --- the page ---
 
+FIGURES_SAY = f"""\
+The figures show planner `mcts` with its defaults and seed {SEED}, among SUMO's drivers. Asked is
+the decision nearest to the moment, up to 0.25 s away.
+"""
+TABLE_SAYS = """\
+Planners `mcts` and `paper` (the article's own) drive scripted scenes that are fixed
+(`traffic.vary=0`) and whose scripts they know; only the search's seed varies. By default the tree
+of `mcts` does not depend on it, so the episodes of a cell are one and the same.
+
+*The article*: its own numbers, in its scenes and its simulator: how often it found a near-optimal
+solution, and collided. *Near-optimal*: single decisions whose regret against the optimum of a
+reference problem is at most 5 % of the spread between best and worst action, without a loss. *In
+time*: episodes in which the ego arrives within the time limit.
+"""
+
 
 def page(shown: Sequence[Shown], found: Measured) -> str:
     """The figures with their claims, and the table, as Markdown."""
-    parts = ["# The article's figures and table, made anew", ""]
+    parts = [
+        "# The article's figures and table, made anew",
+        "",
+        f"sumo_mcts {versions()['sumo_mcts']}.",
+        FIGURES_SAY,
+    ]
     for each in shown:
         parts += [
             f"## {each.figure.caption}",
@@ -128,7 +178,13 @@ def page(shown: Sequence[Shown], found: Measured) -> str:
             claims_table(each.claims),
             "",
         ]
-    parts += ["## Performance with different numbers of iterations", "", table(found), ""]
+    parts += [
+        "## Performance with different numbers of iterations",
+        "",
+        TABLE_SAYS,
+        table(found),
+        "",
+    ]
     return "\n".join(parts)
 
 

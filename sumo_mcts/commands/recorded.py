@@ -129,10 +129,8 @@ def format_of(wanted: str | None, out: Path | None, allowed: Sequence[str]) -> s
         None,
     )
     if out is not None and meant is None and wanted is None:
-        raise ConfigError(
-            f"--out {out}: what is to be written? Give --format, or a name that ends in "
-            f"{', '.join(known)}"
-        )
+        way = "Give --format, or a name that" if len(allowed) > 1 else "Give a name that"
+        raise ConfigError(f"--out {out}: what is to be written? {way} ends in {', '.join(known)}")
     if meant is not None and wanted not in (None, meant):
         raise ConfigError(f"--format {wanted}: the name of --out {out} says {meant}")
     return wanted or meant or allowed[0]

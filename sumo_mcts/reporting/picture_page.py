@@ -48,12 +48,15 @@ def column_width(columns: int) -> int:
     return (WIDTH - GAP * (columns - 1)) // columns
 
 
-def write_page(path: Path, trace: Trace, strips: list[Strip], scale: float) -> None:
-    """Write the page; `scale`: pixels of the drawing per metre, for the bar. Raises OSError."""
+def write_page(path: Path, trace: Trace, strips: list[Strip], scale: float | None) -> None:
+    """Write the page; `scale`: pixels of the drawing per metre, None: no panel is from above.
+
+    Raises OSError.
+    """
     write_whole(path, _png(_page(trace, strips, scale).reduce(SS)))
 
 
-def _page(trace: Trace, strips: list[Strip], scale: float) -> Image.Image:
+def _page(trace: Trace, strips: list[Strip], scale: float | None) -> Image.Image:
     """Heading, panels with captions, legend; enlarged."""
     widest = max(strips, key=lambda strip: len(strip.panels)).panels
     width = 2 * MARGIN + sum(panel.width // SS + GAP for panel in widest) - GAP
@@ -111,8 +114,10 @@ def _rounded(size: tuple[int, int], radius: int) -> Image.Image:
     return mask
 
 
-def _legend(draw: ImageDraw.ImageDraw, left: float, right: float, y: float, scale: float) -> None:
-    """The signs that the panels use, the scale and north."""
+def _legend(
+    draw: ImageDraw.ImageDraw, left: float, right: float, y: float, scale: float | None
+) -> None:
+    """The signs that the panels use; from above also what was tried, the scale and north."""
     view = View(0.0, 0.0, 7.0 * SS, (0, 0))
     cars = (
         ((EGO, EGO_DARK), False, "ego"),
@@ -134,6 +139,8 @@ def _legend(draw: ImageDraw.ImageDraw, left: float, right: float, y: float, scal
         draw_dot(draw, np.array([x + 10 + 14 * k, y]) * SS, 4.5 * SS, EGO)
         draw_dot(draw, np.array([x + 10 + 14 * k, y]) * SS, 2.5 * SS, PAINT)
     x = write_text(draw, (x + 56, y + 5), "plan", 15) + 30
+    if scale is None:
+        return
     for k, share in enumerate((0.3, 0.5, 0.7)):
         tried = np.array([[x, y - 7 + 7 * k], [x + 26 + 8 * k, y - 7 + 7 * k]]) * SS
         draw_line(draw, tried, 0.22, mixed(EGO, PAPER, share), view)

@@ -1,6 +1,6 @@
 """Chosen moments of an episode: a column for each, a row for each view."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,6 +29,9 @@ LABEL_WIDTH = 170.0  # px
 LIFTS = 4  # heights at which a label may stand
 NEAR_M = 45.0  # agents as near as this are in a window that stays
 LARGEST_M = 130.0  # of such a window
+
+HIGH = 1.5  # m: the ego in the picture
+CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
 
 Box = tuple[float, float, float, float]  # left, upper, right, lower, pixels of the drawing
 
@@ -76,7 +79,7 @@ def sheet(
         if alone
         else [Strip(shots if k == 0 else [], row) for k, row in enumerate(rows)]
     )
-    write_page(path, trace, strips, windows[0].scale)
+    write_page(path, trace, strips, windows[0].scale if "above" in views else None)
 
 
 def _near(shots: list[Shot]) -> Floats:
@@ -99,7 +102,10 @@ def _above(roads: Roads, shot: Shot, bars: list[Light], view: View) -> Image.Ima
     at = view.pixels(shot.others[:, :2])
     there = np.all((at > 0) & (at < view.size), axis=1)
     labels = [Label(at[n] - (0, 1.9 * view.scale), text) for n, text in _named(shot) if there[n]]
-    _write_labels(draw, view.size, labels)
+    ego, *others = (
+        _box_of(view.pixels(corners[:, :2])) for corners in _bodies(shot, range(len(at)))
+    )
+    _write_labels(draw, view.size, labels, ego, others)
     return image
 
 
@@ -107,8 +113,23 @@ def _chase(roads: Roads, shot: Shot, bars: list[Light], size: tuple[int, int]) -
     """The moment from behind the ego."""
     image, eye = chase(roads, shot, bars, size)
     labels = [Label(at, text) for n, text in _named(shot) if (at := _top(eye, shot, n)) is not None]
-    _write_labels(ImageDraw.Draw(image), size, labels)
+    ego = next(_bodies(shot, ()))
+    _write_labels(ImageDraw.Draw(image), size, labels, _box_of(eye.pixels(eye.seen(ego))))
     return image
+
+
+def _bodies(shot: Shot, others: Iterable[int]) -> Iterator[Floats]:
+    """[8, 3] the corners of the ego, and of each of these agents, m."""
+    agents, ego = shot.cycle.agents, shot.cycle.ego
+    yield placed(CORNERS * (ego.length, ego.width, HIGH), shot.ego[:3])
+    for n in others:
+        yield placed(CORNERS * (agents.length[n], agents.width[n], HIGH), shot.others[n])
+
+
+def _box_of(pixels: Floats) -> Box:
+    """The box about [K, 2] pixels."""
+    (left, upper), (right, lower) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
+    return left, upper, right, lower
 
 
 def _top(eye: Eye, shot: Shot, n: int) -> Floats | None:
@@ -130,24 +151,38 @@ def _named(shot: Shot) -> list[tuple[int, str]]:
 
 
 def _write_labels(
-    draw: ImageDraw.ImageDraw, size: tuple[int, int], labels: Sequence[Label]
+    draw: ImageDraw.ImageDraw,
+    size: tuple[int, int],
+    labels: Sequence[Label],
+    ego: Box | None = None,
+    others: Sequence[Box] = (),
 ) -> None:
-    """Write labels that fit in, LABELLED at most; higher up where an earlier one is in the way."""
-    font, placed_at = font_of(LABEL_PX), list[tuple[str, Floats, float, Box]]()
+    """Write labels that fit in, LABELLED at most, none over the ego.
+
+    Higher up where an earlier one is in the way, or, if there is room, one of the other vehicles.
+    """
+    kept_free = [] if ego is None else [ego]
+    font, placed_at = font_of(LABEL_PX), list[tuple[str, Floats, Floats, Box]]()
     for label in labels[:LABELLED]:
         text = fitted(draw, label.text, LABEL_PX, LABEL_WIDTH)
         x, y = label.at.tolist()
-        for lift in (row * 1.25 * LABEL_PX * SS for row in range(LIFTS)):
-            box = draw.textbbox((x, y - lift), text, font=font, anchor="ms")
-            if _inside(box, size) and _free(box, [other for *_, other in placed_at]):
-                placed_at.append((text, label.at, lift, box))
-                break
-    for _, (x, y), lift, _ in placed_at:
-        if lift:
-            draw.line((x, y - lift, x, y + 4 * SS), fill=INK, width=SS)
-    for text, (x, y), lift, _ in placed_at:
+        if not 0 <= x <= size[0]:
+            continue
+        half = draw.textlength(text, font=font) / 2 + 2 * SS
+        at = np.array([min(max(x, half), size[0] - half), y])  # at the edge it moves in
+        lifts = [row * 1.25 * LABEL_PX * SS for row in range(LIFTS)]
+        boxes = [draw.textbbox((at[0], y - up), text, font=font, anchor="ms") for up in lifts]
+        taken = [*kept_free, *(other for *_, other in placed_at)]
+        fitting = [k for k, box in enumerate(boxes) if _inside(box, size) and _free(box, taken)]
+        if fitting:
+            k = next((k for k in fitting if _free(boxes[k], others)), fitting[0])
+            placed_at.append((text, at - (0, lifts[k]), label.at, boxes[k]))
+    for _, (x, y), (over, foot), _ in placed_at:
+        if (x, y) != (over, foot):
+            draw.line((x, y, over, foot + 4 * SS), fill=INK, width=SS)
+    for text, (x, y), _, _ in placed_at:
         draw.text(
-            (x, y - lift), text, font=font, fill=INK, anchor="ms", stroke_width=2 * SS,
+            (x, y), text, font=font, fill=INK, anchor="ms", stroke_width=2 * SS,
             stroke_fill=PAPER,
         )  # fmt: skip
 

@@ -37,15 +37,16 @@ class Figure(NamedTuple):
 def left_turn(trace: Trace, road: RoadMap, row: Row) -> list[Claim]:
     """The claims about the left turn at 2, 4 and 6 s."""
     early, middle, late = (_nearest(trace, time) for time in (2.0, 4.0, 6.0))
-    began = _began(trace, 1)
+    began, coming = _began(trace, 1), _coming_nearer(trace, early)
     speeds = [cycle.ego.v for cycle in trace.cycles if middle.time <= cycle.time <= late.time]
     through = bool(road.internal[late.ego.lane]) or late.ego.lane in _after_junction(trace, road)
     return [
         Claim(
             2.0,
             "detects a car that approaches, and changes to the left in advance",
-            bool(early.agents.ids) and began is not None and began <= early.time,
-            f"sees {len(early.agents.ids)} cars; {_change(began, 'left')}",
+            bool(coming) and began is not None and began <= early.time,
+            f"sees {len(early.agents.ids)} cars, of which {len(coming)} come nearer; "
+            f"{_change(began, 'left')}",
         ),
         Claim(
             4.0,
@@ -146,6 +147,19 @@ TABLE = {
 def _nearest(trace: Trace, time: float) -> CycleRecord:
     """The decision that is nearest to a time, s."""
     return min(trace.cycles, key=lambda cycle: abs(cycle.time - time))
+
+
+def _coming_nearer(trace: Trace, cycle: CycleRecord) -> list[str]:
+    """The agents whose distance to the ego is less at the next decision."""
+    after = next((each for each in trace.cycles if each.time > cycle.time), cycle)
+    now, then = _distances(cycle), _distances(after)
+    return [name for name, metres in now.items() if then.get(name, metres) < metres]
+
+
+def _distances(cycle: CycleRecord) -> dict[str, float]:
+    """How far each agent is from the ego, m."""
+    agents, ego = cycle.agents, cycle.ego
+    return dict(zip(agents.ids, np.hypot(agents.x - ego.x, agents.y - ego.y).tolist(), strict=True))
 
 
 def _began(trace: Trace, side: int) -> float | None:

@@ -285,6 +285,14 @@ def test_wrong_words_are_told_in_one_line(recorded: Path, several: Path, tmp_pat
         ): "--views above,front: 'front'; allowed: above, chase",
         ("render", recorded, "--views", "above"): "--views above: of which moments? Give --moments",
         ("render", recorded, "--moments", "2", "--format", "gif"): "--format gif: allowed: png",
+        (
+            "render",
+            recorded,
+            "--moments",
+            "2",
+            "--out",
+            "x.gif",
+        ): "--out x.gif: what is to be written? Give a name that ends in .png",
         ("export", recorded, "--format", "png"): "--format png: allowed: csv, fcd",
         (
             "render",

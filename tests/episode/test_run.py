@@ -71,9 +71,12 @@ def test_the_oracle_solves_the_fixed_scripted_scenes(name: str) -> None:
     scene = config.load(
         builtin.scenario_path(f"{name}-scripted"), ("prediction.name=script", "traffic.vary=0")
     )
-    row = run_episode(scene, 0).rows[0]
+    result = run_episode(scene, 0)
+    row = result.rows[0]
     assert row["outcome"] == "arrived", row
     assert row["inevitable"] is None
+    seen = {name for cycle in result.traces[0].cycles for name in cycle.agents.ids}
+    assert len(scene.traffic.actors) == 6 and len(seen) == 5  # the ego and five others
 
 
 def test_a_blind_driver_collides_where_the_search_does_not() -> None:

@@ -246,3 +246,62 @@ def test_a_window_that_stays_shows_who_is_near() -> None:
     assert 0 < wider.pixels(there.others)[0][1] < wider.size[1]
     beyond = camera.views_of([shot], (600, 460), also=there.others * 20)[0]
     assert beyond == usual
+
+
+def written(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """All text that pictures have from now on."""
+    words: list[str] = []
+    text = ImageDraw.ImageDraw.text
+    monkeypatch.setattr(
+        ImageDraw.ImageDraw,
+        "text",
+        lambda self, at, said, *rest, **more: (
+            words.append(said) or text(self, at, said, *rest, **more)
+        ),
+    )
+    return words
+
+
+def test_a_car_at_the_edge_has_its_label_and_none_covers_the_ego() -> None:
+    image = Image.new("RGB", (800, 400), canvas.LAND)
+    draw, font = ImageDraw.Draw(image), canvas.font_of(sheet.LABEL_PX)
+    said: list[tuple[tuple[float, float], str]] = []
+    text = draw.text
+    draw.text = lambda at, words, **rest: said.append((at, words)) or text(at, words, **rest)
+    ego, other = (350.0, 180.0, 450.0, 220.0), (650.0, 180.0, 700.0, 220.0)
+    places = {"at the left": (10, 300), "at the right": (790, 300), "ego": (400, 200)}
+    places |= {"other": (675, 200)}
+    labels = [sheet.Label(np.array(at, float), name) for name, at in places.items()]
+    sheet._write_labels(draw, image.size, labels, ego, [other])
+    assert [words for _, words in said] == list(places)
+    for at, words in said:
+        box = draw.textbbox(at, words, font=font, anchor="ms")
+        assert box[0] >= 0 and box[2] <= 800
+        assert not _overlap(box, ego) and not _overlap(box, other)
+
+
+def test_above_no_label_covers_the_ego(monkeypatch: pytest.MonkeyPatch) -> None:
+    shot = camera.shot_at(crossing_trace(), 3.0)
+    given: list[tuple[float, ...]] = []
+    monkeypatch.setattr(sheet, "_write_labels", lambda *args: given.append(args[3]))
+    view = camera.views_of([shot], (600, 460))[0]
+    sheet._above(ground.roads_of(crossing_trace().lanes), shot, [], view)
+    sheet._chase(ground.roads_of(crossing_trace().lanes), shot, [], SIZE)
+    middle = view.pixels(shot.ego[:2])[0]
+    for (left, upper, right, lower), (x, y) in zip(
+        given, (middle, (SIZE[0] / 2, 0.75 * SIZE[1])), strict=True
+    ):
+        assert left < x < right and upper < y < lower and right - left < 400
+
+
+@pytest.mark.parametrize(
+    ("views", "there"), [(("chase",), False), (("above",), True), (sheet.VIEWS, True)]
+)
+def test_the_legend_has_what_the_views_show(
+    views: tuple[str, ...], there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = written(monkeypatch)
+    sheet.sheet(crossing_trace(), None, (1.0, 2.0), views, tmp_path / "x.png")
+    assert "plan" in words
+    assert ("also tried, stronger: more visits" in words) == there
+    assert ("N" in words) == there

@@ -12,6 +12,7 @@ from sumo_mcts import load_scenario, run_episode
 from sumo_mcts.commands.article import claims_table
 from sumo_mcts.episode.run import EpisodeResult
 from sumo_mcts.records import Trace
+from sumo_mcts.scene import Agents
 from sumo_mcts.studies import article
 from sumo_mcts.studies.article import Figure
 
@@ -88,6 +89,41 @@ def test_claims_are_denied_where_they_do_not_hold(figure: Figure) -> None:
     told = truth(figure, trace._replace(cycles=kept))
     assert told[:3] == [False] * 3
     assert truth(figure, outcome="timeout")[3] is False
+
+
+def changed(trace: Trace, at: float, **ego: float) -> Trace:
+    """The trace with other values of the ego at the decision nearest to a time, s."""
+    times = [abs(cycle.time - at) for cycle in trace.cycles]
+    k = times.index(min(times))
+    cycle = trace.cycles[k]
+    cycle = cycle._replace(ego=cycle.ego._replace(**ego))
+    return trace._replace(cycles=(*trace.cycles[:k], cycle, *trace.cycles[k + 1 :]))
+
+
+def test_who_sees_nobody_come_detects_nobody() -> None:
+    left = article.FIGURES[0]
+    trace = episode(left.scenario).traces[0]
+    nobody = {name: getattr(trace.cycles[0].agents, name)[:0] for name in Agents._fields}
+    alone = [cycle._replace(agents=Agents(**nobody)) for cycle in trace.cycles]
+    assert truth(left, trace._replace(cycles=tuple(alone))) == [False, True, True, True]
+    leaving = [
+        cycle._replace(agents=cycle.agents._replace(x=cycle.agents.x + 1000 + 100 * cycle.time))
+        for cycle in trace.cycles
+    ]
+    assert truth(left, trace._replace(cycles=tuple(leaving))) == [False, True, True, True]
+
+
+def test_the_cut_in_is_by_somebody_slow_and_the_ego_does_not_slow_down() -> None:
+    cut_in = article.FIGURES[1]
+    trace = episode(cut_in.scenario).traces[0]
+    early = min(trace.cycles, key=lambda cycle: abs(cycle.time - 4.0))
+    slow = float(early.agents.v[early.agents.ids.index("slow")])
+    for at, v, told in (
+        (4.0, slow - 0.1, [False, True, True, True]),
+        (5.0, early.ego.v - 0.1, [True, False, True, True]),
+        (11.0, early.ego.v - 0.1, [True, True, False, True]),
+    ):
+        assert truth(cut_in, changed(trace, at, v=v)) == told
 
 
 def test_a_collision_and_hard_braking_deny_what_they_concern() -> None:
