@@ -284,7 +284,7 @@ def test_the_choice_may_be_that_of_the_highest_bound() -> None:
     tree.end[3] = LOST
     assert paper._best(tree, w, "ucb") == 1
     toy, taken = on_three_lanes(None, Agent("x", "a_1", 130.0, v=6.0)), []
-    w = paper._weights(scenario("paper.exploration=50"), 0.1)
+    w = paper.weights_of(scenario("paper.exploration=50"), 0.1)
     for choice in ("mean", "ucb"):
         decision, grown = decided(toy, 20, f"paper.choice={choice}", "paper.exploration=50")
         taken.append(decision.chosen)
