@@ -5,6 +5,7 @@ import numpy as np
 
 from sumo_mcts.arrays import Bools, Indices
 from sumo_mcts.model.agent_tables import levels
+from sumo_mcts.numerics.lanes import successors
 from sumo_mcts.numerics.signals import shown
 from sumo_mcts.prediction.behaviour import STAY_GAP, STAY_RED
 from sumo_mcts.road import RoadMap
@@ -68,8 +69,8 @@ def _is_before_red(road: RoadMap, signals: Signals, lane: int, s: float) -> bool
     """Whether no way on from this place is open, and a light is the cause."""
     if road.length[lane] - s > STAY_RED:
         return False
-    ways = road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]
-    lights = [int(way) for way in ways if road.signal[way] >= 0]
+    ways = successors(road, lane)
+    lights = [way for way in ways if road.signal[way] >= 0]
     return len(lights) == len(ways) > 0 and all(
         shown(signals, int(road.signal[way]), int(road.link[way])) not in (GREEN, AFTER_STOP)
         for way in lights

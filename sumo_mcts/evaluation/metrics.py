@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 
 from sumo_mcts.arrays import Floats, Indices
-from sumo_mcts.numerics.lanes import connection, limits
+from sumo_mcts.numerics.lanes import connection, limits, successors
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import EgoState
 
@@ -127,8 +127,8 @@ def _connection_time(road: RoadMap, lane: int, onto: int, ego: EgoState) -> floa
     """Seconds on the internal lanes between `lane` and the edge `onto`; inf where they are not
     connected."""
     quickest = inf
-    for first in road.successor[road.successor_offset[lane] : road.successor_offset[lane + 1]]:
-        time, exit_lane = crossing_time(road, int(first), 0.0, ego)
+    for first in successors(road, lane):
+        time, exit_lane = crossing_time(road, first, 0.0, ego)
         if road.edge[exit_lane] == onto:
             quickest = min(quickest, time)
     return quickest

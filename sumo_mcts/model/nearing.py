@@ -25,6 +25,8 @@ MARGIN = 1.0
 def widened(bounds: Floats, until: Ints) -> Floats:
     """LocalMap.bounds [H, T, N, 4] with MARGIN about agents that move sideways until the forecast
     times `until` [H, N]."""
+    if until.max(initial=-1) < 0:
+        return bounds
     moves = np.arange(bounds.shape[1])[:, None] <= until[:, None]
     wider = bounds.copy()
     wider[..., [WEST, SOUTH]] -= MARGIN * moves[..., None]
