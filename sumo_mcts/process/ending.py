@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sumo_mcts.errors import ConfigError, FailedError, in_one_line, of_machine, printable
-from sumo_mcts.process.supervisor import AGAIN_S, DEBUG, WORDS, heeding
+from sumo_mcts.process.supervisor import AGAIN_S, DEBUG, asked_to_end, heeding
 
 OK, FAILED, INVALID = 0, 1, 2  # and 128 + N where signal N asked for the end
 # An error without the name of a file is about standard output, where it is one of these.
@@ -40,7 +40,7 @@ def ended(command: Callable[[], object]) -> int:
                 traceback.print_exc()
             line, result = explained(error)
     if asked:  # whatever a compiler or a callback made of the interrupt
-        line, result = WORDS[asked[0]], 128 + asked[0]
+        return asked_to_end(asked[0])
     tell(line)
     return result
 

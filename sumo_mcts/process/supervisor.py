@@ -7,7 +7,7 @@ process stays behind. The parent imports nothing heavy, so it answers signals fr
     parent  blocks signals, forks, waits; sends signals on to the child; kills a child that does
             not respond to them
     child   runs the command; writes lines to the parent: "!", it responds to a signal; "=N", the
-            results are written and its status will be N
+            results are written and its status will be N; "?N", it ends because of signal N
 """
 
 import ctypes
@@ -103,6 +103,18 @@ def results_are_out(status: int) -> None:
     _report(f"={status}")
 
 
+def asked_to_end(number: int) -> int:
+    """The exit status of a command that ends because signal `number` asked for it.
+
+    The user gets one line: from the parent, where there is one, since it may kill this process
+    before or after a line of its own.
+    """
+    if _Child.pipe is None:
+        return _say_asked(number)
+    _report(f"?{number}")
+    return 128 + number
+
+
 @contextmanager
 def heeding(act: Callable[[int], None]) -> Iterator[None]:
     """Call `act` with the number of each signal that asks for the end.
@@ -158,8 +170,7 @@ def _run_child(
 
 
 def _leave(number: int) -> NoReturn:
-    _write(WORDS[number])
-    os._exit(128 + number)
+    os._exit(asked_to_end(number))
 
 
 # --- the parent's side ---
@@ -214,6 +225,7 @@ class _Watch:
         self._asked_at = 0.0  # when, s
         self._kill_at = float("inf")  # s
         self._result: int | None = None  # the status, once the results are written
+        self._left_for: int | None = None  # the signal that the child reports to end for
 
     def status(self, watched: set[int]) -> int:
         """Wait for the child's end; the exit status. Writes the line that the child cannot."""
@@ -253,37 +265,42 @@ class _Watch:
                 self._kill_at = self._asked_at + HEEDED_S
             elif line.startswith("="):
                 self._result, self._kill_at = int(line[1:]), time.monotonic() + CLOSING_S
+            elif line.startswith("?"):
+                self._left_for = int(line[1:])
 
     def _ended(self, code: int) -> int:
         """The child ended by itself, or another process ended it."""
         self._listen()
+        if self._left_for is not None:
+            return _say_asked(self._left_for)
         if code >= 0:
             return code
         if self._result is not None:
             return self._result
         if self._asked is not None:
-            return self._say_asked()
+            return _say_asked(self._asked)
         name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
         hint = ", as the system does for want of memory" if -code == signal.SIGKILL else ""
         return _say_failed(f"{self._doing() or 'the process'} was ended by {name}{hint}")
 
     def _killed(self) -> int:
-        """This process ended the child."""
+        """This process ended the child, which was asked to end or has written its results."""
         if self._result is not None:
             return self._result
         if sys.stderr.isatty():
             _write("\r\x1b[K\x1b[?25h", end="")  # of a progress line, and its hidden cursor
-        return self._say_asked()
-
-    def _say_asked(self) -> int:
         assert self._asked is not None
-        _write(WORDS[self._asked])
-        return 128 + self._asked
+        return _say_asked(self._asked)
 
     def _doing(self) -> str:
         with suppress(OSError):
             return (self._scratch / _DOING).read_text(encoding="utf-8")
         return ""
+
+
+def _say_asked(number: int) -> int:
+    _write(WORDS[number])
+    return 128 + number
 
 
 def _say_failed(line: str) -> int:

@@ -145,16 +145,28 @@ def test_signals(number: signal.Signals, busy: str, whole_group: bool, tmp_path:
 
 
 @pytest.mark.slow
-def test_asked_twice_it_ends_at_once(tmp_path: Path) -> None:
+@pytest.mark.parametrize("whole_group", [False, True])
+def test_asked_twice_it_ends_at_once(whole_group: bool, tmp_path: Path) -> None:
+    """In one line, although the child ends for the second signal too, or is killed meanwhile."""
     process = start("try: time.sleep(60)\n    finally: time.sleep(60)", tmp_path)
     assert process.stdout is not None
     process.stdout.readline()
     began = time.monotonic()
-    process.send_signal(signal.SIGINT)
-    time.sleep(1.0)
-    process.send_signal(signal.SIGINT)
+    for pause in (1.0, 0.0):
+        if whole_group:
+            os.killpg(process.pid, signal.SIGINT)
+        else:
+            process.send_signal(signal.SIGINT)
+        time.sleep(pause)
     assert end_of(process) == (130, "interrupted\n")
     assert time.monotonic() - began < 8.0
+
+
+@pytest.mark.slow
+def test_the_line_is_written_once(tmp_path: Path) -> None:
+    """The child has ended for a signal when it is killed: the parent alone writes."""
+    body = "supervisor.asked_to_end(2); time.sleep(0.2); os.abort()"
+    assert end_of(start(body, tmp_path)) == (130, "interrupted\n")
 
 
 def test_before_anything_is_loaded(tmp_path: Path) -> None:
