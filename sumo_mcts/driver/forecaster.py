@@ -12,6 +12,7 @@ from sumo_mcts.driver.sensor import room_m
 from sumo_mcts.errors import ConfigError, in_one_line
 from sumo_mcts.model.local_map import State
 from sumo_mcts.model.route import RouteMap
+from sumo_mcts.prediction.at_red import margins_on_foot
 from sumo_mcts.prediction.forecast import Question, times_of
 from sumo_mcts.prediction.interface import Oracles, Predictor, checked
 from sumo_mcts.prediction.margins import inflate
@@ -106,8 +107,9 @@ class Forecaster:
             found = checked(found, self._road, question)
         # a copy of the simulation has the paths of pedestrians
         on_foot_m = 0.0 if asks(name, "clone") else self._config.prediction.room_on_foot_m
+        around = margins_on_foot(self._road, cycle.lanes, cycle.scene, on_foot_m)
         room = room_beside(self._road, cycle.lanes, cycle.scene.ego, cycle.scene.agents)
-        found = inflate(found, cycle.scene, self._room_m, on_foot_m, room)
+        found = inflate(found, cycle.scene, self._room_m, around, room)
         plans = self._told(cycle.scene, seconds)
         return with_plans(found, self._road, cycle.scene.agents, cycle.lanes, plans)
 

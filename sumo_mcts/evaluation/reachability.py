@@ -138,7 +138,7 @@ def spread(road: RoadMap, lane: int, s: float, back: float, ahead: float) -> dic
     seen, todo = {lane}, [lane]
     while todo:  # backward
         here = todo.pop()
-        for lane_before in _predecessors(road, here) if found[here] >= -back else ():
+        for lane_before in predecessors(road, here) if found[here] >= -back else ():
             if lane_before not in seen:
                 seen.add(lane_before)
                 found.setdefault(lane_before, found[here] - float(road.length[lane_before]))
@@ -146,7 +146,7 @@ def spread(road: RoadMap, lane: int, s: float, back: float, ahead: float) -> dic
     return found
 
 
-def _predecessors(road: RoadMap, lane: int) -> list[int]:
+def predecessors(road: RoadMap, lane: int) -> list[int]:
     """Asked for so seldom that a search through all lanes is cheaper than an index."""
     links = np.flatnonzero(road.successor == lane)
     lanes: list[int] = (np.searchsorted(road.successor_offset, links, side="right") - 1).tolist()

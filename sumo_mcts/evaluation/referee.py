@@ -16,6 +16,7 @@ from sumo_mcts.evaluation.goal import Goal, RouteProgress
 from sumo_mcts.evaluation.imposed import IMPOSED, braking_for_ego, lanes_under
 from sumo_mcts.evaluation.lights import LightRecord
 from sumo_mcts.evaluation.metrics import comfortable_share, events, jerks, rms
+from sumo_mcts.evaluation.on_lanes import clear_on_lanes
 from sumo_mcts.evaluation.own_side import OwnSide
 from sumo_mcts.evaluation.reachability import REACH, Drive, driven, goal_reaching_edges
 from sumo_mcts.evaluation.standing import GreenRecord, longest_run
@@ -293,7 +294,13 @@ class Referee:
         self._drac = self._drac if isnan(frame.drac) else max(self._drac, frame.drac)
 
     def _contacts(self, before: Frame, frame: Frame, known: Ints) -> dict[str, Contact]:
-        return contacts(self._road, self._drawing, self._step, before, frame, known)
+        hits = contacts(self._road, self._drawing, self._step, before, frame, known)
+        past = dict(zip(frame.agents.ids, known.tolist(), strict=True))
+        return {
+            name: hit
+            for name, hit in hits.items()
+            if not clear_on_lanes(self._road, before, frame, name, past[name], hit)
+        }
 
     # --- judgement ---
 

@@ -10,6 +10,7 @@ import math
 
 from sumo_mcts.model.cost_params import CostParams, Term
 from sumo_mcts.model.cost_to_go import PICK_UP, waiting_s
+from sumo_mcts.model.crosswalks import stays_on_crosswalk
 from sumo_mcts.model.leaving import MAKES_ROOM
 from sumo_mcts.model.local_map import (
     DENSITY,
@@ -153,6 +154,8 @@ def terminal(
     waits = 0.0
     if c.beyond_s > 0.0:
         waits = c.beyond_s * (1.0 - math.exp(-waiting_s(local, state, time, picks_up) / c.beyond_s))
+    if stays_on_crosswalk(local, state):
+        waits = c.beyond_s  # it gains nothing by waiting there
     lost = (
         picks_up
         + waits

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.model.agent_tables import Tables, drawn, lanes_of, levels, moving, tables_of
 from sumo_mcts.model.cost_to_go import gap_times, gates
+from sumo_mcts.model.crosswalks import crosswalks
 from sumo_mcts.model.least_cost import fill_sure
 from sumo_mcts.model.leaving import Stream, leaving
 from sumo_mcts.model.local_agents import (
@@ -86,6 +87,7 @@ class _Common(NamedTuple):
     yellow: Floats  # LocalMap.yellow
     walks: Bools  # [N] trait ON_FOOT
     inside: Indices  # the lanes of the junctions ahead
+    crosswalk: Floats  # LocalMap.crosswalk
 
 
 class _Moment(NamedTuple):
@@ -160,7 +162,8 @@ def build_locals(
             bounds=bounds[h],
             followers=followers, starts=traffic.starts, patience=rules.patience, asked=rules.asked,
             obligation=np.concatenate([owed, to_oncoming(road, route, view, c.here, coming)]),
-            gate=gate, to_gate=to_gate, urgency=moment.urgency, to_leave=moment.to_leave,
+            crosswalk=c.crosswalk, gate=gate, to_gate=to_gate, urgency=moment.urgency,
+            to_leave=moment.to_leave,
             target_lane_speed=moment.target_lane_speed, open_ahead=open_ahead,
             stop_at=to_stop, stands_before=stands_before, near_stop=near_stop,
             stop_decel=rules.stop_decel, seen_within=within,
@@ -179,12 +182,15 @@ def _common(
     view, seen = slice(first, last), len(forecast.reacts)
     scene, forecast = with_unseen(road, route, view, here, scene, forecast, rules.sight)
     closed, yellow = closed_lines(route, view, scene, forecast, state, rules)
+    lane_node = _lane_nodes(road, route, view)
+    inside = route.lane[junction_nodes(route, first, last, here)]
     return _Common(
         road=road, route=route, state=state, scene=scene, forecast=forecast, seen=seen, rules=rules,
         here=here, view=view, ahead=_ahead(route, first, last),
-        lane_node=_lane_nodes(road, route, view), closed=closed, yellow=yellow,
+        lane_node=lane_node, closed=closed, yellow=yellow,
         walks=on_foot(scene.agents, len(forecast.reacts)),
-        inside=route.lane[junction_nodes(route, first, last, here)],
+        inside=inside,
+        crosswalk=crosswalks(road, route, inside, lane_node, scene, state),
     )  # fmt: skip
 
 

@@ -61,6 +61,9 @@ class LocalMap(NamedTuple):
     # [K, 8] OWN_NODE .. PAST below: stretches of a junction that an agent is going to use and
     # that the ego has to leave to it, and lanes of oncoming traffic likewise
     obligation: Floats
+    # [K, 3] ON_NODE .. TO of model/crosswalks.py: the ego's node, and from where to where its front
+    # is while its body is on a crossing for people on foot, m
+    crosswalk: Floats
     # [G, .] NEXT_GATE .. CLOSES below: places ahead where the ego may have to wait
     gate: Floats
     to_gate: Floats  # [W, 7] GATE .. SPREAD below

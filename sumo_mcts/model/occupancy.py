@@ -21,6 +21,7 @@ from sumo_mcts.model.local_map import (
     MERGES,
     NORTH,
     OCCUPANCY_SAMPLES,
+    ON_FOOT,
     ONTO,
     OWED,
     OWED_FROM,
@@ -135,6 +136,8 @@ def yielding_cost(
         end = local.obligation[k, STRETCH_END]
         if (0.0 if jumps else end) - state.s + 2.0 * p.half_length < 0.0:
             continue
+        if local.trait[i, ON_FOOT] > 0.0 and local.agent[t, i, V] == 0.0:
+            continue  # it waits for its signal
         driven = local.agent[t, i, DRIVEN]
         if local.trait[i, OWED] >= 0.0 and local.trait[i, SLOT] >= 0.0:
             if stands_aside(local, p, state, others, i):

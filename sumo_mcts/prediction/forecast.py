@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_mcts.arrays import Bools, Floats, Ints
+from sumo_mcts.prediction.at_red import ways_at, with_waiting
 from sumo_mcts.prediction.behaviour import drive
 from sumo_mcts.prediction.course import Course, course_of
 from sumo_mcts.prediction.drivers import NO_DRIVERS, Drivers, TrafficParams
-from sumo_mcts.prediction.on_foot import Ways, approach, crossings_on, ways_on_foot
+from sumo_mcts.prediction.on_foot import Ways
 from sumo_mcts.prediction.overtaking import Return, going_back
 from sumo_mcts.prediction.paths import NO_PATHS, Paths, changing, likely_paths
 from sumo_mcts.prediction.poses import places, poses
@@ -99,7 +100,8 @@ class Ground(NamedTuple):
 def ground_of(road: RoadMap, question: Question, lanes: Mapping[int, Ints] = NO_LANES) -> Ground:
     """Where agents are led; some, by index, along `lanes` that are known."""
     agents = changing(road, question.scene.agents, question.ego_lanes, question.params.aside)
-    on_foot = _on_foot(road, agents, question)
+    times, step = times_of(question.seconds, question.params.step), question.params.step
+    on_foot = ways_at(road, question.ego_lanes, question.scene, agents, times, step)
     back = going_back(road, agents, question.scene.ego)
     divided = question.scene.ego.sideways.speed > 0.0
     place = places(road, agents, back.lane) if divided else np.zeros(len(agents.ids))
@@ -142,9 +144,8 @@ def predict(
         ground = led(road, question, ground, {**oracle.lanes, **way})
     agents, params = ground.agents, question.params
     x, v, polite = _driven(road, question, ground, intent)
-    found = poses(
-        road, agents, ground.paths, ground.on_foot, ground.back, x, params.step, ground.place
-    )
+    on_foot, x, v = with_waiting(ground.on_foot, x, v, params.step, intent.agent)
+    found = poses(road, agents, ground.paths, on_foot, ground.back, x, params.step, ground.place)
     forecast = Forecast(
         dt=params.step,
         weight=np.ones(1),
@@ -188,13 +189,6 @@ def _driven(
         times=times_of(question.seconds, params.step),
         lanes=len(road.lane_ids),
     )
-
-
-def _on_foot(road: RoadMap, agents: Agents, question: Question) -> Ways:
-    """Where those of the agents walk who are persons."""
-    lanes = question.ego_lanes if agents.person.any() else question.ego_lanes[:0]
-    crossings = crossings_on(road, lanes)
-    return ways_on_foot(agents, crossings, approach(road, lanes, question.scene.ego, crossings))
 
 
 def _classes(ego: EgoState, agents: Agents) -> Ints:

@@ -10,10 +10,10 @@ from sumo_mcts.scene import EgoState, Forecast, Scene
 
 
 def inflate(
-    forecast: Forecast, scene: Scene, error: float, on_foot: float, room: Floats
+    forecast: Forecast, scene: Scene, error: float, on_foot: float | Floats, room: Floats
 ) -> Forecast:
     """The forecast with boxes that are `error` (m) longer at either end, and those of persons
-    `on_foot` (m) larger on every side.
+    `on_foot` (m), of all or [N], larger on every side.
 
     A margin is at most half of the distance between a box and the ego now. Else the ego would be in
     contact with an agent beside it. Sideways it is at most half of the `room` [N] that the ego has

@@ -6,6 +6,7 @@ people have to let vehicles pass, one that comes to the crossing stops before it
 near and has not turned yet, and goes first where the ego is far, slow or has turned. Then only
 the search tells whether it waits (model/kerbs.py). An ego that is about to turn to the near side,
 right where traffic drives on the right, counts on nobody to wait on the road that it leaves.
+Where a signal shows red to people they wait at the kerb until it shows green.
 """
 
 import math
@@ -19,7 +20,7 @@ from sumo_mcts.arrays import Bools, Floats, Indices, Ints
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.kernel import entry, kernel
 from sumo_mcts.road import LEFT, PEOPLE_FIRST, PEOPLE_WAIT, RIGHT, STRAIGHT, RoadMap
-from sumo_mcts.scene import Agents, EgoState
+from sumo_mcts.scene import STANDING, Agents, EgoState
 
 ENTERS_S = 4.0  # within which a person comes to a crossing that it is expected to walk over
 BESIDE = 0.5  # m: so near to its edges one is on it, and between them enters it so far inside
@@ -38,10 +39,13 @@ KERB = 0.5  # m before a crossing at which they wait
 BODY = 0.25  # m from the middle of a person to its side
 LEAST_ROOM = 0.2  # m: nobody waits where an ego that cuts the corner comes so near to the kerb
 STEP = 0.5  # m of a crossing on which they may be before they are on their way over it
+WAITS_WITHIN = 2.0  # m before a crossing whose signal shows red: who stands there waits for green
+FACES = 0.7  # cosine of the angle to the crossing up to which it does
+NO_LIGHT = -1.0  # Ways.goes of who waits for no signal
 
 
 class Crossings(NamedTuple):
-    """C places where the ego's way meets a crossing for people on foot, without signals."""
+    """C places where the ego's way meets a crossing for people on foot."""
 
     begin: Floats  # [C, 2] the middle of one end, m
     along: Floats  # [C, 2] unit vector to the other end
@@ -52,6 +56,7 @@ class Crossings(NamedTuple):
     near: Floats  # [C] the ego's part of the crossing, from where to where along it, m
     far: Floats  # [C] m
     lane: Ints  # [C] the ego's lane
+    over: Ints  # [C] the lane that is the crossing
     yields: Bools  # [C] people have to let vehicles pass, and the ego counts on it,
     waits: Bools  # [C] and it has not turned when it comes to the crossing,
     cuts: Bools  # [C] or it has turned to the near side: its rear cuts the corner
@@ -74,6 +79,9 @@ class Ways(NamedTuple):
     pose: Floats  # [N, 4] columns X .. SIN: where and how the first piece begins,
     then: Floats  # [N, 4] and the second
     stop: Floats  # [N] m after which it waits, inf: never
+    # [N] s after which its signal lets it go on, inf: not as far as is looked; NO_LIGHT: it waits
+    # for none
+    goes: Floats
     faces: Floats  # [N, 2] cosine and sine of the heading now
 
 
@@ -94,15 +102,18 @@ def crossings_on(road: RoadMap, lanes: Ints | Indices) -> Crossings:
     """The crossings that the ego meets on `lanes` [K]."""
     inside = lanes[road.junction[lanes] >= 0].tolist()
     found = [row for lane in inside for row in _crossings_of(_Same(road), lane)]
-    rows = np.array(found).reshape(-1, 13)
+    rows = np.array(found).reshape(-1, 14)
     length, half, first, last, near, far = rows[:, 4:10].T.copy()
     begin, along, lane = rows[:, :2].copy(), rows[:, 2:4].copy(), rows[:, 10].astype(np.int32)
+    over = rows[:, 13].astype(np.int32)
     near_side = road.direction[lane] == (LEFT if road.lefthand else RIGHT)
     turned = (road.direction[lane] != STRAIGHT) & (rows[:, 12] <= NOT_TURNED)
     # who is about to turn to the near side slows down too much for people to wait for it
     yields = (rows[:, 11] == PEOPLE_WAIT) & (turned | ~near_side)
     waits, cuts = yields & ~turned, yields & near_side
-    return Crossings(begin, along, length, half, first, last, near, far, lane, yields, waits, cuts)
+    return Crossings(
+        begin, along, length, half, first, last, near, far, lane, over, yields, waits, cuts
+    )
 
 
 def approach(road: RoadMap, lanes: Ints, ego: EgoState, crossings: Crossings) -> Approach:
@@ -121,13 +132,10 @@ def _crossings_of(same: _Same, lane: int) -> tuple[tuple[float, ...], ...]:
     """The rows of Crossings for one lane inside a junction."""
     road = same.road
     here = road.junction == road.junction[lane]
+    known = here & (road.rule >= PEOPLE_FIRST)
     if (road.signal[here] >= 0).any():
-        return ()
-    return tuple(
-        row
-        for each in np.flatnonzero(here & (road.rule >= PEOPLE_FIRST))
-        for row in _meeting(road, lane, int(each))
-    )
+        known &= road.signal >= 0  # of others it is not known when people go
+    return tuple(row for each in np.flatnonzero(known) for row in _meeting(road, lane, int(each)))
 
 
 def _meeting(road: RoadMap, lane: int, crossing: int) -> Iterator[tuple[float, ...]]:
@@ -152,7 +160,8 @@ def _meeting(road: RoadMap, lane: int, crossing: int) -> Iterator[tuple[float, .
         k = int(there.mean())
         step = front[min(k + 1, len(at) - 1)] - front[max(k - 1, 0)]
         ahead = step @ _comes_from(road, lane) / max(float(np.linalg.norm(step)), 1e-9)
-        yield (*begin, *along, length, half, *part, lane, int(road.rule[crossing]), ahead)
+        rule = int(road.rule[crossing])
+        yield (*begin, *along, length, half, *part, lane, rule, ahead, crossing)
 
 
 def _comes_from(road: RoadMap, lane: int) -> Floats:
@@ -219,27 +228,73 @@ def _fill_entering(
                 found[3, k] = np.inf
 
 
-def ways_on_foot(agents: Agents, crossings: Crossings, ego: Approach) -> Ways:
-    """The ways of agents [N], of which only those of persons mean anything."""
+def ways_on_foot(
+    agents: Agents, crossings: Crossings, ego: Approach, green: Bools, step: float
+) -> Ways:
+    """The ways of agents [N], of which only those of persons mean anything.
+
+    `green` [C, T]: at which times, `step` s apart, people may enter each crossing.
+    """
     never = np.full(len(agents.x), np.inf)
     pose = np.column_stack([agents.x, agents.y, np.cos(agents.heading), np.sin(agents.heading)])
-    ways = Ways(never, pose, pose.copy(), never.copy(), pose[:, COS:].copy())
+    no_light = np.full(len(agents.x), NO_LIGHT)
+    ways = Ways(never, pose, pose.copy(), never.copy(), no_light, pose[:, COS:].copy())
     if len(crossings.length):
-        _lead(ways, crossings, ego, np.flatnonzero(agents.person), agents.v)
+        _lead(ways, crossings, ego, np.flatnonzero(agents.person), agents.v, green, step)
     return ways
 
 
 @entry
-def _lead(ways: Ways, crossings: Crossings, ego: Approach, people: Indices, v: Floats) -> None:
-    """Lead people over the crossing that they are on, or come to within ENTERS_S first."""
+def _lead(
+    ways: Ways, crossings: Crossings, ego: Approach, people: Indices, v: Floats, green: Bools,
+    step: float,
+) -> None:  # fmt: skip
+    """Lead people over the crossing that they are on, or wait for, or come to within ENTERS_S
+    first."""
     for i in people:
         nearest = ENTERS_S * v[i]
         for c in range(len(crossings.length)):
+            if v[i] < STANDING and not green[c, 0]:
+                _wait(ways, i, crossings, c, green, step)
             before, nearest = nearest, _over(ways, i, crossings, c, nearest)
             if nearest < before:
                 on_it = nearest == 0.0
                 waits = crossings.waits[c] and not on_it and _lets_pass(ego, c, nearest / v[i])
                 ways.stop[i] = max(nearest - KERB, 0.0) if waits else math.inf
+                ways.goes[i] = NO_LIGHT
+                if not on_it:
+                    _stop_at_red(ways, i, green[c], nearest, nearest / v[i] / step, step)
+
+
+@kernel
+def _stop_at_red(
+    ways: Ways, i: int, green: Bools, away: float, arrives: float, step: float
+) -> None:
+    """Stop person i before a crossing that is `away` m, where people have green [T] at times `step`
+    s apart, if it has no green when it `arrives` (steps)."""
+    k = min(int(arrives), len(green) - 1)
+    if green[k]:
+        return
+    ways.stop[i], ways.goes[i] = max(away - KERB, 0.0), math.inf
+    for t in range(k, len(green)):
+        if green[t]:
+            ways.goes[i] = t * step
+            return
+
+
+@kernel
+def _wait(ways: Ways, i: int, crossings: Crossings, c: int, green: Bools, step: float) -> None:
+    """Lead person i, who stands, over crossing c if it waits for its signal there."""
+    ax, ay, length = crossings.along[c, X], crossings.along[c, Y], crossings.length[c]
+    on, off = _place(crossings, c, ways.pose[i, X], ways.pose[i, Y])
+    onward = 1.0 if on < 0.5 * length else -1.0
+    before = -on if onward > 0.0 else on - length
+    faces = onward * (ways.faces[i, 0] * ax + ways.faces[i, 1] * ay)
+    beside = abs(off) > crossings.half_width[c] + BESIDE
+    if ways.turn[i] < math.inf or beside or faces < FACES or not -STEP < before < WAITS_WITHIN:
+        return
+    _then(ways, i, 0.0, ways.pose[i, X], ways.pose[i, Y], onward * ax, onward * ay)
+    _stop_at_red(ways, i, green[c], 0.0, 0.0, step)
 
 
 @kernel

@@ -1,6 +1,6 @@
 """Connections between lanes: direction, right of way, signal; and which junctions are one."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -125,20 +125,37 @@ def _rule(connection: Any, yields_to: int) -> int:
     return _RULES.get(connection.getState(), PRIORITY)
 
 
-def crossing_rules(edges: Iterable[Any], number: dict[str, int]) -> dict[int, int]:
-    """The crossings, as lanes, and how people enter them: PEOPLE_FIRST or PEOPLE_WAIT.
+class Entry(NamedTuple):
+    """How people enter a crossing."""
 
-    `number`: lane id -> index.
+    rule: int  # PEOPLE_FIRST or PEOPLE_WAIT
+    signal: int  # index, -1: none
+    signal_link: int  # index in that signal's state, -1: none
+
+
+def crossing_entries(
+    edges: Iterable[Any], number: dict[str, int], signal_ids: Sequence[str]
+) -> dict[int, Entry]:
+    """The crossings, as lanes, and how people enter them.
+
+    `number`: lane id -> index; `signal_ids`: of the signals that vehicles have.
     """
     return {
-        number[connection.getToLane().getID()]: (
-            PEOPLE_WAIT if _RULES.get(connection.getState()) == YIELD else PEOPLE_FIRST
-        )
+        number[connection.getToLane().getID()]: _entry(connection, signal_ids)
         for edge in edges
         if edge.getFunction() == CROSSING
         for connections in edge.getIncoming().values()
         for connection in connections
     }
+
+
+def _entry(connection: Any, signal_ids: Sequence[str]) -> Entry:
+    """How people enter a crossing by a connection."""
+    signal = connection.getTLSID()
+    if signal in signal_ids:
+        return Entry(PEOPLE_FIRST, signal_ids.index(signal), connection.getTLLinkIndex())
+    waits = _RULES.get(connection.getState()) == YIELD
+    return Entry(PEOPLE_WAIT if waits else PEOPLE_FIRST, -1, -1)
 
 
 # --- lanes and their connections ---

@@ -26,8 +26,9 @@ from sumo_mcts.world.conflicts import (
 from sumo_mcts.world.jumps import with_jumps
 from sumo_mcts.world.kept_roads import kept_roadmap
 from sumo_mcts.world.links import (
+    Entry,
     Link,
-    crossing_rules,
+    crossing_entries,
     following_lane,
     junction_clusters,
     mask_of,
@@ -131,6 +132,7 @@ def _convert(file: NetFile) -> RoadMap:
     offset, points, point_s = _flatten(_shapes(lanes, following))
     fields = _lane_fields(edges, lanes, junctions, file.lefthand)
     signal_ids, links = read_links(net, number, junctions)
+    crossings = crossing_entries(edges, number, signal_ids)
     paths = [
         lane_path(
             lane,
@@ -159,7 +161,7 @@ def _convert(file: NetFile) -> RoadMap:
         **{
             **fields,
             **_class_fields(file, edges, ids, fields["speed"]),
-            **_link_fields(fields["classes"], links, crossing_rules(edges, number)),
+            **_link_fields(fields["classes"], links, crossings),
             **_conflict_fields(paths, len(lanes)),
         },
     )
@@ -274,18 +276,19 @@ def _neighbours(edge: Ints, step: int) -> Ints:
 
 
 def _link_fields(
-    classes: NDArray[np.uint64], links: Sequence[Link], crossings: Mapping[int, int]
+    classes: NDArray[np.uint64], links: Sequence[Link], crossings: Mapping[int, Entry]
 ) -> dict[str, Any]:
     """The fields that lanes inside junctions have from the connection that they belong to.
 
     `classes` [L]: the vehicle classes that each lane allows, as its own attributes say;
-    `crossings`: lane -> rule.
+    `crossings`: lane -> how people enter it.
     """
     count, classes = len(classes), classes.copy()
     exit_lane = np.arange(count, dtype=np.int32)
     direction, rule = np.full((2, count), [[STRAIGHT], [PRIORITY]], dtype=np.int32)
     signal, signal_link = np.full((2, count), -1, dtype=np.int32)
-    rule[list(crossings)] = list(crossings.values())
+    for lane, entry in crossings.items():
+        rule[lane], signal[lane], signal_link[lane] = entry
     for link in links:
         chain, first = list(link.chain), list(link.chain[:1])
         exit_lane[chain] = link.exit

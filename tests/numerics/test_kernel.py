@@ -478,6 +478,7 @@ NEEDED = {
         step_own
         step_passability stuck_behind terminal
     """,
+    "crosswalks": "stays_on_crosswalk",
     "gaps": "gap_ahead gap_behind gap_to_leaving lane_left",
     "geometry": "boxes_touch chord point_at point_on swung",
     "interaction": """

@@ -481,6 +481,31 @@ def test_crossings_for_pedestrians_are_lanes_without_successors(tmp_path: Path) 
     )
 
 
+def test_crossings_are_shown_what_their_own_link_of_the_signal_is(tmp_path: Path) -> None:
+    """People have other links than vehicles; without a signal a crossing has none."""
+    guess = [
+        "--sidewalks.guess",
+        "true",
+        "--sidewalks.guess.max-speed",
+        "20",
+        "--crossings.guess",
+        "true",
+    ]
+    for control in ("traffic_light", "priority"):
+        folder = tmp_path / control
+        folder.mkdir()
+        road = read_roadmap(crossing(folder, *guess, node_type=control))
+        on_foot = [i for i, name in enumerate(road.lane_ids) if name.startswith(":C_c")]
+        vehicles = [i for i in np.flatnonzero(road.link >= 0) if i not in on_foot]
+        assert on_foot
+        if control == "priority":
+            assert (road.signal[on_foot] == -1).all() and not vehicles
+        else:
+            links = road.link[on_foot].tolist()
+            assert (road.signal[on_foot] == 0).all() and (road.rule[on_foot] == PEOPLE_FIRST).all()
+            assert len(set(links)) == len(links) and min(links) > road.link[vehicles].max()
+
+
 def test_conflicts_are_in_lane_positions(crossing_file: str, road: RoadMap, tmp_path: Path) -> None:
     lane = chain(road, "SC_1", "CN_1")[0]
     longer = read_roadmap(
