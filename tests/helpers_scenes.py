@@ -31,8 +31,8 @@ follow their scripts whatever the ego does. Three more, with `-varied` at the en
 traffic; in the others places and speeds vary a little with the seed (`traffic.vary`). The pictures
 show planner `mcts` with seed 0 in NAME. What the scenes ask for, 49 of 50 arrivals in each, has not
 been measured with 50 seeds yet; what has been: [the paper's scenes](studies/paper-scenes.md). In
-`crossing-blocked` it does not arrive: [its time is
-up](studies/paper-scenes.md#among-sumos-drivers).
+`crossing-cut-in` its time is up [with some
+seeds](studies/paper-scenes.md#among-sumos-drivers).
 
 Where a scene differs from what the paper and its program have:
 

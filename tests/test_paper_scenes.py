@@ -5,6 +5,7 @@ import math
 from functools import cache
 from itertools import combinations, pairwise
 from typing import Any, NamedTuple
+from xml.etree.ElementTree import parse
 
 import helpers_scenes
 import numpy as np
@@ -162,6 +163,23 @@ def test_both_kinds_have_the_others_in_the_same_places(name: str) -> None:
         here, there = actor(name, who), actor(f"{name}-scripted", who)
         assert (here.driver, there.driver) == ("sumo", "script")
         assert there.model_copy(update={"driver": "sumo"}) == here
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_among_sumo_drivers_the_others_can_do_what_their_scripts_do(name: str) -> None:
+    """SUMO bounds what they are told by their type: they would set off later than in their
+    scripts."""
+    types = {
+        each.get("id"): each
+        for path in scene(name).sumo.routes
+        for each in parse(path).iter("vType")
+    }
+    for who in others(name):
+        kind = types[actor(name, who).vtype]
+        for event in actor(name, who).events:
+            if event.change_lane is None:
+                assert event.accel_mps2 <= float(kind.get("accel"))
+                assert event.accel_mps2 <= float(kind.get("decel"))
 
 
 @pytest.mark.parametrize("name", SCENES)

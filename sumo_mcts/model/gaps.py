@@ -66,17 +66,28 @@ def lane_left(local: LocalMap, i: int, t: int) -> int:
 def is_beside_in_lane(
     local: LocalMap, p: EgoParams, state: State, node: int, s: float, half_length: float
 ) -> bool:
-    """Whether an agent is beside the ego in the lane that SUMO counts the ego to.
+    """Whether an agent is beside the ego in a lane that SUMO counts the ego to.
 
     SUMO calls that a collision, however far aside the ego has moved. It looks before it moves
     vehicles over: at half time the old lane counts for a step more, and another one for SUMO's
-    rounding.
+    rounding. The new one counts as well then where the rear is still on the lanes before: there it
+    looks again.
     """
     lasts = 2.5 * p.step / p.change_duration if p.change_duration > 0.0 else 0.5
     old = 0.5 < state.progress < 0.5 + lasts and state.other >= 0
-    lane = state.other if old else state.node
-    ahead = chain_gap(local, lane, state.s, node, s)
-    behind = chain_gap(local, node, s, lane, state.s)
+    if old and _is_beside(local, p, state.s, state.other, node, s, half_length):
+        return True
+    new = not old or state.s < 2.0 * p.half_length
+    return new and _is_beside(local, p, state.s, state.node, node, s, half_length)
+
+
+@kernel
+def _is_beside(
+    local: LocalMap, p: EgoParams, ego_s: float, lane: int, node: int, s: float, half_length: float
+) -> bool:
+    """Whether the ego, at `ego_s` (m) on `lane`, and an agent are beside each other."""
+    ahead = chain_gap(local, lane, ego_s, node, s)
+    behind = chain_gap(local, node, s, lane, ego_s)
     return 0.0 <= ahead < 2.0 * half_length or 0.0 <= behind < 2.0 * p.half_length
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_mcts.arrays import Bools, Floats
+from sumo_mcts.arrays import Bools, Floats, Indices
 from sumo_mcts.numerics.geometry import nearest
 from sumo_mcts.numerics.lanes import limit, of_class, successors
 from sumo_mcts.prediction.conflicts import FOE_BEGIN, MERGES, OWN_BEGIN, conflicts_of
@@ -278,21 +278,41 @@ def forcing_odds(v: float, trend: float, distance: float) -> float:
 
 
 def _braking(seen: _Evidence) -> Iterator[Alternative]:
-    """The nearest ahead of the ego on its path, if they move or have just come to a stand."""
-    agents, paths, ego = seen.agents, seen.paths, seen.ego
+    """The nearest ahead of the ego on its path, if they move or have just come to a stand; and in
+    each lane beside the nearest that shows that it does: the ego might change there."""
+    agents, paths = seen.agents, seen.paths
     begins = {
         int(lane): float(begin)
         for lane, begin in zip(paths.lane[0, : paths.count[0]], paths.offset[0], strict=False)
     }
+    for i in _ahead(seen, begins)[:LEADERS]:
+        odds = _stopping_odds(seen, int(i))
+        if agents.v[i] > SLOW or odds > BRAKING:  # an agent that has just come to a stand may stay
+            yield Alternative(odds, Intent(int(i), BRAKES))
+    for beside in (seen.road.left, seen.road.right):
+        there = {int(beside[lane]): begin for lane, begin in begins.items() if beside[lane] >= 0}
+        for i in _ahead(seen, {k: v for k, v in there.items() if k not in begins})[:1]:
+            odds = _stopping_odds(seen, int(i))
+            if odds > 1.0:  # likelier than not
+                yield Alternative(odds, Intent(int(i), BRAKES))
+
+
+def _stopping_odds(seen: _Evidence, i: int) -> float:
+    """Odds that an agent brakes to a stand, or goes on waiting."""
+    trend, expected = float(seen.agents.trend[i]), float(seen.expected[i])
+    waits = seen.agents.v[i] < CRAWLS and trend < MOVING_OFF < expected
+    return max(braking_odds(trend, expected), STAYING if waits else 0.0)
+
+
+def _ahead(seen: _Evidence, begins: dict[int, float]) -> Indices:
+    """Agents within the following distance ahead of the ego on lanes that begin so many metres from
+    the start of its path, the nearest first."""
+    agents, ego = seen.agents, seen.ego
     begin = np.array([begins.get(int(lane), math.inf) for lane in agents.lane])
     gap = begin + agents.s - agents.length - ego.s
     near = np.flatnonzero((gap > 0.0) & (gap < _following_distance(ego)))
-    for i in near[np.argsort(gap[near], kind="stable")][:LEADERS]:
-        odds = braking_odds(float(agents.trend[i]), float(seen.expected[i]))
-        if agents.v[i] < CRAWLS and agents.trend[i] < MOVING_OFF < seen.expected[i]:
-            odds = max(odds, STAYING)
-        if agents.v[i] > SLOW or odds > BRAKING:  # an agent that has just come to a stand may stay
-            yield Alternative(odds, Intent(int(i), BRAKES))
+    found: Indices = near[np.argsort(gap[near], kind="stable")]
+    return found
 
 
 def braking_odds(trend: float, expected: float) -> float:

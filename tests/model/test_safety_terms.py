@@ -371,6 +371,26 @@ def test_who_is_beside_in_the_lane_that_sumo_counts_the_ego_to(
         assert shorter == (s < 104.0)
 
 
+@pytest.mark.parametrize(
+    ("front", "progress", "beside"),
+    [
+        (4.9, 0.52, True),
+        (5.1, 0.52, False),  # 5 m long: its rear is on this lane
+        (4.9, 0.48, False),  # the new lane does not count yet
+        (5.1, 0.59, True),
+    ],
+)
+def test_behind_the_end_of_a_lane_the_new_lane_counts_at_once(
+    front: float, progress: float, beside: bool
+) -> None:
+    """In crossing-blocked-scripted, seed 4, the ego came over to the lane of a car that stood at
+    the line, half a metre too early."""
+    p, local, state = view(lanes=2)
+    node, other = (0, 1) if progress > 0.5 else (1, 0)
+    there = state._replace(node=node, other=other, s=front, progress=progress)
+    assert plain(gaps.is_beside_in_lane)(local, p, there, 0, 1.0, 2.5) == beside
+
+
 def test_without_a_duration_the_old_lane_counts_for_the_step_of_the_jump() -> None:
     p, local, state = view(lanes=2)
     for progress, beside in ((0.9, True), (1.1, False)):

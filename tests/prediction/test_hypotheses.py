@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers import Agent, agents_at, crossing, ego_at, lane
+from helpers import Agent, agents_at, crossing, edges, ego_at, lane, straight_road
 from helpers_model import scene_of, traffic_params
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -374,6 +374,25 @@ def test_who_brakes_for_no_reason_goes_on_braking() -> None:
     assert braking_odds(-2.0, -2.5) == odds[0]  # it has a reason
     forecast = foreseen(seen(behind(Agent("a", "wi_0", 45.0, 10.0)), trend=[-4.0]), 2)
     assert forecast.weight[0] > 0.5 and forecast.v[0, -1, 0] == 0.0  # the likeliest comes first
+
+
+@pytest.mark.parametrize(
+    ("trend", "v", "asked"),
+    [(0.0, 10.0, False), (-1.0, 10.0, False), (-4.0, 10.0, True), (-4.0, 0.0, True)],
+)
+def test_who_comes_to_a_stand_in_the_lane_beside_matters_too(
+    trend: float, v: float, asked: bool
+) -> None:
+    """Else an ego behind a car that stops would change behind another one that stops as well."""
+    road = straight_road()
+    cars = [Agent("a", "a_0", 45.0, 10.0), Agent("b", "a_1", 45.0, v)]
+    scene = scene_of(ego_at(road, "a_0", 20.0, 10.0, route=edges(road, "a", "b")), road, *cars)
+    scene = seen(scene, trend=[-4.0, trend])
+    lanes = np.array([lane(road, name) for name in ("a_0", ":m_0", "b_0")], np.int32)
+    asking = Question(scene, lanes, np.zeros(0), traffic_params(), 10.0)._replace(hypotheses=4)
+    forecast = predict_hypotheses(road, asking)
+    brakes = {intent.agent for intent in forecast.intents if intent.does == BRAKES}
+    assert brakes == ({0, 1} if asked else {0})
 
 
 # --- starting ---
