@@ -6,7 +6,7 @@ from math import inf, pi, sin
 
 import numpy as np
 import pytest
-from helpers import Agent, agents_at, ego_at, frame_of
+from helpers import Agent, Lane, agents_at, build, ego_at, frame_of
 from helpers_referee import CROSSING, STRAIGHT
 from shapely import affinity, box  # type: ignore[import-untyped]
 
@@ -14,6 +14,7 @@ from sumo_mcts.arrays import Floats
 from sumo_mcts.evaluation.contact import (
     Contact,
     _gap_along,
+    _moves,
     _stray,
     _stretch,
     ahead_of,
@@ -27,6 +28,7 @@ from sumo_mcts.evaluation.contact import (
     touch_point,
 )
 from sumo_mcts.numerics.drawn import drawing
+from sumo_mcts.road import RoadMap
 
 CAR = np.array([2.5, 0.9])  # half length, half width, m
 DRAWING = drawing(CROSSING)
@@ -138,6 +140,87 @@ def test_on_lanes_that_are_drawn_longer_vehicles_are_drawn_faster() -> None:
     assert _stretch(road, np.array([0, 1, 2, -1])).tolist() == [2.0, 1.0, 1.0, 1.0]
 
 
+def test_who_was_put_into_the_ego_met_it_nobody_knows_where() -> None:
+    """Or the ego was put there; driven there, the moment is known."""
+    here, far = ego_at(CROSSING, ":we_0", 14.1, 10.0), ego_at(CROSSING, "wi_0", 40.0, 10.0)
+    into, away = Agent("x", ":sn_0", 12.0, 10.0), Agent("x", "si_0", 20.0, 10.0)
+    driven = Agent("x", ":sn_0", 7.0, 10.0)
+    known = np.zeros(1, np.int32)
+    for (first, was), (ego, agent), exact in (
+        ((here, away), (here, into), False), ((far, into), (here, into), False),
+        ((here._replace(v=0.0), driven), (here._replace(v=0.0), into), True),
+    ):  # fmt: skip
+        frames = frame_of(CROSSING, 0.0, first, was), frame_of(CROSSING, 0.5, ego, agent)
+        found = contacts(CROSSING, DRAWING, 0.5, *frames, known)
+        assert found["x"].exact is exact
+        if not exact:
+            assert found["x"].ego == pytest.approx((ego.x, ego.y, 0.0))
+            assert found["x"].other == pytest.approx((1.6, -0.5, pi / 2))
+    new = contacts(CROSSING, DRAWING, 0.5, *frames, np.full(1, -1, np.int32))
+    assert not new["x"].exact  # where it came from nobody knows
+
+
+@pytest.mark.parametrize(("further", "met"), [(3.9, True), (4.8, False)])
+def test_three_metres_more_than_its_speed_says_are_driven(further: float, met: bool) -> None:
+    """A bicycle that crosses at 1 m/s within a second: half as much again, and 3 m."""
+    ego = ego_at(CROSSING, ":we_0", 14.1, 0.0)
+    front = -1.6 - 0.9 - 0.05
+    frames = [
+        frame_of(CROSSING, k, ego, Agent("x", *on(NORTH, y), 1.0, length=1.8, width=0.6))
+        for k, y in enumerate((front, front + further))
+    ]
+    found = set(contacts(CROSSING, DRAWING, 1.0, *frames, np.zeros(1, np.int32)))
+    assert found == ({"x"} if met else set())
+
+
+def test_an_ego_that_was_put_beyond_somebody_did_not_drive_through_it() -> None:
+    """16 m within 0.1 s at 10 m/s."""
+    stands = Agent("x", *on(NORTH, 0.9), 0.0)
+    egos = [ego_at(CROSSING, *on(EAST, front), 10.0) for front in (-6.0, 10.0)]
+    frames = [frame_of(CROSSING, 0.1 * k, ego, stands) for k, ego in enumerate(egos)]
+    assert contacts(CROSSING, DRAWING, 0.1, *frames, np.zeros(1, np.int32)) == {}
+
+
+def test_in_a_step_of_two_seconds_both_come_twice_as_far() -> None:
+    """At 30 m/s one of them passes where the other stands."""
+    assert met(2.0, (-30.0, 30.0), (0.9, 0.0, 5.0, 1.8)) == {"x0"}
+    assert met(2.0, (4.1, 0.0), (-20.0, 30.0, 5.0, 1.8)) == {"x0"}
+
+
+@pytest.mark.parametrize(("x", "y", "angle"), [(700.0, -900.0, 0.0), (-50.0, 30.0, 2.0)])
+def test_where_the_road_lies_does_not_matter(x: float, y: float, angle: float) -> None:
+    """The same poses, moved and turned."""
+    rng, c, s, met_by = np.random.default_rng(9), np.cos(angle), np.sin(angle), []
+    known = np.zeros(1, np.int32)
+    for _ in range(60):
+        ego, agent = rng.uniform(-12.0, 8.0, 2)
+        frames = [
+            frame_of(
+                CROSSING, k, ego_at(CROSSING, *on(EAST, ego + 4.0 * k), 8.0),
+                Agent("x", *on(NORTH, agent + 6.0 * k), 12.0),
+            )
+            for k in range(2)
+        ]  # fmt: skip
+        moved = []
+        for frame in frames:
+            those = {}
+            for name, old in (("ego", frame.ego), ("agents", frame.agents)):
+                those[name] = old._replace(
+                    x=x + c * old.x - s * old.y, y=y + s * old.x + c * old.y,
+                    heading=old.heading + angle,
+                )  # fmt: skip
+            moved.append(frame._replace(**those))
+        one, other = (contacts(CROSSING, DRAWING, 0.5, *each, known) for each in (frames, moved))
+        assert set(one) == set(other)
+        if one:
+            place = one["x"].ego
+            assert other["x"].ego == pytest.approx(
+                (x + c * place[0] - s * place[1], y + s * place[0] + c * place[1], angle), abs=0.05
+            )
+        met_by.append(bool(one))
+    assert 10 < sum(met_by) < 50
+
+
 def test_nobody_is_met_where_nobody_is() -> None:
     frame = frame_of(CROSSING, 0.0, ego_at(CROSSING, ":we_0", 14.0))
     assert contacts(CROSSING, DRAWING, 1.0, frame, frame, np.zeros(0, np.int32)) == {}
@@ -179,6 +262,19 @@ def test_where_boxes_overlap_from_the_beginning_nobody_knows_where_they_met() ->
     found = first_contact(pose(6, 0), pose(16, 0), pose(10, 0), pose(10, 0), CAR, CAR)
     assert found is not None and not found.exact
     assert found.ego == (6.0, 0.0, 0.0)
+
+
+def test_what_is_passed_in_the_middle_of_a_step_is_met() -> None:
+    """Also through the origin, and by a bar that turns on the spot to the opposite side or back."""
+    post, bar = np.array([0.1, 0.1]), np.array([4.0, 0.1])
+    there = pose(-5.0, 0.0), pose(-5.0, 0.0)
+    assert first_contact(pose(-10, 0), pose(10, 0), *there, CAR, post) is not None
+    assert first_contact(*there, pose(-10, 0), pose(10, 0), post, CAR) is not None
+    beside = pose(3.0, 2.0), pose(3.0, 2.0)  # at an angle of 0.59
+    for begin, end in ((-1.5, 1.5), (1.5, 0.0), (0.0, 1.5)):
+        turns = pose(0, 0, begin), pose(0, 0, end)
+        assert first_contact(*turns, *beside, bar, post) is not None
+        assert first_contact(*beside, *turns, post, bar) is not None
 
 
 def test_a_box_that_turns_on_the_spot_sweeps_what_is_beside_it() -> None:
@@ -332,7 +428,117 @@ def test_a_turn_makes_a_box_wider() -> None:
         assert bool(kept_apart(*own, other, other, CAR[None])[0]) is parts
 
 
+@pytest.mark.parametrize(("y", "parts"), [(2.48, False), (2.63, True)])
+def test_by_how_much_the_turn_of_the_other_box_makes_it_wider(y: float, parts: bool) -> None:
+    """By 0.2, half of 2.66 m times that, 0.27 m; with the half widths, 0.9 m and 1.38 m: 2.55 m."""
+    other, turned = pose(0, y)[None], pose(0, y, 0.2)[None]
+    assert bool(kept_apart(pose(0, 0), pose(0, 0), CAR, other, turned, CAR[None])[0]) is parts
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.0, -2.0])
+@pytest.mark.parametrize(("y", "parts"), [(3.0, False), (3.15, True)])
+def test_by_how_much_the_own_turn_does(y: float, parts: bool, angle: float) -> None:
+    """Along the side of the turned box: 1.38 m twice, and 0.27 m, are 3.02 m, or 3.09 m across; and
+    so in any direction."""
+    other = pose(-y * sin(angle), y * np.cos(angle), angle)[None]
+    own = pose(0, 0, angle), pose(0, 0, angle + 0.2)
+    assert bool(kept_apart(*own, CAR, other, other, CAR[None])[0]) is parts
+
+
 # --- boxes that are drawn shorter ---
+
+
+def scaled(*scales: float) -> RoadMap:
+    """STRAIGHT, its lanes a_1, :m_1 and b_1 drawn to these shares of their lengths."""
+    scale, length = STRAIGHT.scale.copy(), STRAIGHT.length.copy()
+    for name, share in zip(("a_1", ":m_1", "b_1"), scales, strict=True):
+        scale[STRAIGHT.lane_ids.index(name)] = share
+        length[STRAIGHT.lane_ids.index(name)] /= share
+    return STRAIGHT._replace(scale=scale, length=length)
+
+
+def test_a_body_is_drawn_as_long_as_at_the_moment_at_which_it_is_drawn_longer() -> None:
+    """Half as long on a_1, a fifth on b_1; from the front on."""
+    road = scaled(0.5, 0.5, 0.2)
+    ego = ego_at(road, "b_1", 500.0)
+    places = ("a_1", 100.0), ("a_1", 105.0), ("b_1", 100.0), ("b_1", 105.0), (":m_1", 19.0)
+    frames = [frame_of(road, 0.0, ego, Agent("x", *at)) for at in places]
+    known = np.zeros(1, np.int64)
+    for before, after, share in ((0, 1, 0.5), (2, 3, 0.2), (4, 2, 0.5), (2, 4, 0.5)):
+        moves = _moves(road, drawing(road), 0.5, frames[before], frames[after], known, known)
+        assert moves.share == pytest.approx([share])
+        assert moves.half[0] == pytest.approx([2.5 * share, 0.9])
+        for found, frame in ((moves.before, frames[before]), (moves.after, frames[after])):
+            front = frame.agents.x[0] + 2.5
+            assert found[0] == pytest.approx([front - 2.5 * share, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("s", "touch"), [(398.5, False), (399.3, True)])
+def test_where_bodies_are_drawn_shorter_lanes_tell_who_touches(s: float, touch: bool) -> None:
+    """On a lane that is drawn to a fifth, behind one of 400 m that is drawn to a half, one drives
+    from 2 m to 4 m. Its rear is 1 m before the end of that lane then, but it is drawn as long as it
+    was."""
+    lanes = Lane("a", 0, ((0, 0), (200, 0)), ("b_0",)), Lane("b", 0, ((200, 0), (400, 0)))
+    road = build(lanes)
+    scale = np.array([0.5, 0.2])
+    road = road._replace(scale=scale, length=road.length / scale)
+    frames = [
+        frame_of(road, k, ego_at(road, "a_0", at, 3.0), Agent("x", "b_0", 2.0 + 2.0 * k, 4.0))
+        for k, at in ((0, 396.5), (1, s))
+    ]
+    found = contacts(road, drawing(road), 1.0, *frames, np.zeros(1, np.int32))
+    assert (set(found) == {"x"}) is touch
+
+
+@pytest.mark.parametrize(("ahead", "touch"), [(-0.2, True), (0.2, False)])
+def test_the_front_of_an_ego_that_is_drawn_shorter_is_where_it_is(
+    ahead: float, touch: bool
+) -> None:
+    """A person stands there; the lane is drawn to a third."""
+    road = scaled(0.33, 1.0, 1.0)
+    ego = ego_at(road, "a_1", 300.0, 0.1)
+    front = ego.x + 2.5
+    who = Agent("x", "", x=front + ahead + 0.1, y=0.0, v=0.0, length=0.2, width=0.2)
+    frames = [frame_of(road, k, ego, who) for k in range(2)]
+    found = contacts(road, drawing(road), 1.0, *frames, np.zeros(1, np.int32))
+    assert (set(found) == {"x"}) is touch
+
+
+def test_a_corner_that_touches_counts_though_lane_positions_tell_them_apart() -> None:
+    """Bodies as long as they are drawn; the one ahead is turned by 0.34, so that its rear corner is
+    0.16 m further back."""
+    ego = ego_at(STRAIGHT, "a_1", 100.0, 0.1)
+    frame = frame_of(STRAIGHT, 0.0, ego, Agent("x", "a_1", 105.05, 0.1))
+    for heading, touch in ((0.34, True), (0.0, False)):
+        there = frame._replace(agents=frame.agents._replace(heading=np.array([heading])))
+        later = there._replace(time=1.0)
+        found = contacts(STRAIGHT, drawing(STRAIGHT), 1.0, there, later, np.zeros(1, np.int32))
+        assert (set(found) == {"x"}) is touch
+
+
+@pytest.mark.parametrize("who", ["ego", "agent"])
+def test_on_a_lane_that_is_drawn_twice_as_long_twice_the_speed_is_driven(who: str) -> None:
+    """At 10 m/s 20 m within a second, through somebody who stands."""
+    names = ("si_0", ":sn_0", "no_0") if who == "agent" else ("wi_0", ":we_0", "eo_0")
+    those = [CROSSING.lane_ids.index(name) for name in names]
+    scale, length = CROSSING.scale.copy(), CROSSING.length.copy()
+    scale[those], length[those] = 2.0, length[those] / 2.0
+    road = CROSSING._replace(scale=scale, length=length)
+
+    def halved(line: Sequence[tuple[str, float, float]], front: float) -> tuple[str, float]:
+        name, s = on(line, front)
+        return name, s / 2.0
+
+    frames = []
+    for k, front in enumerate((-8.0, 12.0)):
+        if who == "agent":
+            ego = ego_at(road, ":we_0", 14.1, 0.0)
+            frames.append(frame_of(road, k, ego, Agent("x", *halved(NORTH, front), 10.0)))
+        else:
+            ego = ego_at(road, *halved(EAST, front), 10.0)
+            frames.append(frame_of(road, k, ego, Agent("x", *on(NORTH, 0.9), 0.0)))
+    found = contacts(road, drawing(road), 1.0, *frames, np.zeros(1, np.int32))
+    assert set(found) == {"x"} and found["x"].exact
 
 
 @pytest.mark.parametrize("heading", [0.0, pi / 2, 2.2])
@@ -353,6 +559,7 @@ def test_a_box_drawn_shorter_keeps_its_front(heading: float) -> None:
         (("a_1", 198.0), ("b_1", 3.0), 8.0, 7.0),  # over a junction of 10 m
         (("b_1", 3.0), ("a_1", 198.0), 8.0, 10.0),
         (("a_1", 100.0), ("a_1", 157.0), 8.0, 49.0),
+        (("a_0", 100.0), ("a_0", 110.0), 8.0, 2.0),  # the first lane of the map
         (("a_1", 100.0), ("a_1", 159.0), 8.0, -inf),  # too far to matter
         (("a_1", 100.0), ("a_0", 110.0), 8.0, -inf),  # beside it
         (("a_1", 100.0), ("", 0.0), 8.0, -inf),
@@ -362,4 +569,6 @@ def test_the_gap_along_lanes(
     ego: tuple[str, float], other: tuple[str, float], length: float, gap: float
 ) -> None:
     agents = agents_at(STRAIGHT, Agent("x", *other, length=length))
-    assert _gap_along(STRAIGHT, ego_at(STRAIGHT, *ego), agents, 0) == pytest.approx(gap)
+    own = ego_at(STRAIGHT, *ego)
+    assert _gap_along(STRAIGHT, own, agents, 0) == pytest.approx(gap)
+    assert _gap_along(STRAIGHT, own._replace(lane=-1), agents, 0) == -inf

@@ -5,8 +5,8 @@ import pytest
 from helpers import lane, straight_road
 
 from sumo_mcts.arrays import Ints
-from sumo_mcts.evaluation.driver_events import EVENTS, Course, foreseen
-from sumo_mcts.scene import Forecast
+from sumo_mcts.evaluation.driver_events import EVENTS, Course, foreseen, of_intent
+from sumo_mcts.scene import BRAKES, FORCES, STARTS, Forecast, Intent
 
 ROAD = straight_road()
 RIGHT, LEFT, BEYOND = (lane(ROAD, name) for name in ("a_0", "a_1", ":m_1"))
@@ -78,3 +78,20 @@ def test_a_hypothesis_is_read_at_the_nearest_times() -> None:
     )  # fmt: skip
     assert foreseen(forecast, 1, 0.4, 3).v[:, 0].tolist() == [0.0, 20.0, 40.0]
     assert foreseen(forecast, 0, 0.5, 4).v[:, 0].tolist() == [0.0, 2.0, 5.0, 5.0]
+
+
+def test_what_is_asked_of_a_hypothesis() -> None:
+    def asked(does: int, v: float = 5.0) -> str:
+        found = of_intent(Intent(0, does), v)
+        return found[0] if found else ""
+
+    assert asked(BRAKES) == "brakes for no reason" and asked(BRAKES, 0.9) == "goes on waiting"
+    assert asked(BRAKES, 1.0) == "brakes for no reason"
+    assert asked(FORCES) == "forces its way" and asked(STARTS) == "starts after a while"
+    others = {BRAKES, FORCES, STARTS}
+    assert all(asked(does) == "" for does in range(-1, 9) if does not in others)
+    waits, drives = course([RIGHT] * 3, [0.0, 0.2, 0.5]), course([RIGHT] * 3, [0.0, 0.8, 1.6])
+    question = of_intent(Intent(0, BRAKES), 0.0)
+    assert question is not None
+    for what, stays in ((waits, True), (drives, False)):
+        assert bool(question[1](ROAD, now(RIGHT), what, what)[0]) is stays

@@ -1,17 +1,15 @@
 """Escapes from scenes whose futures are known."""
 
 import math
-from typing import NamedTuple
-from unittest import mock
 
 import naive
 import numpy as np
 import pytest
-from helpers import Agent, Lane, agents_at, build, edge, edges, ego_at, lights
+from helpers import Agent, Lane, agents_at, build, ego_at, lights
+from helpers_hindsight import BREADTH, LENGTH, Car, futures, question, seen_later
 from helpers_model import PHYSICS, WIDTH, lanes_east, road_with_light, scenario, scene_of
 
 from sumo_mcts.driver.params import Physics, ego_params
-from sumo_mcts.evaluation import hindsight
 from sumo_mcts.evaluation.goal import Goal
 from sumo_mcts.evaluation.hindsight import (
     ALIVE,
@@ -20,7 +18,6 @@ from sumo_mcts.evaluation.hindsight import (
     MARGIN,
     Cell,
     Future,
-    Futures,
     Hindsight,
     drive,
     escape,
@@ -29,71 +26,14 @@ from sumo_mcts.model.local_map import GONE, NODE, State
 from sumo_mcts.model.motion import begin_change, can_change, pose_of, within_step
 from sumo_mcts.numerics.geometry import X, Y
 from sumo_mcts.road import RoadMap
-from sumo_mcts.scene import GREEN, RED, EgoState, Scripted, Signals
+from sumo_mcts.scene import GREEN, RED
 
-LENGTH, BREADTH = 5.0, 1.8  # m, of every car
 FINE = Cell(1e-9, 1e-9, 1e-9, 1e-9, 1e-9)  # states count as one only where they are one
-
-
-class Car(NamedTuple):
-    """A car that drives east with a constant speed, on the road from `begin` to `end` (s)."""
-
-    front: float  # m, at time 0
-    y: float
-    v: float = 0.0
-    begin: float = 0.0
-    end: float = math.inf
-
-
-def futures(*cars: Car, step: float = 0.1) -> Futures:
-    """Of all these."""
-
-    def known(now: float, count: int) -> list[Future]:
-        time = now + np.arange(count) * step
-        return [Future(_states(car, time), LENGTH, BREADTH) for car in cars]
-
-    return known
-
-
-def _states(car: Car, time: np.ndarray) -> Scripted:
-    n, zero = len(time), np.zeros(len(time))
-    pose = np.column_stack([car.front - LENGTH / 2 + car.v * time, zero + car.y, zero + 1.0, zero])
-    valid = (time >= car.begin - 1e-9) & (time <= car.end + 1e-9)
-    return Scripted(pose, zero + car.v, np.full(n, -1, np.int32), zero, valid)
 
 
 def goal_of(road: RoadMap) -> Goal:
     """The end of all edges."""
     return Goal(tuple(range(len(road.edge_ids))), -1, 100.0, 10.0)
-
-
-def seen_later(
-    road: RoadMap,
-    ego: EgoState,
-    *cars: Car,
-    success: str = "",
-    signals: Signals | None = None,
-    moves: Physics = PHYSICS,
-) -> Hindsight:
-    """With this ego as its only state."""
-    own = edges(road, *[name for name in road.edge_ids if not name.startswith(":")])
-    goal = Goal(own, edge(road, success) if success else -1, 100.0, 10.0)
-    result = Hindsight(
-        road,
-        goal,
-        ego._replace(route=own),
-        ego_params(scenario(), ego, moves),
-        futures(*cars, step=moves.step),
-    )
-    result.note(scene_of(ego._replace(route=own), road, signals=signals, step=moves.step))
-    return result
-
-
-def question(asked: Hindsight) -> tuple:
-    """The arguments with which the search is called."""
-    with mock.patch.object(hindsight, "escape", return_value=np.zeros(0, np.int64)) as search:
-        asked.unavoidable()
-    return search.call_args.args
 
 
 # --- walls and followers ---

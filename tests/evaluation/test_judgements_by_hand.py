@@ -12,6 +12,7 @@ from sumo_mcts.evaluation.fault import (
     Conduct,
     _half_sizes,
     _hit_by_other,
+    _moves,
     _overtook_into,
     _shifts,
     _stands_on_junction,
@@ -20,9 +21,11 @@ from sumo_mcts.evaluation.fault import (
 )
 from sumo_mcts.evaluation.goal import Goal, RouteProgress
 from sumo_mcts.evaluation.imposed import (
+    MIN_PATH,
     Stretch,
     _coming,
     _is_in_path,
+    _next_on_route,
     braking_for_ego,
     lanes_under,
 )
@@ -97,6 +100,42 @@ def test_a_lane_change_counts_for_three_seconds_to_the_rounding(began: float, fa
     assert is_at_fault(STRAIGHT, conduct, 0.1, before, frame, "x", touching) is fault
 
 
+@pytest.mark.parametrize(
+    ("then", "now", "speeds", "moves"),
+    [
+        ((50.0, 3.0), (50.0, 3.0), (0.0, 0.0), False),
+        ((50.0, 3.0), (50.0, 3.0), (0.2, 0.0), True),  # it has just stopped
+        ((50.0, 3.0), (50.0, 3.0), (0.0, 0.2), True),
+        ((50.0, 3.0), (50.0, 3.2), (0.0, 0.0), True),  # it was moved to the side, by 0.2 m
+        ((50.0, 3.0), (50.2, 3.0), (0.0, 0.0), True),
+        ((50.0, 3.0), (50.0, 3.04), (0.0, 0.0), False),  # in half a second, 0.08 m/s
+    ],
+)
+def test_who_stands_does_not_move(
+    then: tuple[float, float], now: tuple[float, float], speeds: tuple[float, float], moves: bool
+) -> None:
+    agents = [
+        frame_of(
+            STRAIGHT,
+            k,
+            ego_at(STRAIGHT, "c_1", 50.0),
+            Agent("x", "", v=speeds[k], x=at[0], y=at[1]),
+        ).agents
+        for k, at in enumerate((then, now))
+    ]
+    assert _moves(agents[0], 0, agents[1], 0, 0.5) is moves
+    assert _moves(agents[0], -1, agents[1], 0, 0.5) is (speeds[1] > 0.1)  # not there before
+
+
+def test_a_collision_that_boxes_do_not_show_is_judged_by_where_they_are() -> None:
+    """The other's front is in the last quarter of the ego, or only just behind its middle."""
+    for s, fault in ((46.5, False), (48.0, True)):
+        ego = ego_at(STRAIGHT, "a_1", 50.0, 2.0)
+        frames = [frame_of(STRAIGHT, k, ego, Agent("x", "a_1", s, 5.0)) for k in range(2)]
+        conduct = Conduct([Stretch(ego.lane, 45.0, 50.0, 50.0)], -inf, -1, {})
+        assert is_at_fault(STRAIGHT, conduct, 0.5, *frames, "x", None) is fault
+
+
 def test_half_sizes() -> None:
     agents = frame_of(
         STRAIGHT,
@@ -114,6 +153,8 @@ def test_half_sizes() -> None:
         (5.0, 12.0, False),  # it is not in the area yet, which begins at 6.2 m
         (8.0, 12.0, True),
         (15.0, 12.0, True),  # its rear is at 10 m, the area ends at 10.6 m
+        (16.0, 12.0, True),  # at 11 m, but half a second ago at 10 m
+        (17.0, 12.0, False),  # it was out of it a step ago, not a second
         (18.0, 12.0, False),  # it was out of it a step ago
         (8.0, 40.0, False),  # the other is long gone
     ],
@@ -242,6 +283,52 @@ def test_for_an_ego_that_stands_where_paths_merge_only_who_is_behind_it_brakes()
     assert braked(CROSSING, ego, Agent("x", ":sn_0", 3.0, 6.0), path)  # 17 m
 
 
+@pytest.mark.parametrize(("faster", "brakes"), [(1.0, False), (1.05, True)])
+def test_who_brakes_with_two_metres_per_second_squared_does_not_brake_hard(
+    faster: float, brakes: bool
+) -> None:
+    ego = ego_at(STRAIGHT, "a_1", 60.0)
+    frames = [
+        frame_of(STRAIGHT, STEP * k, ego, Agent("x", "a_1", 40.0, v))._replace(leader=("ego",))
+        for k, v in enumerate((10.0 + faster, 10.0))
+    ]
+    found = braking_for_ego(STRAIGHT, [ego.lane], STEP, *frames, np.zeros(1, np.int32))
+    assert bool(found) is brakes
+
+
+def test_an_ego_whose_front_is_just_ahead_is_in_the_way() -> None:
+    ego = ego_at(STRAIGHT, "a_1", 50.5, 5.0)
+    assert braked(STRAIGHT, ego, Agent("x", "a_1", 50.0), ("a_1",))
+
+
+@pytest.mark.parametrize(("s", "brakes"), [(60.5, True), (67.0, False)])
+def test_who_is_slow_looks_a_few_metres_ahead_all_the_same(s: float, brakes: bool) -> None:
+    """Ten metres to the rear of the ego, at 2 m/s, where 4 s are 8 m."""
+    ego = ego_at(STRAIGHT, "a_1", s, 0.5)
+    assert MIN_PATH == 10.0
+    assert braked(STRAIGHT, ego, Agent("x", "a_1", 46.0, 0.25), ("a_1",)) is brakes
+
+
+def test_the_first_lane_of_the_map_is_one() -> None:
+    ego = ego_at(STRAIGHT, "a_0", 100.0)
+    assert lane(STRAIGHT, "a_0") == 0
+    assert [each.lane for each in lanes_under(STRAIGHT, ego, [0])] == [0]
+    assert lanes_under(STRAIGHT, ego._replace(lane=-1), [0]) == []
+
+
+def test_at_the_end_of_its_route_no_lane_is_next() -> None:
+    """Whatever the number of the edge behind it."""
+    names = "abcd"
+    road = build([
+        Lane(name, 0, ((50 * k, 0), (50 * k + 50, 0)), (f"{names[k + 1]}_0",) if k < 3 else ())
+        for k, name in enumerate(names)
+    ])  # fmt: skip
+    for k in range(3):
+        assert _next_on_route(road, k, tuple(range(k + 1))) == -1
+        assert _next_on_route(road, k, tuple(range(k + 2))) == k + 1
+        assert _next_on_route(road, k, (3,)) == -1  # off its route
+
+
 # --- lights ---
 
 
@@ -306,6 +393,30 @@ def test_each_signal_has_its_own_links(shown: tuple[int, int]) -> None:
         inside = lane(TWO, f":{name}_0")
         record.cross_stop_line(frames[1], frames[2], inside, 30.0, [8.0, 8.0], [0.0, 28.0])
         assert (record.red, record.yellow) == (int(shown[k] == RED), 0)
+
+
+def test_who_stays_in_its_lane_runs_no_light_whichever_is_red() -> None:
+    """The light of the second lane of the map is."""
+    signals = Signals(
+        np.array([0, 1, 2], np.int32), np.array([[RED, GREEN]], np.int32).T, np.full((2, 1), inf)
+    )
+    record, ego = LightRecord(TWO), ego_at(TWO, "q_0", 20.0)
+    assert record.red_junction not in range(len(TWO.junction_ids))
+    record.note_state(signals, 0)
+    frames = [
+        frame_of(TWO, k, ego, Agent("x", "p_0", 40.0 + 5.0 * k), signals=signals) for k in range(2)
+    ]
+    record.note_red_runners(*frames, np.zeros(1, np.int32))
+    assert record.red_runners == {}
+
+
+def test_off_the_lanes_nobody_stands_at_green() -> None:
+    ego = ego_at(SIGNALLED, "wi_0", 89.0, 0.0, route=edges(SIGNALLED, "wi", "eo"))
+    for where, stands in (
+        (ego, True),
+        (ego._replace(lane=-1, s=float(SIGNALLED.length[-1])), False),
+    ):
+        assert stands_at_green(SIGNALLED, frame_of(SIGNALLED, 0.0, where)) is stands
 
 
 # --- where two can meet ---
@@ -383,6 +494,20 @@ def test_a_success_edge_counts_whatever_its_number_is() -> None:
     first.advance([lane(STRAIGHT, "a_1")])
     assert first.ends_at_goal(None, 0.5)
     assert not progress("b").ends_at_goal(None, 0.5)
+
+
+def test_who_skips_the_edge_that_counts_has_reached_it() -> None:
+    found = progress("b")
+    found.advance([lane(STRAIGHT, "c_1")])
+    assert found.arrived
+
+
+def test_an_edge_that_counts_may_lie_off_the_route() -> None:
+    found = progress("d")
+    found.advance([lane(STRAIGHT, name) for name in ("a_0", "b_0", "c_0")])
+    assert not found.arrived and not found.ends_at_goal(None, 0.5)
+    found.advance([lane(STRAIGHT, "d_0")])
+    assert found.arrived
 
 
 def test_who_arrives_beyond_its_goal_has_lost_the_time_above_free_flow() -> None:

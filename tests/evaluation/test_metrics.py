@@ -7,8 +7,11 @@ import pytest
 from helpers import Lane, build, crossing, edges, ego_at, straight_road
 
 from sumo_mcts.evaluation.metrics import (
+    JERK_MAX,
+    LATERAL_MAX,
     accelerations,
     comfortable_share,
+    crossing_time,
     events,
     free_flow_time,
     jerks,
@@ -120,3 +123,46 @@ def test_free_flow_time_takes_the_connection_of_the_route_and_the_fast_lane() ->
 def test_unconnected_edges_are_never_reached() -> None:
     road = crossing()
     assert free_flow_time(road, edges(road, "si", "eo"), 0.0, driver(road, 1.0, inf)) == inf
+
+
+def test_lateral_acceleration_is_mean_speed_times_mean_yaw_rate() -> None:
+    """With speeds and headings that change unevenly, window by window."""
+    rng, step = np.random.default_rng(6), 0.1
+    v, heading = rng.uniform(2.0, 12.0, 30), np.cumsum(rng.uniform(-0.2, 0.3, 30))
+    n = window(step)
+    found = lateral_accelerations(v, heading, step)
+    for k in range(len(found)):
+        mean = sum(0.5 * (v[i] + v[i + 1]) for i in range(k, k + n)) / n
+        assert found[k] == pytest.approx(mean * (heading[k + n] - heading[k]) / (n * step))
+    assert len(found) == 30 - n
+
+
+@pytest.mark.parametrize("step", [0.1, 0.02, 0.05])
+def test_the_bounds_of_jerk_and_of_lateral_acceleration_are_comfortable_to_the_rounding(
+    step: float,
+) -> None:
+    time = step * np.arange(round(1.5 / step))
+    jerky = 20.0 - 4.0 * time + 0.5 * JERK_MAX * time * time
+    assert JERK_MAX < jerks(jerky, step).max() < JERK_MAX + 1e-9  # by rounding alone
+    straight = np.zeros(len(time))
+    assert comfortable_share(jerky, straight, step) == 1.0
+    assert comfortable_share(jerky + 0.005 * JERK_MAX * time * time, straight, step) < 1.0
+    steady = np.full(len(time), 7.0)
+    turned = time * LATERAL_MAX / 7.0
+    assert comfortable_share(steady, turned, step) == 1.0
+    assert comfortable_share(steady, 1.01 * turned, step) < 1.0
+    assert comfortable_share(steady, -1.01 * turned, step) < 1.0
+
+
+def test_from_inside_a_junction_the_rest_of_its_lanes_is_driven() -> None:
+    """7 of 10 m, and 20 m behind them, at 5 m/s."""
+    road = build([
+        Lane("a", 0, ((0, 0), (50, 0)), (":m_0",)),
+        Lane(":m", 0, ((50, 0), (60, 0)), (":n_0",), 5.0, junction="m"),
+        Lane(":n", 0, ((60, 0), (80, 0)), ("b_0",), 5.0, junction="m"),
+        Lane("b", 0, ((80, 0), (160, 0))),
+    ])  # fmt: skip
+    ego = ego_at(road, ":m_0", 3.0)
+    assert crossing_time(road, 1, 3.0, ego) == (pytest.approx(27.0 / 5.0), 3)
+    assert crossing_time(road, 2, 3.0, ego) == (pytest.approx(17.0 / 5.0), 3)
+    assert crossing_time(road, 0, 3.0, ego) == (0.0, 0)

@@ -18,6 +18,7 @@ from sumo_mcts.model.cost_params import CostParams
 from sumo_mcts.model.local_map import (
     BIT,
     ELSEWHERE,
+    GOES_ROUND,
     GONE,
     HALF_LENGTH,
     HALF_WIDTH,
@@ -281,3 +282,85 @@ def test_before_somebody_on_the_oncoming_lane_no_place_is_free(
     node[2, OWES] = 1.0
     road.local = road.local._replace(node=node)
     assert not free(road) and asked == [(2, 100.0, 0)] and free(road, side=-1)
+
+
+# --- with the bounds that the forecast has ---
+
+
+@pytest.mark.parametrize(("gap", "contact"), [(2.9, True), (3.1, False)])
+def test_a_fast_ego_is_near_whom_it_sweeps_over(gap: float, contact: bool) -> None:
+    """Half of 0.2 s at 30 m/s, 3 m, to one that stands ahead, or behind and on no lane."""
+    for s in (105.0 + gap, 95.0 - gap):
+        road = Road(s=s, v=0.0, own=30.0)
+        at = road.local.agent[0, 0, X]
+        road.local.bounds[:, 0] = at - 2.5, at + 2.5, -0.9, 0.9
+        road.local.trait[:, BIT] = -1.0
+        assert road.meet().contact == contact
+        road.local.agent[:, :, NODE] = ELSEWHERE
+        assert road.meet().contact == contact
+
+
+def test_a_follower_that_is_in_no_lane_of_the_ego_any_more_is_met() -> None:
+    """It has moved into the ego's box from the lane beside."""
+    road = Road(lane=2, s=100.0)
+    road.local.trait[0, BIT] = 0.0
+    road.local.agent[:, 0, [X, Y]] = 97.5, 1.7
+    assert road.meet(followers=1).contact
+    road.local.agent[:, 0, NODE] = road.state.node  # in its lane it is where it would be without it
+    road.local.agent[:, 0, S] = 96.0
+    assert not road.meet(followers=1).contact
+
+
+def test_the_leader_is_the_nearest_of_several_and_costs_by_its_distance() -> None:
+    for order in ((130.0, 118.0), (118.0, 130.0)):
+        road, ego = lanes_east(3, 900.0), ego_at(lanes_east(3, 900.0), "a_1", 100.0, 10.0)
+        task = task_of(road, ego)
+        cars = [Agent(f"x{k}", "a_1", s, 10.0 - k) for k, s in enumerate(order)]
+        local, state = local_of(task, scene_of(ego, road, *cars))
+        found = meet(local, task.ego, C, state, NO_OTHERS, 0, 0)
+        nearest = order.index(118.0)
+        assert found.near.gap == pytest.approx(13.0)
+        assert found.near.leader_v == pytest.approx(10.0 - nearest)
+        # 2 m and 1.2 s at 10 m/s are 14 m, of which one is missing
+        assert found.rate == pytest.approx(1.5 / 14.0**2, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("round_it", "v", "a", "contact"),
+    [(1.0, 0.0, 0.0, False), (0.0, 0.0, 0.0, True), (1.0, 0.1, 0.0, True), (1.0, 0.0, -1.0, True)],
+)
+def test_who_can_go_round_a_standing_ego_is_in_its_way_by_a_tenth(
+    round_it: float, v: float, a: float, contact: bool
+) -> None:
+    """Of 16 a second; an ego that has come to its stand in this very step still hits."""
+    road = Road(lane=1, s=101.0, v=1.0, own=v)
+    road.local.trait[0, [ON_FOOT, GOES_ROUND]] = 1.0, round_it
+    road.local.trait[0, BIT] = -1.0
+    road.local.agent[:, 0, NODE] = ELSEWHERE
+    met = road.meet(road.state._replace(a=a), C._replace(headway=0.0))
+    assert met.contact is contact
+    if not contact:
+        assert met.rate == pytest.approx(1.6)
+
+
+def test_only_who_is_late_or_walks_where_it_was_to_be_is_in_the_way_no_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of those that the search moves: who is on foot and in time claims its way still."""
+    road = Road(lane=2, s=130.0)
+    monkeypatch.setattr(interaction, "late_cost", lambda *_: 1.0)
+    monkeypatch.setattr(interaction, "occupancy_cost", lambda *_: 2.0)
+    monkeypatch.setattr(interaction, "passing_cost", lambda *_: 0.5)
+    box = interaction.Box(97.5, 0.0, 1.0, 0.0, 2.5, 0.9)
+    other = interaction.Box(140.0, 0.0, 1.0, 0.0, 2.5, 0.9)
+
+    def rate(on_foot: float, moved: bool, aside: bool, at: int) -> float:
+        road.local.trait[0, ON_FOOT] = on_foot
+        return plain(interaction._nearness)(
+            road.local, road.p, C, road.state, box, box, other, 1.0, at, 5, 0, moved, aside
+        )
+
+    assert rate(1.0, False, False, 5) == rate(1.0, True, False, 5) == 3.5
+    assert rate(0.0, False, False, 5) == rate(0.0, False, False, 4) == 3.0
+    assert rate(0.0, True, False, 5) == 0.0
+    assert rate(1.0, True, True, 5) == rate(1.0, True, False, 4) == 0.0

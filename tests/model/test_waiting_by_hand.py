@@ -9,7 +9,7 @@ from helpers import Lane, build, crossing, ego_at, lane
 from helpers_model import local_of, plain, road_with_light, scene_of, task_of
 
 from sumo_mcts.model.cost_to_go import UNKNOWN_S, _stream_ends, gap_times, passes_at
-from sumo_mcts.model.least_cost import _opens
+from sumo_mcts.model.least_cost import _fill_sure, _merged, _opens
 from sumo_mcts.model.local_map import (
     AGENT,
     AWAY,
@@ -19,15 +19,23 @@ from sumo_mcts.model.local_map import (
     GAP_S,
     GATE,
     IN_WAY,
+    LATEST,
+    LINE,
     MERGES,
     OPENINGS,
     OPENS,
     OWN_NODE,
     PAST,
+    SPREAD,
     STREAM_S,
     STRETCH_END,
+    SURE,
+    SURE_LATEST,
+    SURE_NEXT,
+    SURE_SPREAD,
 )
 from sumo_mcts.model.obligations import Coming, _enters
+from sumo_mcts.model.route import LENGTH, LIMIT, NEXT
 from sumo_mcts.numerics.lanes import ahead_of
 from sumo_mcts.scene import GREEN, RED, YELLOW, Signals
 
@@ -230,3 +238,88 @@ def test_how_far_an_agent_drives_until_it_enters(
     assert found == pytest.approx(enters)
     gone = those._replace(valid=np.array([[True]] + [[False]] * (len(states) - 1)))
     assert plain(_enters)(gone, ahead_of(road), 0, lane(road, onto), begin) == math.inf
+
+
+# --- what is certain before a gate ---
+
+
+def sure(limits: tuple[float, ...], lengths: tuple[float, ...], next_limit: float) -> np.ndarray:
+    """SURE, LATEST and SPREAD of lanes side by side, which all lead to a lane of 50 m with a gate at
+    its end."""
+    count = len(limits)
+    table = np.zeros((count + 3, 32))
+    first = 1  # of the lanes that are looked at
+    for k in range(count):
+        table[first + k, [LIMIT, LENGTH, NEXT]] = limits[k], lengths[k], first + count
+    table[first + count, [LIMIT, LENGTH, NEXT]] = next_limit, 50.0, first + count + 1
+    table[first + count + 1, [LIMIT, LENGTH, NEXT]] = next_limit, 10.0, -1.0
+    gates = np.full((1, CLOSES + 2 * OPENINGS), np.inf)
+    gates[0, LINE] = count
+    to_gate = np.full((count + 2, SPREAD + 1), np.inf)
+    to_gate[:, GATE] = -1.0
+    at = np.full(count + 2, -1)
+    at[count] = 0
+    group = np.array([7] * count + [8, -1])
+    closed = np.zeros((count + 2, 5), np.uint8)
+    plain(_fill_sure)(gates, to_gate, at, closed, group, table, first, 0.1)
+    assert to_gate[count + 1, SURE] == -1.0 and to_gate[count, SURE] == 0.0
+    assert to_gate[count, LATEST] == pytest.approx(50.0 / next_limit)
+    assert to_gate[count, SPREAD] == pytest.approx(0.0)
+    assert gates[0, SURE_NEXT] == -1.0
+    return to_gate[:count, [SURE, LATEST, SPREAD]]
+
+
+def test_how_long_it_takes_to_a_gate_at_the_latest_and_by_how_much_that_may_differ() -> None:
+    """Of one lane it is known: 100 m at 10 m/s and 5 s behind it. Where the next limit is another
+    one, a step of 0.1 s may be driven at either."""
+    assert sure((10.0,), (100.0,), 10.0) == pytest.approx(np.array([[0.0, 15.0, 0.0]]))
+    for next_limit, other in ((20.0, 0.05), (5.0, 0.05)):
+        late = 10.0 + 50.0 / next_limit + other
+        assert sure((10.0,), (100.0,), next_limit) == pytest.approx(
+            np.array([[0.0, late, 2 * other]])
+        )
+    # between two lanes it may change: the longest at the lowest limit, the shortest at the highest,
+    # and what 120 m take longer at 10 m/s than at 20 m/s both ways
+    found = sure((20.0, 10.0), (100.0, 120.0), 20.0)
+    late, soon = 12.0 + 6.0 + 0.05 + 2.5, 5.0 - 6.0 - 0.05 + 2.5
+    assert found == pytest.approx(np.array([[0.0, late, late - soon]] * 2))
+    assert sure((10.0, 20.0), (120.0, 100.0), 20.0) == pytest.approx(found)
+
+
+def two_gates(**other: float) -> tuple[int, np.ndarray]:
+    """The gate that stands for two, which differ in what is said of the second; and their rows.
+    After the first one comes gate 5 within 9 s, or up to 2 s earlier."""
+    gates = np.full((2, CLOSES + 2 * OPENINGS), np.inf)
+    gates[:, LINE] = 0, 1
+    gates[:, GAP_S], gates[:, OPENS] = 3.0, 4.0
+    gates[:, SURE_NEXT], gates[:, SURE_LATEST], gates[:, SURE_SPREAD] = 5.0, 9.0, 2.0
+    columns = {
+        "gap": GAP_S,
+        "opens": OPENS,
+        "next": SURE_NEXT,
+        "latest": SURE_LATEST,
+        "spread": SURE_SPREAD,
+    }
+    closed = np.zeros((2, 4), np.uint8)
+    for name, value in other.items():
+        if name == "closed":
+            closed[1, int(value)] = 1
+        else:
+            gates[1, columns[name]] = value
+    return int(plain(_merged)(gates, closed, 0, 1)), gates[0, [SURE_NEXT, SURE_LATEST, SURE_SPREAD]]
+
+
+def test_two_gates_are_one_where_who_waits_waits_as_long() -> None:
+    for other, after in (
+        ({}, (5.0, 9.0, 2.0)),
+        ({"next": 6.0}, (-1.0, 9.0, 2.0)),  # what comes after them differs
+        ({"latest": 12.0}, (5.0, 12.0, 5.0)),  # from 7 s, as before, to 12 s
+        ({"latest": 8.0, "spread": 4.0}, (5.0, 9.0, 5.0)),  # from 4 s
+    ):
+        merged, row = two_gates(**other)
+        assert merged == 0 and row.tolist() == pytest.approx(list(after))
+    for differs in ({"gap": 4.0}, {"opens": 5.0}, {"closed": 0.0}, {"closed": 3.0}):
+        assert two_gates(**differs)[0] == -1
+    for one, other, stands in ((2, 2, 2), (-1, 3, -1), (3, -1, -1), (-1, -1, -1), (0, -2, -1)):
+        empty = np.zeros((4, CLOSES + 2 * OPENINGS))
+        assert plain(_merged)(empty, np.zeros((4, 1), np.uint8), one, other) == stands

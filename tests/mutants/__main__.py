@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import random
+import re
 import sys
 import time
 from collections.abc import Sequence
@@ -180,8 +181,13 @@ def _paths(part: str) -> list[str]:
 
 
 def _digest(file: Path) -> str:
-    """Of a test file, the helpers and the package."""
-    those = [file, *sorted(file.parents[1].glob("*.py")), *sorted(PACKAGE.rglob("*.py"))]
+    """Of a test file, the helpers that it names, and the package."""
+    left = {each.stem: each for each in file.parents[1].glob("*.py")}
+    those = [file, left.pop("conftest")]
+    for each in those:  # grows while it is read
+        words = set(re.findall(r"\w+", each.read_text(encoding="utf-8")))
+        those += [left.pop(name) for name in sorted(words & left.keys())]
+    those += sorted(PACKAGE.rglob("*.py"))
     return hashlib.sha256(b"".join(each.read_bytes() for each in those)).hexdigest()[:12]
 
 

@@ -21,6 +21,7 @@ EXCHANGED: dict[type[ast.operator], type[ast.operator]] = {
 # The other one of two functions; each of their arguments may also stand alone.
 TWINS = {"min": "max", "max": "min"}
 WITHOUT_MEANING = (ast.Raise, ast.Assert, ast.JoinedStr)  # texts, and what only guards
+FITTED = ("WEIGHTS",)  # numbers that `sumo-mcts drivers --fit` finds: data, not rules
 
 
 class Mutant(NamedTuple):
@@ -128,9 +129,16 @@ def _functions(tree: ast.AST, prefix: str = "") -> Iterator[_Function]:
 def _statements(function: Any) -> Iterator[_Place]:
     of_module = isinstance(function, ast.Module)
     for k, statement in enumerate(function.body):
-        if of_module and not isinstance(statement, ast.Assign | ast.AnnAssign):
+        if of_module and (
+            not isinstance(statement, ast.Assign | ast.AnnAssign) or _name(statement) in FITTED
+        ):
             continue
         yield from _below(function, "body", k, statement)
+
+
+def _name(statement: ast.Assign | ast.AnnAssign) -> str:
+    target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
+    return target.id if isinstance(target, ast.Name) else ""
 
 
 def _below(owner: ast.AST, field: str, index: int, node: ast.AST) -> Iterator[_Place]:

@@ -191,6 +191,7 @@ def test_what_is_left_of_the_last_sequence_is_continued_with_following() -> None
     assert left(7.5, 3) == [(5.0, 0.0), (6.0, 1.0), (7.0, 0.0)]
     assert left(7.8, 4) == [(8.0, 0.0), (9.0, 0.0), (FOLLOW, 0.0), (FOLLOW, 0.0)]
     assert left(7.9, 2) == [(9.0, 0.0), (FOLLOW, 0.0)]
+    assert left(7.1, 2) == [(1.0, 0.0), (2.0, 0.0)]
     for now in (7.0, 6.0, 8.0, 30.0):  # nothing is over yet, or all
         assert left(now, 3) == []
 
@@ -349,3 +350,27 @@ def test_each_candidate_costs_what_it_does_in_all_hypotheses(
     assert (done, known) == (7, 3)
     for k, each in enumerate(found):
         assert each.child.hypotheses.tolist() == [first[k].child.terms.tolist(), terms[k].tolist()]
+
+
+def test_it_goes_on_drawing_from_what_it_remembered() -> None:
+    """Also in the middle of a draw of 64 bits, of which half is left."""
+    mind, other = planner(), planner()
+    for _ in range(3):
+        mind._rng.integers(0, 2**31, dtype=np.int32)
+        other.recall(mind.memory())
+        drawn = [each._rng.bit_generator.random_raw() for each in (mind, other)]
+        assert drawn[0] == drawn[1]
+        left = [each._rng.integers(0, 2**31, 3, dtype=np.int32).tolist() for each in (mind, other)]
+        assert left[0] == left[1]
+    assert planner()._rng.random() != mind._rng.random()
+
+
+@pytest.mark.parametrize(("until", "asked"), [(math.inf, ("passes", 30)), (110.0, (30, 7.0, 3.0))])
+def test_with_a_time_budget_the_clock_is_asked(
+    until: float, asked: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The search began at 100 s, and it is 107 s."""
+    monkeypatch.setattr(mcts.time, "perf_counter", lambda: 107.0)
+    monkeypatch.setattr(mcts, "next_passes", lambda _, __, made: ("passes", made))
+    monkeypatch.setattr(mcts, "next_passes_in_time", lambda _, *those: those)
+    assert mcts._count(Budget(1, 1, 0.0), None, 30, 100.0, until) == asked  # type: ignore[arg-type]

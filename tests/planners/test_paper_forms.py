@@ -18,7 +18,7 @@ from helpers_model import (
 )
 from helpers_tree import Toy, on_three_lanes
 
-from sumo_mcts.model.local_map import ELSEWHERE, NODE, LocalMap, State
+from sumo_mcts.model.local_map import ELSEWHERE, NODE, LocalMap, State, V
 from sumo_mcts.model.motion import EgoParams, pose_of
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.planners import paper, paper_cost, paper_search
@@ -30,7 +30,7 @@ from sumo_mcts.scene import Decision
 HERE = 100.0  # m: the ego's front
 forms = {
     name: getattr(getattr(paper_cost, name), "py_func", getattr(paper_cost, name))
-    for name in ("safety", "comfort", "passability", "other", "lane_change")
+    for name in ("safety", "comfort", "passability", "other", "lane_change", "nearest")
 }
 
 
@@ -76,6 +76,30 @@ def test_relative_velocity_makes_a_distance_dearer(v: float, closing: float) -> 
     assert found == pytest.approx((1.0 + closing / 5.0) * 10.0 / 4.0)
 
 
+@pytest.mark.parametrize("moved", [(0.0, 0.0), (300.0, -200.0)])
+@pytest.mark.parametrize(
+    ("its", "closing"),
+    [
+        ((0.0, -4.0), 10.0 * 0.6 + 4.0 * 0.8),
+        ((0.0, 4.0), 10.0 * 0.6 - 4.0 * 0.8),
+        ((10.0, 0.0), 0.0),
+    ],
+)
+def test_velocities_count_along_the_line_between_two_bodies(
+    its: tuple[float, float], closing: float, moved: tuple[float, float]
+) -> None:
+    """Somebody is 6 m ahead of the middle of the ego and 8 m to its left; wherever the road lies."""
+    view = View(lanes_east(1), 10.0, ahead(40.0, 0.0), closing_speed_mps=5.0)
+    speed = math.hypot(*its)
+    row = view.local.agent[0, 0]
+    row[[X, Y, V]] = HERE - 2.5 + 6.0, 8.0, speed
+    row[[COS, SIN]] = its[0] / speed, its[1] / speed
+    view.local.row[:, [X, Y]] += moved
+    view.local.agent[:, :, [X, Y]] += moved
+    found = forms["nearest"](view.local, view.p, view.state, 0.0, False)[1]
+    assert found == pytest.approx(max(0.0, closing))
+
+
 @pytest.mark.parametrize(("limit", "gap", "counts"), [
     (15.0, 9.0, True), (15.0, 11.0, False), (30.0, 11.0, True), (30.0, 24.0, True),
     (30.0, 26.0, False),
@@ -102,6 +126,8 @@ def test_lateral_acceleration_adds_to_comfort(factor: float) -> None:
     assert found == pytest.approx(factor * (100.0 / 30.0) ** 2, rel=0.02)
     jerky = forms["comfort"](view.local, view.p, view.w, began, after._replace(a=2.0))
     assert jerky == pytest.approx(found + 0.1 * 2.0**2)
+    dearer = view.w._replace(comfort=3.0 * view.w.comfort)
+    assert forms["comfort"](view.local, view.p, dearer, began, after) == pytest.approx(3.0 * found)
 
 
 # --- C_p by the way or the straight line ---

@@ -250,3 +250,31 @@ def test_a_new_tree_is_planted_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert world.tree.motion[0, 0] == 100.0 and world.tree.leader[0].tolist() == [42.0, 7.0]
     world.run(2)
     assert planted == [0]
+
+
+def test_only_children_that_were_made_are_compared() -> None:
+    """Of a full tree: the numbers that stand for no child would count from its end."""
+    full = tree.new_tree(3, 3, 2, np.zeros((0, 2)))
+    full.child[0] = NONE, IMPOSSIBLE, NONE
+    road = lanes_east(3, 900.0)
+    ego = ego_at(road, "a_1", 100.0, 10.0)
+    _, state = local_of(task_of(road, ego), scene_of(ego, road))
+    for i in (1, 2):
+        tree.store(full, i, state, NEAR)
+    assert not plain(tree.is_known)(full, 0, 3, state)
+    full.child[0, 0] = 1
+    assert plain(tree.is_known)(full, 0, 3, state)
+
+
+@pytest.mark.parametrize(("exploration", "chosen"), [(0.58, 1), (0.63, 2)])
+def test_values_are_scaled_by_the_open_children_alone(exploration: float, chosen: int) -> None:
+    """Two children cost 2 and 4, 0 and 1 on that scale, and were visited 9 times and once: the
+    second one is better from 1 / (sqrt(2 ln 21) - sqrt(2 ln 21 / 9)) = 0.608 on. A third one is
+    closed, a fourth impossible, and both cost more."""
+    grown = tree.new_tree(6, 4, 3, np.zeros((0, 2)))
+    grown.child[0] = 1, 2, 3, IMPOSSIBLE
+    grown.level[1:4], grown.visits[:4] = 1, (20, 9, 1, 9)
+    grown.best[:4], grown.closed[3] = (2.0, 2.0, 4.0, 90.0), True
+    grown.best[4:] = 200.0
+    q = Q._replace(look_ahead=1, exploration=exploration)
+    assert plain(search._select)(grown, C, q, math.inf) == chosen
