@@ -51,10 +51,12 @@ class SignalReader:
             return Signals(self._offset, self._state(lights, 1), self._never)
         lights = tuple(self._in_program(light) for light in lights)
         until = np.full((len(self._ids), phases), np.inf)
-        for light in lights:
-            lasting = self._course(light, phases).lasting.copy()
-            lasting[0] += self._get.getNextSwitch(self._ids[light.signal]) - time
-            until[light.signal] = np.cumsum(lasting)
+        if lights:  # all at once: there may be dozens, and each call of numpy costs time
+            near = [light.signal for light in lights]
+            lasting = np.stack([self._course(light, phases).lasting for light in lights])
+            switch = [*map(self._get.getNextSwitch, map(self._ids.__getitem__, near))]
+            lasting[:, 0] += np.array(switch) - time
+            until[near] = np.cumsum(lasting, axis=1)
         return Signals(self._offset, self._state(lights, phases), until)
 
     def green(self, x: float, y: float) -> Bools:

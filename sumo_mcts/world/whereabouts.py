@@ -1,7 +1,7 @@
 """Who is near a place, without asking for the position of everybody in every step."""
 
 import math
-from itertools import repeat
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
@@ -58,7 +58,9 @@ class Whereabouts:
         """Ask where these are at `time`, s, which is now."""
         if len(those):
             names = map(self._names.__getitem__, those.tolist())
-            self._x[those], self._y[those] = np.array([*map(self._get.getPosition, names)]).T
+            numbers = chain.from_iterable(map(self._get.getPosition, names))
+            places = np.fromiter(numbers, np.float64, 2 * len(those))  # no array of tuples: slow
+            self._x[those], self._y[those] = places[::2], places[1::2]
             self._seen[those] = np.where(np.abs(self._x[those]) < NOWHERE, time, -math.inf)
 
     def _squared(self, x: float, y: float) -> Any:
