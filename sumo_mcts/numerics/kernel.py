@@ -57,8 +57,8 @@ def inlined(function: _F) -> _F:
 
 
 def entry(function: _F) -> _F:
-    """A kernel that Python calls."""
-    return _compiled(Kernel, function, _nrt=False)
+    """A kernel that Python calls. Other threads go on meanwhile."""
+    return _compiled(Kernel, function, _nrt=False, nogil=True)
 
 
 def making_arrays(function: _F) -> _F:

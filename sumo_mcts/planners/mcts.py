@@ -6,6 +6,7 @@ UCT on a deterministic forecast, best-value backup, informed rollouts, braking w
 import math
 import time
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from sumo_mcts.planners.patience import patience, waited_s
 from sumo_mcts.planners.ply import SearchParams, search_params
 from sumo_mcts.planners.risk import risk, shares
 from sumo_mcts.planners.search import search
+from sumo_mcts.planners.threads import side_by_side
 from sumo_mcts.planners.tree import GAP, Tree, new_tree
 from sumo_mcts.scene import LOSS, Decision, Follow, PlannerMemory
 
@@ -39,6 +41,7 @@ class MctsParams(NamedTuple):
     """See config.PlannerConfig."""
 
     budget: Budget
+    threads: int
     period_s: float
     step_s: float
     look_ahead_steps: int
@@ -56,11 +59,20 @@ class MctsParams(NamedTuple):
     asks: bool  # others for room where the route needs a lane change
 
 
+class Searched(NamedTuple):
+    """What a search in one hypothesis found."""
+
+    tree: Tree
+    done: int  # passes to the horizon
+    known: int  # passes to a known terminal node
+
+
 def mcts_params(scenario: ScenarioConfig) -> MctsParams:
     """The search as the section `planner` describes it."""
     p = scenario.planner
     return MctsParams(
         budget=Budget(p.iterations, max(p.iterations, p.most_iterations or 0), p.close_cost),
+        threads=p.threads if p.adaptive else 1,  # what is drawn comes from one stream
         period_s=p.period_s,
         step_s=p.step_s,
         look_ahead_steps=p.look_ahead_steps,
@@ -131,12 +143,12 @@ class MctsPlanner(SeededPlanner):
         left = self._remaining(situation.scene.time, round(q.horizon / task.ego.step))
         warm = warm_start(start, left, p.period_s)
         beat = math.inf if warm is None else warm.child.best
-        tree, done, known = self._search(local, q, situation, share, beat)
+        searched = self._searched([local, *others], q, situation, share, beat)
+        tree = searched[0].tree
         found = root_candidates(start, tree, self._actions)
         found += [warm] if warm is not None else []
         if len(share) > 1:
-            found, *more = self._weighed(situation, q, found, share, others)
-            done, known = done + more[0], known + more[1]
+            found = self._weighed(situation, q, found, others, searched[1:])
         chosen, lost = self._choice(found)
         if not lost:
             chosen = not_for_a_stop(start, found, chosen, situation.scene.ego.comfort_decel)
@@ -151,7 +163,10 @@ class MctsPlanner(SeededPlanner):
         may_ask = p.asks and situation.scene.ego.can_ask and child.lane_change == 0
         asks = asked_side(start, line) if may_ask else 0
         command = Follow(plan.v, child.lane_change, asks)
-        return Decision(command, plan, children, chosen, reason, done, known)
+        return Decision(
+            command, plan, children, chosen, reason,
+            sum(each.done for each in searched), sum(each.known for each in searched),
+        )  # fmt: skip
 
     def _locals(self, situation: Situation, count: int) -> list[LocalMap]:
         """What the search reads in each of so many hypotheses; asked agents make room, and patience
@@ -182,44 +197,50 @@ class MctsPlanner(SeededPlanner):
         return chosen, lost
 
     def _weighed(
-        self, situation: Situation, q: SearchParams, found: list[Candidate], share: Floats,
-        others: list[LocalMap],
-    ) -> tuple[list[Candidate], int, int]:  # fmt: skip
-        """The candidates with the risk over all hypotheses as their cost; the `others` than the
-        likeliest one are searched here.
-
-        And the passes that took.
-        """
+        self, situation: Situation, q: SearchParams, found: list[Candidate],
+        others: list[LocalMap], searched: list[Searched],
+    ) -> list[Candidate]:  # fmt: skip
+        """The candidates with the risk over all hypotheses as their cost; `others` than the
+        likeliest one, and what was `searched` in them."""
         p, task, state = self._params, self._task, situation.state
-        cost, terms = np.empty((len(found), len(share))), np.empty((len(found), len(share), 5))
+        count = 1 + len(others)
+        cost, terms = np.empty((len(found), count)), np.empty((len(found), count, 5))
         cost[:, 0] = [candidate.child.best for candidate in found]
         terms[:, 0] = [candidate.child.terms for candidate in found]
-        lines, done, known = lines_of([candidate.line for candidate in found]), 0, 0
-        for h, local in enumerate(others, start=1):
-            tree, *more = self._search(local, q, situation, share[h:], math.inf)
-            done, known = done + more[0], known + more[1]
+        lines = lines_of([candidate.line for candidate in found])
+        for h, (local, (tree, *_)) in enumerate(zip(others, searched, strict=True), start=1):
             start = Start(local, task, q, state, tree.others[0])
             cost[:, h], terms[:, h] = costs_in(start, tree, self._actions, found, lines)
-        weight = situation.forecast.weight[: len(share)]
+        weight = situation.forecast.weight[:count]
         weighed = risk(cost, weight / weight.sum(), p.worst_share)
         children = [
             candidate.child._replace(best=float(value), hypotheses=each)
             for candidate, value, each in zip(found, weighed, terms, strict=True)
         ]
         pairs = zip(found, children, strict=True)
-        return [candidate._replace(child=child) for candidate, child in pairs], done, known
+        return [candidate._replace(child=child) for candidate, child in pairs]
+
+    def _searched(
+        self, locals_: list[LocalMap], q: SearchParams, situation: Situation, share: Floats,
+        beat: float,
+    ) -> list[Searched]:  # fmt: skip
+        """A tree in each hypothesis with its `share` [H] of the budget, side by side on several
+        threads. `beat`: the J of the warm start, in the likeliest one."""
+        tasks = [
+            partial(self._search, local, q, situation, share[h:], beat if h == 0 else math.inf)
+            for h, local in enumerate(locals_)
+        ]
+        return side_by_side(tasks, self._params.threads)
 
     def _search(
         self, local: LocalMap, q: SearchParams, situation: Situation, share: Floats, beat: float
-    ) -> tuple[Tree, int, int]:
-        """A tree with `share[0]` of the budget; its passes to the horizon, and to a known terminal
-        node.
-
-        `share`: those of the hypotheses still to be searched. `beat`: the J of the warm start.
-        """
+    ) -> Searched:
+        """A tree with `share[0]` of the budget; `share`: those of the hypotheses whose search has
+        not begun yet."""
         p, task, began = self._params, self._task, time.perf_counter()
         budget = part(p.budget, share[0])
-        until = began + (situation.until - began) * share[0] / share.sum()
+        of_time = min(p.threads * share[0] / share.sum(), 1.0)
+        until = began + (situation.until - began) * of_time
         tree = new_tree(
             2 + passes_within(budget.most, until - began),
             len(self._actions),
@@ -235,7 +256,7 @@ class MctsPlanner(SeededPlanner):
             if more == (0, 0):  # nothing is left to try, or the tree is full
                 break
             done, known = done + more[0], known + more[1]
-        return tree, done, known
+        return Searched(tree, done, known)
 
     def _remaining(self, now: float, steps: int) -> Floats:
         """[steps, 3] what is left of the last sequence, continued with car following; no rows where

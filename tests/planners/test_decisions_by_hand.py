@@ -230,9 +230,9 @@ def decided(
     mind, beats = planner(), []
     mind._params = mind._params._replace(asks=asks)
 
-    def searched(*arguments: object) -> tuple[object, int, int]:
+    def searched(*arguments: object) -> mcts.Searched:
         beats.append(arguments[-1])
-        return SimpleNamespace(leader=np.full((1, 3), 50.0)), 5, 2
+        return mcts.Searched(SimpleNamespace(leader=np.full((1, 3), 50.0)), 5, 2)
 
     monkeypatch.setattr(mcts, "warm_start", lambda *_: warm)
     monkeypatch.setattr(mcts, "root_candidates", lambda *_: list(found))
@@ -311,11 +311,20 @@ def test_a_search_makes_its_share_of_the_passes(monkeypatch: pytest.MonkeyPatch)
     assert searched(monkeypatch, [1.0], each=(0, 0)) == ((0, 0), [1000])  # nothing is left
 
 
-@pytest.mark.parametrize(("share", "seconds"), [([0.25, 0.75], 2.0), ([0.25, 0.25], 4.0)])
+@pytest.mark.parametrize(
+    ("share", "threads", "seconds"),
+    [
+        ([0.25, 0.75], 1, 2.0),
+        ([0.25, 0.25], 1, 4.0),
+        ([0.25, 0.75], 2, 4.0),  # the other half is the other thread's
+        ([0.75, 0.25], 2, 8.0),
+    ],
+)
 def test_time_is_shared_with_those_that_are_still_to_be_searched(
-    share: list[float], seconds: float, monkeypatch: pytest.MonkeyPatch
+    share: list[float], threads: int, seconds: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mind, (_, situation), spans = planner(), case(), []
+    mind._params = mind._params._replace(threads=threads)
 
     def count(_: Budget, __: object, ___: int, began: float, until: float) -> int:
         spans.append(until - began)
@@ -338,16 +347,14 @@ def test_each_candidate_costs_what_it_does_in_all_hypotheses(
     mind._params = mind._params._replace(worst_share=worst)
     terms = np.arange(10.0).reshape(2, 5)
     tree = SimpleNamespace(others=np.zeros((1, 2, 2)))
-    monkeypatch.setattr(mind, "_search", lambda *_: (tree, 7, 3))
     monkeypatch.setattr(mcts, "costs_in", lambda *_: (np.array([0.0, 10.0]), terms))
     weighed = situation._replace(
         forecast=situation.forecast._replace(weight=np.array([0.6, 0.2, 0.2]))
     )
     q, local = in_steps(mind._params, 0.1, 0.2), mind._locals(situation, 1)[0]
     first = candidates((3.0, 0.5), (1.0, 0.0))
-    found, done, known = mind._weighed(weighed, q, first, np.array([0.6, 0.4]), [local])
+    found = mind._weighed(weighed, q, first, [local], [mcts.Searched(tree, 7, 3)])
     assert [each.child.best for each in found] == pytest.approx(expected)
-    assert (done, known) == (7, 3)
     for k, each in enumerate(found):
         assert each.child.hypotheses.tolist() == [first[k].child.terms.tolist(), terms[k].tolist()]
 

@@ -93,6 +93,13 @@ class PlannerConfig(Section):
     close_cost: NonNegative = Field(
         0.2, description="difference of J up to which another command than the best is close"
     )
+    threads: Int = Field(
+        1,
+        ge=1,
+        le=64,
+        description="threads that search the hypotheses side by side, with the same decisions; "
+        "searches that draw use one",
+    )
     time_budget_ms: Milliseconds | None = Field(
         None,
         description="time budget of one decision instead, from the scene to the decision (not "
