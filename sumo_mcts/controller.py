@@ -5,6 +5,11 @@ with Controller("ego") as controller:
     while libsumo.simulation.getMinExpectedNumber():
         controller.step()
         libsumo.simulationStep()
+
+A SUMO that runs by itself is driven through a TraCI connection, by the same decisions:
+
+connection = traci.connect(8813)
+controller = Controller("ego", connection=connection)
 """
 
 import logging
@@ -27,6 +32,7 @@ from sumo_mcts.registry import asks, without
 from sumo_mcts.scene import Scripted
 from sumo_mcts.world import simulation
 from sumo_mcts.world.candidates import near_ids
+from sumo_mcts.world.library import Remote, remote_of, using
 from sumo_mcts.world.observe import departure
 
 # questions to oracles that a loop of the user's own cannot answer, and what a predictor does with
@@ -74,8 +80,9 @@ class Controller:
         *,
         seed: int = 0,
         allow_plugins: bool = False,
+        connection: Any = None,
     ) -> None:
-        """Join the simulation that runs in this process.
+        """Join the simulation that runs in this process, or at the other end of a connection.
 
         Raises ConfigError where there is none, or where `config` is wrong.
 
@@ -85,13 +92,18 @@ class Controller:
             each other their plans
         seed: of the search and of the sensor's errors
         allow_plugins: whether a mapping may name code of your own as module:name
+        connection: what traci.connect or traci.getConnection returns, or the module traci for the
+            one that is in use there; by default libsumo. The files that SUMO's options name have
+            to be there on this machine too
         """
         self._ego, self._asked, self._seed, self._allow_plugins = ego, config, seed, allow_plugins
         self._released = False
-        self._hold = _Hold()
+        self._remote = remote_of(connection)
+        self._hold = _Hold(self._remote)
         weakref.finalize(self, self._hold.let_go).atexit = False
-        simulation.require_running()
-        self._join()
+        with using(self._remote):
+            simulation.require_running()
+            self._join()
 
     def __enter__(self) -> Self:
         return self
@@ -102,7 +114,8 @@ class Controller:
     @property
     def driving(self) -> bool:
         """Whether the controller holds the vehicle."""
-        return self._hold.vehicle is not None and self._hold.simulation == simulation.number()
+        with using(self._remote):
+            return self._hold.vehicle is not None and self._hold.simulation == simulation.number()
 
     def step(self) -> None:
         """Command the step that begins now. Call it right before each libsumo.simulationStep().
@@ -112,11 +125,12 @@ class Controller:
         """
         if self._released:
             return
-        try:
-            self._command()
-        except BaseException:
-            self._finish()
-            raise
+        with using(self._remote):
+            try:
+                self._command()
+            except BaseException:
+                self._finish()
+                raise
 
     def release(self) -> None:
         """Give the vehicle back to SUMO; the controller ends. Never raises."""
@@ -158,10 +172,13 @@ class Controller:
 
         def check() -> bool:
             controller = me()
-            if controller is None or not controller._awaits(number):
+            if controller is None:
                 return False
-            seen.update(simulation.departed())
-            controller._expect(simulation.now() - begun, seen)
+            with using(controller._remote):
+                if not controller._awaits(number):
+                    return False
+                seen.update(simulation.departed())
+                controller._expect(simulation.now() - begun, seen)
             return True
 
         self._traffic = simulation.expected() > 0
@@ -254,7 +271,8 @@ class _Hold:
     """The vehicle that a controller drives in one simulation. It outlives the controller for as
     long as it takes to give the vehicle back."""
 
-    def __init__(self) -> None:
+    def __init__(self, remote: Remote | None) -> None:
+        self._remote = remote
         self.vehicle: EgoVehicle | None = None  # None: SUMO drives
         self.simulation = 0  # its number
 
@@ -263,7 +281,7 @@ class _Hold:
         vehicle, self.vehicle = self.vehicle, None
         if vehicle is not None:
             # libsumo's exceptions share no base class, and SUMO itself may have failed
-            with suppress(Exception):
+            with suppress(Exception), using(self._remote):
                 if self.simulation == simulation.number():
                     vehicle.release()
 

@@ -56,6 +56,13 @@ NoPictures = Annotated[
     bool, typer.Option("--no-pictures", help="Draw nothing into --out; `render` can do so later.")
 ]
 Gui = Annotated[bool, typer.Option("--gui", help="Watch in SUMO's window.")]
+Connect = Annotated[
+    Optional[str],
+    typer.Option(
+        metavar="HOST:PORT",
+        help="Drive in a SUMO that runs already with the files of SCENARIO and --remote-port.",
+    ),
+]
 
 
 @command(for_sumo=True)
@@ -75,6 +82,7 @@ def run(
     out: Out = None,
     no_pictures: NoPictures = False,
     gui: Gui = False,
+    connect: Connect = None,
     allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -92,18 +100,22 @@ def run(
     }  # fmt: skip
     named = (f"{key}={value}" for key, value in chosen.items() if value is not None)
     options, silent = behind_dashes(context), quiet or as_json
+    if connect is not None and (gui or options):
+        raise typer.BadParameter("--connect: SUMO runs already, with its own options and window")
     if out is not None:
         folders.check_run_folder(out)
     if not ego and is_sumocfg(scenario):
         _list_candidates(scenario, seed, options, as_json=as_json, silent=silent)
         return
     with ExitStack() as stack:
-        with progress("starting SUMO", quiet=silent) as note:
+        with progress("connecting" if connect else "starting SUMO", quiet=silent) as note:
             config = scenarios.resolve(
                 scenario, seed, ego or (), ego_until, (*(assign or ()), *named), options,
                 allow_plugins=allow_plugins,
             )  # fmt: skip
-            result = stack.enter_context(command.run(config, scenario, seed, gui, options, note))
+            result = stack.enter_context(
+                command.run(config, scenario, seed, gui, options, note, connect)
+            )
         kept = _keep_and_print(result, out, as_json=as_json, quiet=quiet)
         if out is not None and kept is not None:
             _draw_and_print(kept, out, pictures=not no_pictures, silent=silent)

@@ -24,18 +24,19 @@ def run(
     gui: bool,
     sumo_options: Sequence[str],
     note: Note,
+    connect: str | None = None,
 ) -> Iterator[EpisodeResult]:
     """One episode; SUMO is there until the context ends.
 
     `origin`: the name or file of the scenario, for error messages. `seed`: default 0, but a
-    .sumocfg keeps its own. Raises ConfigError.
+    .sumocfg keeps its own. `connect`: host:port of the SUMO to drive in. Raises ConfigError.
     """
     own = _own(scenario, origin)
     with ExitStack() as stack:
         with naming_source(origin, scenario.sumo.sumocfg):
             seed = _seed(scenario, seed, note)
             variant = run_key.variant_of(scenario, own, sumo_options)
-            options = LaunchOptions(gui, sumo_options, progress=note)
+            options = LaunchOptions(gui, sumo_options, progress=note, connect=connect)
             episode = open_episode(scenario, seed, options, variant=variant)
             result = stack.enter_context(episode)
             result = _completed(result, scenario, own, sumo_options)

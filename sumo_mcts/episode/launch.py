@@ -11,17 +11,19 @@ from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.params import streams
 from sumo_mcts.driver.vehicle import World, running_world
 from sumo_mcts.episode.goals import check_edges
+from sumo_mcts.errors import ConfigError
 from sumo_mcts.registry import asks
 from sumo_mcts.road import RoadMap
 from sumo_mcts.world import clone
 from sumo_mcts.world.actors import Actors
 from sumo_mcts.world.arguments import network_of, sumo_arguments, window_delay_ms
 from sumo_mcts.world.candidates import require_named
+from sumo_mcts.world.connected import Connected
 from sumo_mcts.world.crowd import Cast, cast, crowd_ids
 from sumo_mcts.world.generated import standing
 from sumo_mcts.world.roadmap import known_roadmap
 from sumo_mcts.world.scripts import check
-from sumo_mcts.world.simulation import Simulation
+from sumo_mcts.world.simulation import Simulation, Stepped
 
 Progress = Callable[[str], None]
 
@@ -33,15 +35,16 @@ class LaunchOptions(NamedTuple):
     sumo_options: Sequence[str] = ()  # as on SUMO's command line
     progress: Progress | None = None  # gets a message about what the episode waits for
     measured: Sequence[str] = ()  # egos of later episodes in this process: see run_episode
+    connect: str | None = None  # host:port of a SUMO that is not started but connected to
 
 
 class Running(NamedTuple):
     """SUMO with one draw of the traffic."""
 
-    simulation: Simulation
+    simulation: Stepped
     world: World
     actors: Actors
-    arguments: list[str]  # SUMO's command line, without the program's name
+    arguments: list[str]  # SUMO's command line, without the program's name; none where connected
     varied: bool  # whether the next draw would differ
 
 
@@ -49,13 +52,15 @@ class Launcher:
     """Holds the one simulation that an episode has at a time."""
 
     def __init__(self, config: ScenarioConfig, seed: int | None, options: LaunchOptions) -> None:
-        """Start nothing yet. `seed` None: SUMO keeps its own."""
+        """Start nothing yet. `seed` None: SUMO keeps its own. Raises ConfigError."""
+        if options.connect is not None:
+            _require_there(config)
         self._seed, self._options = seed, options
         self._egos = [ego.id for ego in config.egos]
         self._traffic = np.random.default_rng(streams(seed).traffic)
         self._folder = tempfile.TemporaryDirectory(prefix="sumo_mcts-")
         self._config = self._standing(config)
-        self._simulation: Simulation | None = None
+        self._simulation: Stepped | None = None
 
     def launch(self) -> Running:
         """Start SUMO with the next draw of the actors; an earlier simulation is closed.
@@ -95,16 +100,11 @@ class Launcher:
         return road
 
     def _launched(self, drawn: Cast, road: RoadMap) -> Running:
-        config, options, actors = self._config, self._options, drawn.actors
-        arguments = sumo_arguments(
-            config, self._seed, drawn, Path(self._folder.name), tuple(options.sumo_options),
-            {*options.measured, *self._egos},
-        )  # fmt: skip
+        config, actors = self._config, drawn.actors
         for actor in actors:
             check(actor, road)
-        simulation = self._simulation = Simulation(
-            arguments, gui=options.gui, delay_ms=window_delay_ms(config.sumo)
-        )
+        arguments = [] if self._options.connect else self._arguments(drawn)
+        simulation = self._simulation = self._started(arguments)
         if asks(config.prediction.name, "clone"):
             clone.require_copyable()
         ids = [actor.id for actor in actors]
@@ -122,7 +122,39 @@ class Launcher:
         )
         return Running(simulation, world, moved, arguments, actors != config.traffic.actors)
 
+    def _arguments(self, drawn: Cast) -> list[str]:
+        options = self._options
+        return sumo_arguments(
+            self._config, self._seed, drawn, Path(self._folder.name), tuple(options.sumo_options),
+            {*options.measured, *self._egos},
+        )  # fmt: skip
+
+    def _started(self, arguments: list[str]) -> Stepped:
+        options = self._options
+        if options.connect is not None:
+            return Connected(options.connect)
+        return Simulation(arguments, gui=options.gui, delay_ms=window_delay_ms(self._config.sumo))
+
     def _end(self) -> None:
         if self._simulation is not None:
             simulation, self._simulation = self._simulation, None
             simulation.close()
+
+
+def _require_there(config: ScenarioConfig) -> None:
+    """Raise ConfigError where an episode needs what only a SUMO of ours has."""
+    if config.traffic.actors or any(config.traffic.crowd.count):
+        raise ConfigError(
+            "traffic: with --connect an ego drives in the traffic of the SUMO at the other end; "
+            "leave actors and crowd out"
+        )
+    if config.sumo.dense or config.sumo.rule or config.sumo.passing:
+        raise ConfigError(
+            "sumo: with --connect the files of a drawn situation are not there at the other end; "
+            "take a .sumocfg or a scenario with net and routes"
+        )
+    if asks(config.prediction.name, "clone"):
+        raise ConfigError(
+            f"prediction.name: {config.prediction.name} copies a simulation in this process; not "
+            "with --connect"
+        )

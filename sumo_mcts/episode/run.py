@@ -94,7 +94,11 @@ def open_episode(
             loop.apply(decisions)
             if options.progress is not None:
                 options.progress(_news(scenes))
-        yield _result(loop, recorders, variant, time.perf_counter() - began)
+        result = _result(loop, recorders, variant, time.perf_counter() - began)
+        if options.connect is not None:  # what drives there is not ours
+            further = {"connected_to": options.connect, "reproducible": False}
+            result = result._replace(manifest={**result.manifest, **further})
+        yield result
 
 
 def default_variant(config: ScenarioConfig) -> str:

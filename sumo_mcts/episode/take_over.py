@@ -15,7 +15,7 @@ from sumo_mcts.evaluation.hindsight import Futures, Hindsight
 from sumo_mcts.evaluation.referee import Referee
 from sumo_mcts.scene import Frame, Scene
 from sumo_mcts.world.candidates import NAMED
-from sumo_mcts.world.simulation import Simulation
+from sumo_mcts.world.simulation import Stepped
 
 NEWS_S = 30.0  # between two messages about an ego that has not departed
 
@@ -69,7 +69,7 @@ def true_scene(world: World, frame: Frame) -> Scene:
 class DepartureWatch:
     """Waits for egos to depart, from the start of a simulation on."""
 
-    def __init__(self, simulation: Simulation, limit_s: float, progress: Progress | None) -> None:
+    def __init__(self, simulation: Stepped, limit_s: float, progress: Progress | None) -> None:
         """`limit_s`: how long an ego is waited for."""
         self._simulation, self._limit_s, self._progress = simulation, limit_s, progress
         self._begin = self._news_due = simulation.time

@@ -14,7 +14,7 @@ import numpy as np
 from sumo_mcts.arrays import Floats
 from sumo_mcts.config import Actor, Event, TrafficConfig, VehicleEvent
 from sumo_mcts.road import RoadMap
-from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.library import running_sumo
 from sumo_mcts.world.scripts import (
     EPS,
     SIDES,
@@ -49,7 +49,7 @@ class Actors:
 
         `egos` are driven by planners; scripts are compiled for `seconds`. Raises ConfigError.
         """
-        self._libsumo: Any = import_libsumo()
+        self._libsumo: Any = running_sumo()
         self._step, self._left = step, -1 if road.lefthand else 1
         self._egos = frozenset(egos)
         self._actors = {actor.id: actor for actor in actors}
@@ -216,7 +216,7 @@ def _command(
 def _ask_for_lane(cars: Any, vehicle: str, side: int) -> None:
     """Change lanes as soon as there is a gap."""
     index = cars.getLaneIndex(vehicle) + side
-    if 0 <= index < import_libsumo().edge.getLaneNumber(cars.getRoadID(vehicle)):
+    if 0 <= index < running_sumo().edge.getLaneNumber(cars.getRoadID(vehicle)):
         cars.changeLane(vehicle, index, CHANGE_WISH_S)
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from sumo_mcts import files
 from sumo_mcts.errors import ConfigError, near
-from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.library import running_sumo
 from sumo_mcts.world.simulation import Simulation, named_files, option
 
 ROAD_CLASSES = frozenset(
@@ -58,7 +58,7 @@ def candidates(
     found: list[Candidate] = []
     give_up = time.monotonic() + patience_s
     with closing(Simulation(arguments)) as simulation:
-        sumo = import_libsumo()
+        sumo = running_sumo()
         last = min(simulation.time + lasting_s, simulation.end)
         while (
             len(found) < count
@@ -143,7 +143,7 @@ def not_passing(until: str) -> str:
 
 def _look(vehicle: str, now: float, until: str | None) -> Candidate:
     """The vehicle, which departed at `now` (s), as a candidate."""
-    sumo = import_libsumo()
+    sumo = running_sumo()
     vclass = str(sumo.vehicle.getVehicleClass(vehicle))
     route = sumo.vehicle.getRoute(vehicle)
     length = sum(float(sumo.lane.getLength(f"{edge}_0")) for edge in route)

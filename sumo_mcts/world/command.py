@@ -12,7 +12,7 @@ from sumo_mcts.model.motion import HALF, OVERSHOOT
 from sumo_mcts.numerics.lanes import against_traffic
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import Follow, Release
-from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.library import running_sumo
 from sumo_mcts.world.observe import Change, departure
 from sumo_mcts.world.places import Places
 from sumo_mcts.world.roadmap import sumo_lane
@@ -54,10 +54,10 @@ class Commander:
         self, vehicle: str, road: RoadMap, lanes: Mapping[str, int], bounds: Bounds
     ) -> None:
         """`lanes`: lane id -> index in `road`."""
-        self._get: Any = import_libsumo().vehicle
+        self._get: Any = running_sumo().vehicle
         self._vehicle, self._road, self._bounds = vehicle, road, bounds
-        self._places = Places(import_libsumo(), road, lanes)
-        self._aside = Aside(import_libsumo(), road)
+        self._places = Places(running_sumo(), road, lanes)
+        self._aside = Aside(running_sumo(), road)
         self._against = against_traffic(road)
         self._profile: Floats = np.zeros(0)
         self._at = 0

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.library import running_sumo
 
 
 class Way(NamedTuple):
@@ -19,7 +19,7 @@ def ways(vehicle: str, onto: Iterable[str], goal: str) -> list[Way]:
 
     Closed edges and the vehicle's class count as they are now.
     """
-    sumo = import_libsumo()
+    sumo = running_sumo()
     kind = sumo.vehicle.getTypeID(vehicle)
     found = [(edge, sumo.simulation.findRoute(edge, goal, kind)) for edge in onto]
     return [Way(tuple(f.edges), float(f.travelTime)) for edge, f in found if f.edges]
@@ -30,7 +30,7 @@ def take(vehicle: str, edges: Sequence[str]) -> bool:
 
     Else it keeps its own.
     """
-    sumo = import_libsumo()
+    sumo = running_sumo()
     try:
         sumo.vehicle.setRoute(vehicle, list(edges))
     except sumo.TraCIException:
@@ -43,7 +43,7 @@ def stop_edges(vehicle: str) -> list[str]:
 
     SUMO drops a stop without a word where a new route leaves its edge out.
     """
-    get = import_libsumo().vehicle
+    get = running_sumo().vehicle
     # the lane of a stop is "" where it was given by its edge
     count = len(get.getStops(vehicle))
     return [get.getStopParameter(vehicle, i, "edge") for i in range(count)]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from sumo_mcts.arrays import Floats
-from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.library import running_sumo
 
 VIEW = "View #0"
 EGO_COLOUR = (0, 105, 210, 255)
@@ -17,7 +17,7 @@ EVERY = 3  # of the plan's poses one is drawn
 
 def follow(ego: str) -> None:
     """Colour the ego and let the view follow it."""
-    sumo = import_libsumo()
+    sumo = running_sumo()
     sumo.vehicle.setColor(ego, EGO_COLOUR)
     x, y = sumo.vehicle.getPosition(ego)
     sumo.gui.setSchema(VIEW, SCHEME)
@@ -27,7 +27,7 @@ def follow(ego: str) -> None:
 
 def draw_plan(ego: str, poses: Floats) -> None:
     """Draw the plan (poses [M, 4]) as a line in front of the ego; none without poses."""
-    polygons = import_libsumo().polygon
+    polygons = running_sumo().polygon
     name = f"sumo_mcts plan of {ego}"
     points: Sequence[tuple[float, float]] = [(float(x), float(y)) for x, y in poses[::EVERY, :2]]
     if name in polygons.getIDList():

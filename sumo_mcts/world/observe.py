@@ -13,7 +13,7 @@ from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import REFEREE_RANGE, STANDING, EgoState, Frame, Scene, Signals
 from sumo_mcts.world.agents import AgentReader
 from sumo_mcts.world.bodies import BodyReader, heading_of, require_finite
-from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.library import running_sumo
 from sumo_mcts.world.places import Places
 from sumo_mcts.world.road_changes import RoadReader
 from sumo_mcts.world.roadmap import lane_index
@@ -47,7 +47,7 @@ class Observer:
     """
 
     def __init__(self, road: RoadMap) -> None:
-        self._libsumo: Any = import_libsumo()
+        self._libsumo: Any = running_sumo()
         self.lanes = lane_index(road)
         self.step = step_length()
         self._places = Places(self._libsumo, road, self.lanes)
@@ -208,8 +208,7 @@ def departure(vehicle: str) -> float | None:
 
     None: it is neither on the road nor between two roads in a teleport.
     """
-    sumo = import_libsumo()
-    try:
-        return float(sumo.vehicle.getDeparture(vehicle))
-    except sumo.TraCIException:
-        return None
+    get = running_sumo().vehicle
+    # not asked in vain: SUMO would print an error at the other end of a connection
+    there = vehicle in get.getIDList() or vehicle in get.getTeleportingIDList()
+    return float(get.getDeparture(vehicle)) if there else None

@@ -213,9 +213,9 @@ def unescaped(value: str) -> str:
 
 def _variable(name: str) -> str:
     if name == "SUMO_HOME":
-        from sumo_mcts.world.library import import_libsumo
+        from sumo_mcts.world.library import running_sumo
 
-        import_libsumo()  # it sets the variable where it is not set
+        running_sumo()  # it sets the variable where it is not set
     return str(os.getpid()) if name == "PID" else os.environ.get(name, "")
 
 

@@ -1,5 +1,6 @@
 """Starts, steps and closes SUMO in this process: libsumo, headless or with its own window."""
 
+import abc
 import contextlib
 import ctypes
 import math
@@ -7,16 +8,18 @@ import os
 import re
 import tempfile
 import time
+import uuid
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
 
 from sumo_mcts import files
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.process.supervisor import doing
-from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.library import import_libsumo, is_loaded, running_sumo
 from sumo_mcts.world.options import (
     NO_WAITING,
     expanded,
@@ -47,17 +50,52 @@ TYPES_WITHIN = 1 << 24  # bytes of a file in which types of vehicles are looked 
 _ACTION_STEP = re.compile(rb"""actionStepLength\s*=\s*["']([0-9]+\.?[0-9]*|\.[0-9]+)["']""")
 _END_OF_ERROR = re.compile(r"\n(?=\S)|\nQuitting")  # further lines of an error are indented
 # A parameter of a lane that bears the simulation's number: no output shows it, no state keeps it,
-# and it goes with its simulation.
-_MARK = "sumo_mcts.simulation"
+# and it goes with its simulation. Several processes may be connected to one SUMO.
+_MARK = f"sumo_mcts.simulation.{uuid.uuid4()}"
 
 
 class SimulationError(Exception):
     """SUMO failed while running; the text is SUMO's own where it left one."""
 
 
-class Simulation:
-    """One running SUMO. libsumo holds a single simulation per process: close one before starting
-    the next."""
+class Stepped(abc.ABC):
+    """A running SUMO that is stepped here."""
+
+    @abc.abstractmethod
+    def step(self) -> None:
+        """One step. Raises SimulationError."""
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Leave the simulation."""
+
+    @property
+    def time(self) -> float:
+        """Simulation time, s."""
+        return now()
+
+    @property
+    def finished(self) -> bool:
+        """Whether SUMO expects no further vehicles."""
+        return expected() == 0
+
+    @property
+    def end(self) -> float:
+        """When the configuration says that the traffic ends, s; inf: it does not say.
+
+        SUMO itself does not stop there while a program steps it.
+        """
+        end = float(running_sumo().simulation.getEndTime())
+        return end if end > 0 else math.inf
+
+    def departed(self) -> list[str]:
+        """The vehicles that departed in the last step."""
+        return departed()
+
+
+class Simulation(Stepped):
+    """One running SUMO in this process. libsumo holds a single simulation per process: close one
+    before starting the next."""
 
     def __init__(
         self, arguments: Sequence[str], *, gui: bool = False, delay_ms: float = WINDOW_DELAY_MS
@@ -107,29 +145,6 @@ class Simulation:
             self._libsumo.simulationStep()
         except Exception as error:  # libsumo.FatalTraCIError does not derive from TraCIException
             raise SimulationError(self._reason(error)) from None
-
-    @property
-    def time(self) -> float:
-        """Simulation time, s."""
-        return now()
-
-    @property
-    def finished(self) -> bool:
-        """Whether SUMO expects no further vehicles."""
-        return expected() == 0
-
-    @property
-    def end(self) -> float:
-        """When the configuration says that the traffic ends, s; inf: it does not say.
-
-        SUMO itself does not stop there while a program steps it.
-        """
-        end = float(self._libsumo.simulation.getEndTime())
-        return end if end > 0 else math.inf
-
-    def departed(self) -> list[str]:
-        """The vehicles that departed in the last step."""
-        return departed()
 
     def close(self) -> None:
         """End the simulation; its output files are complete afterwards."""
@@ -259,17 +274,20 @@ def _muted(into: Path = Path(os.devnull)) -> Iterator[None]:
 
 
 def is_running() -> bool:
-    """Whether a simulation runs in this process."""
-    return bool(import_libsumo().simulation.isLoaded())
+    """Whether a simulation runs in this process, or at the other end of the connection in use."""
+    return is_loaded()
 
 
 def require_running() -> None:
-    """Raise ConfigError where no simulation runs in this process."""
-    if not is_running():
-        raise ConfigError(
-            "no simulation runs in this process: call libsumo.start first (what traci.start starts "
-            "is a process of its own)"
-        )
+    """Raise ConfigError where no simulation runs."""
+    if is_running():
+        return
+    if running_sumo() is not import_libsumo():
+        raise ConfigError("connection: it is closed, or SUMO has ended")
+    raise ConfigError(
+        "no simulation runs in this process: call libsumo.start first, or give the connection to "
+        "one that runs by itself, as in Controller(ego, connection=traci.getConnection())"
+    )
 
 
 def moves_who_comes_near() -> bool:
@@ -283,57 +301,60 @@ def number() -> int:
     0: none runs."""
     if not is_running():
         return 0
-    lanes = import_libsumo().lane
+    sumo = running_sumo()
+    seen, lanes = _seen.setdefault(getattr(sumo, "connection", sumo), _Marked()), sumo.lane
     with contextlib.suppress(Exception):  # another network may have no such lane
-        if lanes.getParameter(_marked.lane, _MARK) == str(_marked.number):
-            return _marked.number
-    _marked.lane, _marked.number = str(lanes.getIDList()[0]), _marked.number + 1
-    lanes.setParameter(_marked.lane, _MARK, str(_marked.number))
-    return _marked.number
+        if lanes.getParameter(seen.lane, _MARK) == str(seen.number):
+            return seen.number
+    seen.lane, seen.number = str(lanes.getIDList()[0]), next(_numbers)
+    lanes.setParameter(seen.lane, _MARK, str(seen.number))
+    return seen.number
 
 
 class _Marked:
-    """The lane of the simulation seen last that bears its number."""
+    """The lane that bears the number of the simulation seen last."""
 
     lane, number = "", 0
 
 
-_marked = _Marked()
+# by libsumo, or the connection
+_seen: weakref.WeakKeyDictionary[Any, _Marked] = weakref.WeakKeyDictionary()
+_numbers = count(1)
 
 
 def now() -> float:
     """Time of the running simulation, s."""
-    return float(import_libsumo().simulation.getTime())
+    return float(running_sumo().simulation.getTime())
 
 
 def expected() -> int:
     """The number of vehicles and persons in the running simulation, and of those still to come."""
-    return int(import_libsumo().simulation.getMinExpectedNumber())
+    return int(running_sumo().simulation.getMinExpectedNumber())
 
 
 def departed() -> list[str]:
     """The vehicles that departed in the last step of the running simulation."""
-    return [str(vehicle) for vehicle in import_libsumo().simulation.getDepartedIDList()]
+    return [str(vehicle) for vehicle in running_sumo().simulation.getDepartedIDList()]
 
 
 def after_each_step(call: Callable[[], bool]) -> None:
     """Call this after each simulationStep() of the user's, for as long as it returns True and the
     simulation is not closed."""
-    libsumo: Any = import_libsumo()
+    sumo: Any = running_sumo()
 
-    class Listener(libsumo.StepListener):  # type: ignore[misc]  # libsumo has no types
+    class Listener(sumo.StepListener):  # type: ignore[misc]  # libsumo has no types
         """What libsumo asks for."""
 
         def step(self, _time: float = 0.0) -> bool:
             """Whether to be called again."""
             return call()
 
-    libsumo.addStepListener(Listener())
+    sumo.addStepListener(Listener())
 
 
 def option(name: str) -> str:
     """The value of an option of the running simulation."""
-    return str(import_libsumo().simulation.getOption(name))
+    return str(running_sumo().simulation.getOption(name))
 
 
 def named_files(name: str) -> list[Path]:
@@ -343,7 +364,7 @@ def named_files(name: str) -> list[Path]:
 
 def step_length() -> float:
     """Step of the running simulation, s."""
-    return float(import_libsumo().simulation.getDeltaT())
+    return float(running_sumo().simulation.getDeltaT())
 
 
 def is_ballistic() -> bool:

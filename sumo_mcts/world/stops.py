@@ -14,7 +14,7 @@ import numpy as np
 
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import NO_STOP, STANDING, Stop
-from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.library import running_sumo
 from sumo_mcts.world.simulation import is_ballistic, step_length
 
 _BUS, _CHARGING, _PARKING = 8, 32, 64  # bits of a stop's flags
@@ -27,7 +27,7 @@ def skip_next(vehicle: str) -> None:
 
     A stop that was passed would have SUMO halt the vehicle at the end of the edge.
     """
-    get = import_libsumo().vehicle
+    get = running_sumo().vehicle
     if get.getStops(vehicle, 1):
         get.replaceStop(vehicle, 0, "")
 

@@ -3,7 +3,7 @@ stays ours."""
 
 from typing import Any
 
-from sumo_mcts.world.library import import_libsumo
+from sumo_mcts.world.library import running_sumo
 from sumo_mcts.world.simulation import option
 
 # lane change mode of a vehicle that asks: changes for the route, and no others
@@ -18,7 +18,7 @@ class Wish:
     """The wish of one vehicle, which is off at first."""
 
     def __init__(self, vehicle: str) -> None:
-        self._sumo: Any = import_libsumo()
+        self._sumo: Any = running_sumo()
         self._get, self._vehicle = self._sumo.vehicle, vehicle
         self._own: dict[str, str] | None = None  # the parameters to be given back; None: it is off
         # Asking gained nothing in SUMO's sublane model; the lane change model DK2008 has no wish.

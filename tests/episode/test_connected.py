@@ -1,129 +1,220 @@
-"""Egos that tell each other their plans, in SUMO."""
+"""The same drive in a SUMO that runs by itself: `run --connect`, and Controller over TraCI."""
 
+import socket
+import subprocess
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
-import numpy as np
+import libsumo
 import pytest
+import traci
 from helpers_networks import car, four_arms
-from helpers_recorded import FAST, keep
 
 from sumo_mcts import config
-from sumo_mcts.driver.replan import recorded_config, replan
-from sumo_mcts.episode import EpisodeResult, run_episode
-from sumo_mcts.prediction.told import Told, states_told
-from sumo_mcts.records import TRACES, CycleRecord, Trace, load_map, load_trace, same
-from sumo_mcts.scene import Decision, Forecast, Scripted
+from sumo_mcts.config import ScenarioConfig
+from sumo_mcts.controller import Controller
+from sumo_mcts.episode.launch import LaunchOptions
+from sumo_mcts.episode.run import open_episode, run_episode
+from sumo_mcts.errors import ConfigError
+from sumo_mcts.world import connected
+from sumo_mcts.world.arguments import REFEREE_OPTIONS, sumo_program
+from sumo_mcts.world.connected import Connected
 
-ROUTES = {"e": ("ew", 41.0), "s": ("sn", 40.0), "w": ("wn", 42.0)}  # arm: route, place
-OTHER_CAR = car("ns", 0.0)  # it tells nobody
+CARS = (("we", 40.0), ("sn", 45.0), ("ew", 30.0), ("ns", 20.0))
+JUDGED = [word for name, value in REFEREE_OPTIONS.items() for word in (f"--{name}", value)]
+CAR = {"id": "x", "driver": "sumo", "route": ["wc", "ce"], "depart": {"time_s": 0}}
+SETS = ("planner.iterations=100", "episode.time_limit_s=60")
 
 
-def driven(folder: Path, connected: str) -> EpisodeResult:
-    """Three egos at a crossing, in the order of ROUTES; `connected`: the arms of those that are."""
-    four_arms(folder, "right_before_left")
-    cars = "".join(car(*each) for each in ROUTES.values()) + OTHER_CAR
-    (folder / "x.rou.xml").write_text(
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """A crossing of right before left, with four cars."""
+    four_arms(tmp_path, "right_before_left")
+    cars = "".join(car(*each) for each in CARS)
+    (tmp_path / "x.rou.xml").write_text(
         f'<routes><vType id="car" speedDev="0"/>{cars}</routes>', encoding="utf-8"
     )
-    scene = {
-        "name": "connected",
-        "sumo": {"net": str(folder / "x.net.xml"), "routes": [str(folder / "x.rou.xml")]},
-        "egos": [{"id": ego, "connected": ego in connected} for ego in ROUTES],
-        "sensor": {"position_error_m": 0.3},
-        "episode": {"time_limit_s": 40},
-    }
-    return run_episode(config.build(scene, "test", (FAST,)), 1)
+    (tmp_path / "x.sumocfg").write_text(
+        '<configuration><net-file value="x.net.xml"/><route-files value="x.rou.xml"/>'
+        '<step-length value="0.1"/><seed value="5"/></configuration>',
+        encoding="utf-8",
+    )
+    return tmp_path / "x.sumocfg"
 
 
-@pytest.fixture(scope="module")
-def all_connected(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, EpisodeResult]:
-    """An episode, saved, and its result."""
-    folder = tmp_path_factory.mktemp("connected")
-    result = driven(folder, "esw")
-    keep(folder, result)
-    return folder, result
+def scenario(sumocfg: Path, *sets: str) -> ScenarioConfig:
+    data = {"name": "crossing", "sumo": {"sumocfg": str(sumocfg)}, "egos": [{"id": "s"}]}
+    return config.build(data, "test", (*SETS, *sets))
 
 
-def ego_of(trace: Trace) -> str:
-    return trace.cycles[0].ego.id
+@contextmanager
+def started(sumocfg: Path, *options: str) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """SUMO in a process of its own; its address."""
+    with closing(socket.socket()) as free:
+        free.bind(("localhost", 0))
+        port = free.getsockname()[1]
+    command = [sumo_program("sumo"), "-c", str(sumocfg), "--remote-port", str(port), *options]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    try:
+        yield f"localhost:{port}", process
+    finally:
+        process.kill()
+        process.communicate()
 
 
-def last_told(trace: Trace, now: float, *, before: bool) -> CycleRecord | None:
-    """The last decision until now, or `before` now."""
-    known = [c for c in trace.cycles if c.time < now - 1e-6 or (not before and c.time < now + 1e-6)]
-    return known[-1] if known else None
-
-
-@pytest.mark.slow
-def test_the_forecast_is_the_other_egos_last_plan(
-    all_connected: tuple[Path, EpisodeResult],
-) -> None:
-    """Of an ego that decides before this one in the same step, its new plan; of the others, the one
-    before. In all hypotheses, though the sensor errs."""
-    _, result = all_connected
-    traces = {ego_of(trace): trace for trace in result.traces}
-    assert list(traces) == list(ROUTES)
-    compared, reaches = {"new": 0, "old": 0, "hypotheses": 0}, []
-    for place, (ego, trace) in enumerate(traces.items()):
-        for cycle in trace.cycles:
-            for i in cycle.answers.told.agent.tolist():
-                other = cycle.agents.ids[i]
-                earlier = list(ROUTES).index(other) < place
-                told = last_told(traces[other], cycle.time, before=not earlier)
-                assert told is not None and told.decision.plan is not None
-                count = cycle.forecast.v.shape[1]
-                states = states_told(
-                    Told(told.ego, told.decision.plan, told.time),
-                    cycle.time,
-                    cycle.forecast.dt,
-                    count,
-                )
-                reach = int(states.valid.sum())
-                reaches.append(reach)
-                for h in range(len(cycle.forecast.weight)):
-                    for name in Scripted._fields:
-                        said = getattr(cycle.forecast, name)[h, :reach, i]
-                        assert (said == getattr(states, name)[:reach]).all(), (ego, other, name)
-                assert all(intent.agent != i for intent in cycle.forecast.intents)
-                compared["new" if told.time == cycle.time else "old"] += 1
-                compared["hypotheses"] += len(cycle.forecast.weight) > 1
-            assert "n" not in {cycle.agents.ids[i] for i in cycle.answers.told.agent}
-    assert min(compared.values()) > 5, compared
-    assert np.median(reaches) * 0.2 > 7.0, "plans reach 8 s from their decision on"
+def answered(address: str) -> Any:
+    """A connection of traci's, as a user makes it."""
+    return connected._connected(address).connection
 
 
 @pytest.mark.slow
-def test_decisions_of_connected_egos_come_out_again(
-    all_connected: tuple[Path, EpisodeResult], tmp_path: Path
-) -> None:
-    """From the trace alone, as it comes back from disk; and in a second episode."""
-    folder, result = all_connected
-    told = 0
-    for kept in result.traces:
-        trace = load_trace(folder / TRACES / f"{kept.key}.npz")
-        road, settings = load_map(folder, trace.setting.map), recorded_config(trace.setting)
-        for i, cycle in enumerate(trace.cycles):
-            again = replan(trace, road, i, settings)
-            assert same(Decision, again.decision, cycle.decision), (kept.key, i)
-            assert again.forecast is not None and same(Forecast, again.forecast, cycle.forecast)
-            told += len(cycle.answers.told.agent)
-    assert told > 10
-    second = driven(tmp_path, "esw")
-    assert [row["trace_digest"] for row in second.rows] == [
-        row["trace_digest"] for row in result.rows
-    ]
+@pytest.mark.smoke
+def test_run_decides_alike_in_another_process(scene: Path) -> None:
+    own = run_episode(scenario(scene))
+    with started(scene, *JUDGED) as (address, process):
+        options = LaunchOptions(connect=address)
+        with open_episode(scenario(scene), options=options) as result:
+            pass
+        out, _ = process.communicate(timeout=20.0)  # it ends with its only connection
+    assert own.rows[0]["outcome"] == "arrived"
+    assert own.rows[0]["trace_digest"] == result.rows[0]["trace_digest"]
+    assert (result.manifest["connected_to"], result.manifest["reproducible"]) == (address, False)
+    assert own.manifest["reproducible"] and "connected_to" not in own.manifest
+    assert b"Error" not in out  # nothing was asked for that is not there
+
+
+def drive(sumo: Any, controller: Controller) -> list[tuple[float, ...]]:
+    """Where the ego is in each step."""
+    places, steps = [], 0
+    while sumo.simulation.getMinExpectedNumber() and steps < 600:
+        controller.step()
+        sumo.simulationStep()
+        steps += 1
+        if "s" in sumo.vehicle.getIDList():
+            places.append((*sumo.vehicle.getPosition("s"), sumo.vehicle.getSpeed("s")))
+    return places
 
 
 @pytest.mark.slow
-def test_an_ego_that_is_not_connected_plans_by_itself(
-    all_connected: tuple[Path, EpisodeResult], tmp_path: Path
+def test_a_controller_drives_alike_over_a_connection(scene: Path) -> None:
+    """Both simulations at once, step by step, each with a controller of the same vehicle."""
+    libsumo.start(["sumo", "-c", str(scene), *JUDGED, "--no-step-log"])
+    with started(scene, *JUDGED) as (address, _):
+        connection = answered(address)
+        here = Controller("s", scenario(scene), seed=3)
+        there = Controller("s", scenario(scene), seed=3, connection=connection)
+        try:
+            for _ in range(40):
+                for sumo, controller in ((libsumo, here), (connection, there)):
+                    controller.step()
+                    sumo.simulationStep()
+            assert here.driving and there.driving
+            assert drive(libsumo, here) == drive(connection, there) != []
+            assert not here.driving and not there.driving
+        finally:
+            libsumo.close()
+            connection.close()
+
+
+def test_the_module_traci_stands_for_its_connection_in_use(scene: Path) -> None:
+    traci.start([sumo_program("sumo"), "-c", str(scene), *JUDGED, "--no-step-log"])
+    controller = Controller("s", scenario(scene), connection=traci)
+    while not controller.driving:
+        controller.step()
+        traci.simulationStep()
+    controller.release()
+    assert traci.vehicle.getSpeedMode("s") == 31  # SUMO's own
+    traci.close()
+    late = Controller("s", scenario(scene), connection=traci) if traci.isLoaded() else None
+    assert late is None
+
+
+def test_a_closed_connection_is_named(scene: Path) -> None:
+    with started(scene, *JUDGED) as (address, _):
+        connection = answered(address)
+        controller = Controller("s", scenario(scene), connection=connection)
+        controller.step()
+        connection.close()
+        with pytest.raises(ConfigError, match="connection: it is closed, or SUMO has ended"):
+            controller.step()
+        assert not controller.driving
+
+
+@pytest.mark.parametrize("given", ["localhost:8813", 8813, object()])
+def test_what_is_no_connection_is_refused(given: object) -> None:
+    with pytest.raises(ConfigError, match="connection: one of traci's"):
+        Controller("s", connection=given)
+
+
+def test_traci_without_a_connection_is_refused() -> None:
+    with pytest.raises(ConfigError, match="connection: traci: "):
+        Controller("s", connection=traci)
+
+
+@pytest.mark.parametrize("address", ["", "8813", "localhost", "localhost:", "localhost:0", ":8813",
+    "localhost:65536", "localhost:-1", "localhost:٣", "localhost:8813/"])  # fmt: skip
+def test_wrong_addresses_are_refused(address: str) -> None:
+    with pytest.raises(ConfigError, match="--connect: host:port of a SUMO"):
+        Connected(address)
+
+
+def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connected, "PATIENCE_S", 0.5)
+    with pytest.raises(ConfigError, match=r"nobody answers at localhost:1 .*--remote-port 1 "):
+        Connected("localhost:1")
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ((), "collision.action teleport, collision.check-junctions false, collision.mingap-factor"),
+        ((*JUDGED[:4], "--collision.mingap-factor", "1"), "runs with collision.mingap-factor 1"),
+    ],
+)
+def test_options_with_which_nothing_could_be_judged_are_refused(
+    options: tuple[str, ...], named: str, scene: Path
 ) -> None:
-    """One that is connected with nobody decides as one that is not connected."""
-    alone, none = driven(tmp_path, "s"), driven(tmp_path, "")
-    digests = [[row["trace_digest"] for row in each.rows] for each in (alone, none)]
-    assert digests[0] == digests[1]
-    assert digests[0] != [row["trace_digest"] for row in all_connected[1].rows]
-    two = driven(tmp_path, "es")
-    for trace in two.traces:
-        known = {c.agents.ids[i] for c in trace.cycles for i in c.answers.told.agent}
-        assert known == {"e": {"s"}, "s": {"e"}, "w": set()}[ego_of(trace)]
+    with started(scene, *options) as (address, process):
+        with pytest.raises(ConfigError, match=named):
+            Connected(address)
+        process.communicate(timeout=20.0)  # and SUMO was let go
+
+
+@pytest.mark.slow
+def test_where_the_connection_ends_so_does_the_episode(scene: Path) -> None:
+    with started(scene, *JUDGED) as (address, process):
+
+        def ends(*_: object) -> None:
+            process.kill()
+            process.wait()
+
+        options = LaunchOptions(connect=address)
+        with open_episode(scenario(scene), options=options, watch=ends) as result:
+            (row,) = result.rows
+    assert row["outcome"] == "error"
+    assert "Connection closed by SUMO" in row["error"]
+    assert run_episode(scenario(scene)).rows[0]["outcome"] == "arrived"  # libsumo is in use again
+
+
+@pytest.mark.parametrize(
+    ("data", "named"),
+    [
+        (
+            {"sumo": {"dense": {"kind": "crossing"}}},
+            "sumo: with --connect the files of a drawn",
+        ),
+        ({"traffic": {"actors": [CAR]}}, "traffic: with --connect"),
+        ({"prediction": {"name": "clone"}}, "prediction.name: clone copies a simulation"),
+    ],
+)
+def test_what_only_a_sumo_of_ours_has_is_refused(
+    data: dict[str, Any], named: str, scene: Path
+) -> None:
+    own = {"name": "x", "sumo": {"sumocfg": str(scene)}, "egos": [{"id": "s"}], **data}
+    with (
+        pytest.raises(ConfigError, match=named),
+        open_episode(config.build(own, "test"), options=LaunchOptions(connect="localhost:1")),
+    ):
+        pass
