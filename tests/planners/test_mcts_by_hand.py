@@ -67,8 +67,8 @@ def test_passes_of_all_hypotheses_add_up(monkeypatch: pytest.MonkeyPatch) -> Non
     made = iter([(5, 2), (7, 3), (7, 3)])
     fake = SimpleNamespace(leader=np.full((1, 3), 50.0), others=np.zeros((1, 0, 2)))
     local = mind._locals(situation, 1)[0]
-    monkeypatch.setattr(mind, "_search", lambda *_: (fake, *next(made)))
-    monkeypatch.setattr(mind, "_locals", lambda *_: [local] * 3)
+    monkeypatch.setattr(mind, "_search", lambda *_: mcts.Searched(fake, *next(made)))
+    monkeypatch.setattr(mind, "_locals", lambda _, count: [local] * count)
     monkeypatch.setattr(mcts, "shares", lambda *_: np.array([0.5, 0.3, 0.2]))
     monkeypatch.setattr(mcts, "root_candidates", lambda *_: candidates(3.0, 1.0))
     monkeypatch.setattr(mcts, "costs_in", lambda *_: (np.zeros(2), np.zeros((2, 5))))

@@ -30,7 +30,7 @@ class Sumo:
         self.told: list[tuple[Any, ...]] = []
         self.asking, self.moving, self.skipped = False, False, 0
         self.shifts: list[float] = []
-        patch.setattr(command, "import_libsumo", lambda: self)
+        patch.setattr(command, "running_sumo", lambda: self)
         patch.setattr(
             command,
             "Places",
