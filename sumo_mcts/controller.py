@@ -20,6 +20,7 @@ from contextlib import suppress
 from typing import Any, NoReturn, Self
 
 from sumo_mcts import config as scenario_files
+from sumo_mcts import files
 from sumo_mcts.config import ScenarioConfig
 from sumo_mcts.driver.driver import Driver, PlanningResult
 from sumo_mcts.driver.params import streams
@@ -93,8 +94,8 @@ class Controller:
         seed: of the search and of the sensor's errors
         allow_plugins: whether a mapping may name code of your own as module:name
         connection: what traci.connect or traci.getConnection returns, or the module traci for the
-            one that is in use there; by default libsumo. The files that SUMO's options name have
-            to be there on this machine too
+            one that is in use there; by default libsumo. Where the network that SUMO names is not
+            found from here, `config` says where it is: {"sumo": {"net": FILE}}
         """
         self._ego, self._asked, self._seed, self._allow_plugins = ego, config, seed, allow_plugins
         self._released = False
@@ -139,8 +140,9 @@ class Controller:
 
     def _join(self) -> None:
         """Get ready for the simulation that runs now. Raises ConfigError."""
-        self._config = _scenario(self._ego, self._asked, self._allow_plugins)
-        self._world = running_world(self._config.planner.period_s)
+        net = _network(self._asked)
+        self._config = _scenario(self._ego, self._asked, self._allow_plugins, net)
+        self._world = running_world(self._config.planner.period_s, net)
         oracles = Oracles(
             self._world.observer.coming_lanes, _no_script, _no_copy, self._plan_of_another
         )
@@ -299,10 +301,26 @@ def _no_copy(*_: object) -> NoReturn:
     raise ConfigError("Controller: no copy of a loop of the user's own")
 
 
+def _network(config: ScenarioConfig | Mapping[str, Any] | None) -> str:
+    """The file of the network: what SUMO names, or what is given where that is not found from
+    here. Raises ConfigError."""
+    named = simulation.option("net-file")
+    if not files.problem(named):
+        return named
+    sumo = config.get("sumo") if isinstance(config, Mapping) else getattr(config, "sumo", None)
+    given = sumo.get("net") if isinstance(sumo, Mapping) else getattr(sumo, "net", None)
+    if given is None:
+        raise ConfigError(
+            f"Controller: {named}: SUMO's network is not found from here; say where it is: "
+            'Controller(ego, {"sumo": {"net": FILE}})'
+        )
+    return str(given)
+
+
 def _scenario(
-    ego: str, config: ScenarioConfig | Mapping[str, Any] | None, allow_plugins: bool
+    ego: str, config: ScenarioConfig | Mapping[str, Any] | None, allow_plugins: bool, net: str
 ) -> ScenarioConfig:
-    """A scenario around the running simulation."""
+    """A scenario around the running simulation, whose network is the file `net`."""
     if not isinstance(ego, str) or not ego:
         raise ConfigError(f"Controller: ego: the id of a vehicle, got {ego!r:.60}")
     if not isinstance(config, ScenarioConfig):
@@ -312,7 +330,7 @@ def _scenario(
             )
         data = {
             "name": "controller",
-            "sumo": {"net": simulation.option("net-file")},
+            "sumo": {"net": net},
             "egos": [{"id": ego}],
         }
         config = scenario_files.build(

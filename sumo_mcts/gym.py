@@ -32,7 +32,7 @@ from sumo_mcts.reporting.birdseye import picture
 from sumo_mcts.scenarios import load_scenario
 from sumo_mcts.scene import Decision, Release
 from sumo_mcts.world.arguments import without_outputs
-from sumo_mcts.world.simulation import is_running
+from sumo_mcts.world.library import is_running
 
 ENVIRONMENT = "sumo_mcts/Drive-v0"
 NAME = "policy"  # of the planner, in rows

@@ -16,6 +16,7 @@ from sumo_mcts.model.route import RouteMap, route_map
 from sumo_mcts.numerics.kernel import entry
 from sumo_mcts.planners import base
 from sumo_mcts.planners.base import Situation, Task
+from sumo_mcts.planners.failsafe_reach import Assumed
 from sumo_mcts.prediction.drivers import TrafficParams
 from sumo_mcts.prediction.forecast import OracleData, Question, predict
 from sumo_mcts.road import RoadMap
@@ -24,6 +25,8 @@ from sumo_mcts.scene import EgoState, Forecast, Scene, Signals
 F = TypeVar("F", bound=Callable[..., Any])
 
 PHYSICS = Physics(0.1, False, 3.0)
+# what the fail-safe assumes of others
+ASSUMED = Assumed(decel=5.0, accel=2.4, over_limit=1.25, reaction=0.8, yield_decel=3.0, horizon=6.0)
 WIDTH = 3.2  # m, of a lane
 
 

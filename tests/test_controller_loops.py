@@ -495,10 +495,12 @@ def test_what_is_no_id_is_named(ego: Any) -> None:
 
 
 _IN_A_WINDOW = """
-import libsumo
+import libsumo, time
 from test_controller_loops import SETTINGS, add, arguments, drive, modes
 from sumo_mcts.controller import Controller
 libsumo.start(["sumo-gui", *arguments(), "--start", "--quit-on-end"])
+while "ego" not in libsumo.vehicletype.getIDList():  # the window's thread reads the routes
+    time.sleep(0.01)
 add()
 controller = Controller("ego", SETTINGS)
 drive(controller, steps=5)

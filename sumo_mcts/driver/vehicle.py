@@ -33,14 +33,15 @@ class World(NamedTuple):
     period: float  # between two decisions, s: whole steps of SUMO
 
 
-def running_world(period_s: float) -> World:
+def running_world(period_s: float, net: str | None = None) -> World:
     """The running simulation, for decisions every `period_s`.
 
-    Raises ConfigError where its network cannot be read, or where SUMO leaves out lanes that are in
-    it.
+    `net`: the file of its network; default the one that SUMO names, which may be relative to
+    another folder where SUMO runs by itself. Raises ConfigError where it cannot be read, or where
+    SUMO leaves out lanes that are in it.
     """
     physics = Physics(step_length(), is_ballistic(), _change_duration())
-    road = known_roadmap(option("net-file"))
+    road = known_roadmap(net or option("net-file"))
     if option("no-internal-links") == "true" and (road.internal & ~jumps(road)).any():
         raise ConfigError(
             "no-internal-links: the network has lanes inside junctions; build it without them "

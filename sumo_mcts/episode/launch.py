@@ -111,7 +111,9 @@ class Launcher:
         require_named("egos", self._egos, ids)
         with_events = [event.vehicle for event in config.traffic.events]
         require_named("traffic.events", with_events, [*ids, *crowd_ids(config.traffic.crowd)])
-        world = running_world(config.planner.period_s)
+        world = running_world(
+            config.planner.period_s, network_of(config.sumo.sumocfg, config.sumo.net)
+        )
         moved = Actors(
             actors,
             world.road,

@@ -72,7 +72,7 @@ def using(remote: Remote | None) -> Iterator[None]:
         _in_use.reset(before)
 
 
-def is_loaded() -> bool:
+def is_running() -> bool:
     """Whether a simulation runs in this process, or at the other end of the connection in use."""
     remote = _in_use.get()
     if remote is None:

@@ -19,7 +19,7 @@ from typing import Any
 from sumo_mcts import files
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.process.supervisor import doing
-from sumo_mcts.world.library import import_libsumo, is_loaded, running_sumo
+from sumo_mcts.world.library import import_libsumo, is_running, running_sumo
 from sumo_mcts.world.options import (
     NO_WAITING,
     expanded,
@@ -271,11 +271,6 @@ def _muted(into: Path = Path(os.devnull)) -> Iterator[None]:
 
 
 # --- the running simulation, ours or the user's ---
-
-
-def is_running() -> bool:
-    """Whether a simulation runs in this process, or at the other end of the connection in use."""
-    return is_loaded()
 
 
 def require_running() -> None:

@@ -51,12 +51,14 @@ def scenario(sumocfg: Path, *sets: str) -> ScenarioConfig:
 
 @contextmanager
 def started(sumocfg: Path, *options: str) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """SUMO in a process of its own; its address."""
+    """SUMO in a process and a folder of its own, from where it names its files; its address."""
     with closing(socket.socket()) as free:
         free.bind(("localhost", 0))
         port = free.getsockname()[1]
-    command = [sumo_program("sumo"), "-c", str(sumocfg), "--remote-port", str(port), *options]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    command = [sumo_program("sumo"), "-c", sumocfg.name, "--remote-port", str(port), *options]
+    process = subprocess.Popen(
+        command, cwd=sumocfg.parent, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
     try:
         yield f"localhost:{port}", process
     finally:
@@ -103,8 +105,10 @@ def test_a_controller_drives_alike_over_a_connection(scene: Path) -> None:
     libsumo.start(["sumo", "-c", str(scene), *JUDGED, "--no-step-log"])
     with started(scene, *JUDGED) as (address, _):
         connection = answered(address)
-        here = Controller("s", scenario(scene), seed=3)
-        there = Controller("s", scenario(scene), seed=3, connection=connection)
+        settings = {"planner": {"iterations": 100}}
+        net = {"sumo": {"net": str(scene.with_name("x.net.xml"))}}
+        here = Controller("s", settings, seed=3)
+        there = Controller("s", {**settings, **net}, seed=3, connection=connection)
         try:
             for _ in range(40):
                 for sumo, controller in ((libsumo, here), (connection, there)):
@@ -131,15 +135,31 @@ def test_the_module_traci_stands_for_its_connection_in_use(scene: Path) -> None:
     assert late is None
 
 
-def test_a_closed_connection_is_named(scene: Path) -> None:
+def test_a_missing_network_and_a_closed_connection_are_named(scene: Path) -> None:
     with started(scene, *JUDGED) as (address, _):
         connection = answered(address)
-        controller = Controller("s", scenario(scene), connection=connection)
+        with pytest.raises(
+            ConfigError, match=r"x\.net\.xml: SUMO's network is not found from here"
+        ):
+            Controller("s", connection=connection)
+        net = {"sumo": {"net": str(scene.with_name("x.net.xml"))}}
+        controller = Controller("s", net, connection=connection)
         controller.step()
         connection.close()
         with pytest.raises(ConfigError, match="connection: it is closed, or SUMO has ended"):
             controller.step()
         assert not controller.driving
+
+
+def test_who_never_departs_is_named(scene: Path) -> None:
+    with started(scene, *JUDGED) as (address, _):
+        connection = answered(address)
+        net = {"sumo": {"net": str(scene.with_name("x.net.xml"))}}
+        settings = {**net, "episode": {"depart_limit_s": 2}}
+        controller = Controller("nobody", settings, connection=connection)
+        with pytest.raises(ConfigError, match="nobody: never departed within 2 s"):
+            drive(connection, controller)
+        connection.close()
 
 
 @pytest.mark.parametrize("given", ["localhost:8813", 8813, object()])

@@ -10,7 +10,7 @@ from sumo_mcts.config import builtin
 from sumo_mcts.episode.loop import Loop
 from sumo_mcts.errors import ConfigError
 from sumo_mcts.scene import Decision, Release
-from sumo_mcts.world.simulation import is_running
+from sumo_mcts.world.library import is_running
 
 
 @pytest.fixture(autouse=True)

@@ -6,7 +6,15 @@ import math
 import numpy as np
 import pytest
 from helpers import Agent, Lane, agents_at, build, crossing, edges, ego_at, lane
-from helpers_model import lanes_east, local_of, plain, scene_of, situation_of, task_of
+from helpers_model import (
+    ASSUMED,
+    lanes_east,
+    local_of,
+    plain,
+    scene_of,
+    situation_of,
+    task_of,
+)
 
 from sumo_mcts.driver.params import Physics
 from sumo_mcts.model.local_map import DRIVEN, GONE, NODE, State
@@ -21,7 +29,6 @@ from sumo_mcts.planners.failsafe_reach import (
     HOLD,
     NO_AGENT,
     NO_END,
-    Assumed,
     _covers,
     _driven_least,
     _driven_most,
@@ -35,7 +42,6 @@ from sumo_mcts.planners.failsafe_reach import (
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import EgoState, Follow, Plan
 
-ASSUMED = Assumed(decel=5.0, accel=2.4, over_limit=1.25, reaction=0.8, yield_decel=3.0, horizon=6.0)
 LANES, CROSSING = lanes_east(3, 500.0), crossing(bridge=False)
 TICK = 1e-3  # s
 

@@ -4,7 +4,16 @@ test_failsafe_by_hand.py leaves out."""
 import numpy as np
 import pytest
 from helpers import Agent, Lane, build, crossing, edges, ego_at
-from helpers_model import PHYSICS, lanes_east, local_of, plain, scene_of, situation_of, task_of
+from helpers_model import (
+    ASSUMED,
+    PHYSICS,
+    lanes_east,
+    local_of,
+    plain,
+    scene_of,
+    situation_of,
+    task_of,
+)
 
 from sumo_mcts.model.local_map import DRIVEN, GONE, NODE, REACTS, LocalMap, State
 from sumo_mcts.numerics.geometry import COS, SIN, Box, X, Y
@@ -15,7 +24,6 @@ from sumo_mcts.planners.failsafe_reach import (
     HOLD,
     NO_AGENT,
     NO_END,
-    Assumed,
     _is_behind,
     _meets,
     _obstructing,
@@ -25,7 +33,6 @@ from sumo_mcts.planners.failsafe_reach import (
 from sumo_mcts.road import RoadMap
 from sumo_mcts.scene import Follow
 
-ASSUMED = Assumed(decel=5.0, accel=2.4, over_limit=1.25, reaction=0.8, yield_decel=3.0, horizon=6.0)
 LANES, CROSSING = lanes_east(3, 500.0), crossing(bridge=False)
 EASTWARD, NORTHWARD = (1.0, 0.0), (0.0, 1.0)
 

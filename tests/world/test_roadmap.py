@@ -50,6 +50,10 @@ WHEEL = [
 ARMS = {"W": (-200, 0), "E": (200, 0), "N": (0, 200), "S": (0, -200)}
 ACROSS = {"W": "E", "E": "W", "N": "S", "S": "N"}
 LEFT_OF = {"W": "N", "N": "E", "E": "S", "S": "W"}  # where a left turn leads, coming from the key
+ON_FOOT = (  # options of netconvert: sidewalks, and crossings for people
+    *("--sidewalks.guess", "true", "--sidewalks.guess.max-speed", "20"),
+    *("--crossings.guess", "true"),
+)
 RIGHT_OF = {arm: ACROSS[LEFT_OF[arm]] for arm in ARMS}
 
 
@@ -459,17 +463,7 @@ def test_what_single_classes_may_do(tmp_path: Path) -> None:
 
 
 def test_crossings_for_pedestrians_are_lanes_without_successors(tmp_path: Path) -> None:
-    road = read_roadmap(
-        crossing(
-            tmp_path,
-            "--sidewalks.guess",
-            "true",
-            "--sidewalks.guess.max-speed",
-            "20",
-            "--crossings.guess",
-            "true",
-        )
-    )
+    road = read_roadmap(crossing(tmp_path, *ON_FOOT))
     on_foot = [i for i, name in enumerate(road.lane_ids) if name.startswith((":C_c", ":C_w"))]
     assert (
         on_foot
@@ -483,18 +477,10 @@ def test_crossings_for_pedestrians_are_lanes_without_successors(tmp_path: Path) 
 
 def test_crossings_are_shown_what_their_own_link_of_the_signal_is(tmp_path: Path) -> None:
     """People have other links than vehicles; without a signal a crossing has none."""
-    guess = [
-        "--sidewalks.guess",
-        "true",
-        "--sidewalks.guess.max-speed",
-        "20",
-        "--crossings.guess",
-        "true",
-    ]
     for control in ("traffic_light", "priority"):
         folder = tmp_path / control
         folder.mkdir()
-        road = read_roadmap(crossing(folder, *guess, node_type=control))
+        road = read_roadmap(crossing(folder, *ON_FOOT, node_type=control))
         on_foot = [i for i, name in enumerate(road.lane_ids) if name.startswith(":C_c")]
         vehicles = [i for i in np.flatnonzero(road.link >= 0) if i not in on_foot]
         assert on_foot
