@@ -249,3 +249,14 @@ def contact_cost(c: CostParams, state: State, time: float, horizon: float) -> fl
     another path."""
     share = 1.0 - (1.0 - LEAST_LOSS) * min(time / horizon, 1.0)
     return c.contact * share + c.speed_at_contact * state.v
+
+
+@kernel
+def after_contact(local: LocalMap, c: CostParams, state: State, time: float, horizon: float) -> float:
+    """The cost of the time after a contact `time` s from now: the ego stands there from then on.
+
+    So no contact is cheaper than to wait in the same place, however long that takes.
+    """
+    stands = State(state.node, state.s, 0.0, 0.0, state.progress, state.other, state.turn)
+    left = c.progress * max(horizon - time, 0.0)
+    return c.after_contact * (left + terminal(local, c, stands, 0.0, 0.0, horizon))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from sumo_mcts.arrays import Floats, Indices
 from sumo_mcts.model.completing import unfinished
 from sumo_mcts.model.cost import (
+    after_contact,
     contact_cost,
     leads_nowhere,
     step_comfort,
@@ -147,8 +148,10 @@ def simulate(
             near = Neighbours(gap, leader_v, followers)
             if event == GOAL:
                 return Ply(state, near, safety, comfort, passability, other, ARRIVED, 0.0)
-            loss = contact_cost(c, before if event == OFF_END else state, time, q.horizon)
+            last = before if event == OFF_END else state
+            loss = contact_cost(c, last, time, q.horizon)
             loss += c.red if event == RED_LINE else 0.0
+            passability += after_contact(local, c, last, time, q.horizon)
             return Ply(state, near, safety, comfort, passability, other, LOST, loss)
         gap += (leader_v - state.v) * p.step
         other += step_own(c.term, local, p, c, before, state, gap, time + p.step)
@@ -165,6 +168,7 @@ def simulate(
             safety += meeting.rate * every + meeting.once
             if meeting.contact:
                 loss = contact_cost(c, state, moment, q.horizon)
+                passability += after_contact(local, c, state, moment, q.horizon)
                 return Ply(state, meeting.near, safety, comfort, passability, other, LOST, loss)
     near = Neighbours(gap, leader_v, followers)
     return Ply(state, near, safety, comfort, passability, other, ALIVE, 0.0)

@@ -17,6 +17,11 @@ class CostWeights(Section):
         60.0, description="predicted contact now; falls linearly to half of it at the horizon"
     )
     speed_at_contact: NonNegative = Field(1.0, description="added per m/s of speed at contact")
+    after_contact: NonNegative = Field(
+        1.0,
+        description="times the cost of standing there for ever after a predicted contact; 0: the "
+        "time after it costs nothing",
+    )
     headway_s: Delay = Field(1.2, description="time gap below which following costs")
     headway_gap_m: Annotated[Float, Field(ge=0, le=100)] = Field(
         2.0, description="gap that belongs to it at standstill"
