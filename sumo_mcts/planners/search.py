@@ -11,9 +11,9 @@ from sumo_mcts.arrays import Floats
 from sumo_mcts.model.completing import unfinished
 from sumo_mcts.model.cost import LEAST_LOSS, is_against, terminal
 from sumo_mcts.model.cost_params import CostParams
-from sumo_mcts.model.interaction import meet
+from sumo_mcts.model.interaction import Neighbours, meet
 from sumo_mcts.model.least_cost import least_cost
-from sumo_mcts.model.local_map import LocalMap, State, kept_state
+from sumo_mcts.model.local_map import LocalMap, State, keep_state, kept_state
 from sumo_mcts.model.motion import EgoParams, begin_change
 from sumo_mcts.numerics.kernel import entry, inlined, kernel
 from sumo_mcts.planners.actions import (
@@ -26,9 +26,9 @@ from sumo_mcts.planners.actions import (
     clear_line,
     put_action,
 )
+from sumo_mcts.planners.continued import NOT_DRIVEN, choice, new_row
 from sumo_mcts.planners.ply import (
     ALIVE,
-    ARRIVED,
     IMPOSSIBLE,
     LOST,
     NONE,
@@ -40,6 +40,9 @@ from sumo_mcts.planners.ply import (
     simulate,
 )
 from sumo_mcts.planners.tree import (
+    GAP,
+    LEADER_V,
+    WISHES,
     Tree,
     back_up,
     close_branch,
@@ -53,6 +56,7 @@ from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY
 
 # What a rollout does (see _continuation).
 FOLLOWS, BRAKES, SLOWS_DOWN, THEN_BRAKES, PUSHES, CHANGES = range(6)
+TO_FOLLOW, TO_BRAKE, TO_SLOW_DOWN, TO_PUSH = range(WISHES)  # what it wants in a ply
 ROLLOUTS_WITHOUT_TURN = 3  # from a leaf that do not depend on a level: to follow, brake, slow down
 FOR_EACH_LEVEL = 4  # and those for each level at which they may turn to something else
 
@@ -229,46 +233,105 @@ def _rollout(
     tree: Tree, local: LocalMap, p: EgoParams, c: CostParams, q: SearchParams, node: int,
     line: Floats, rng: Generator,
 ) -> float:  # fmt: skip
-    """J of a continuation to the horizon; `line` [levels, 3] receives its actions."""
-    state, near = kept_state(tree.where, tree.motion, node), near_of(tree, node)
+    """J of a continuation to the horizon; `line` [levels, 3] receives its actions.
+
+    What an earlier one from this node has driven is not driven again.
+    """
+    known, row = tree.continued, _beginning(tree, node)
     level, last = tree.level[node], q.look_ahead + q.rollout
     policy, turn, to_side = _continuation(tree, q, node, rng)
     clear_line(line)
-    others = tree.moving
-    copy_pairs(tree.others[node], others)
-    j = spent(tree, node)
     for k in range(level, last):
-        accel = FOLLOW
-        if policy == BRAKES or (policy == THEN_BRAKES and k >= turn):
-            accel = -p.approach_decel
-        elif policy == SLOWS_DOWN and k == level:
-            accel = -0.5 * p.approach_decel
-        elif (
-            (policy == PUSHES and k <= turn)
-            or (policy == CHANGES and turn <= k < turn + 2)
-            or (policy == FOLLOWS and is_against(local, state) > 0.0)
+        wish = _wish(policy, turn, k, level)
+        if (
+            policy == FOLLOWS
+            and is_against(local, kept_state(known.where, known.motion, row)) > 0.0
         ):
-            accel = p.max_accel
-        # The tree's own changes may cost others something; what the route needs waits for a gap.
-        own = k == turn and to_side != 0
-        side, most = (to_side, math.inf) if own else (needed_side(local, state), 0.0)
-        time = k * q.ply * p.step
-        if side != 0 and may_change(local, p, c, state, others, side, accel, time, most):
-            j += change_price(c, state)
-            state = begin_change(local, p, state, side)
-        else:
-            side = 0
-        put_action(line, k, accel, side)
-        action = Action(accel, side, NO_SPEED)
-        ply = simulate(local, p, c, q, state, others, near, action, k * q.ply)
-        j += ply.safety + ply.comfort + ply.passability + ply.other
-        if ply.end == LOST:
-            return j + ply.loss
-        if ply.end == ARRIVED:
-            return j
-        state, near = ply.state, ply.near
-    j += terminal(local, c, state, near.gap, near.leader_v, q.horizon)
-    return j + unfinished(local, p, c, state, q.horizon)
+            wish = TO_PUSH
+        side = to_side if k == turn else 0
+        then = known.then[row, choice(wish, side)]
+        if then == NOT_DRIVEN:
+            then = _drive_on(tree, local, p, c, q, row, wish, side, k)
+        put_action(line, k, _accel(p, wish), known.side[then])
+        row = then
+        if known.end[row] != ALIVE:
+            break
+    return float(known.j[row])
+
+
+@inlined
+def _beginning(tree: Tree, node: int) -> int:
+    """The row of Continued in which the rollouts from a node begin."""
+    known, row = tree.continued, tree.continued.begin[node]
+    if row == NOT_DRIVEN:
+        row, kept = new_row(known.used, known.then)
+        keep_state(known.where, known.motion, row, kept_state(tree.where, tree.motion, node))
+        near = near_of(tree, node)
+        known.leader[row, GAP], known.leader[row, LEADER_V] = near.gap, near.leader_v
+        known.followers[row] = near.followers
+        copy_pairs(tree.others[node], known.others[row])
+        known.j[row] = spent(tree, node)
+        if kept:
+            known.begin[node] = row
+    return int(row)
+
+
+@kernel
+def _wish(policy: int, turn: int, k: int, level: int) -> int:
+    """What a rollout from a node on `level` wants on level k."""
+    if policy == BRAKES or (policy == THEN_BRAKES and k >= turn):
+        return TO_BRAKE
+    if policy == SLOWS_DOWN and k == level:
+        return TO_SLOW_DOWN
+    if (policy == PUSHES and k <= turn) or (policy == CHANGES and turn <= k < turn + 2):
+        return TO_PUSH
+    return TO_FOLLOW
+
+
+@kernel
+def _accel(p: EgoParams, wish: int) -> float:
+    """The acceleration of a wish, m/s2 or FOLLOW."""
+    if wish == TO_BRAKE:
+        return -p.approach_decel
+    if wish == TO_SLOW_DOWN:
+        return -0.5 * p.approach_decel
+    return p.max_accel if wish == TO_PUSH else FOLLOW
+
+
+@inlined
+def _drive_on(
+    tree: Tree, local: LocalMap, p: EgoParams, c: CostParams, q: SearchParams, row: int, wish: int,
+    to_side: int, k: int,
+) -> int:  # fmt: skip
+    """Drive the ply on level k from the state in `row` of Continued. Returns the row after it."""
+    known, others, time = tree.continued, tree.moving, k * q.ply * p.step
+    state = kept_state(known.where, known.motion, row)
+    near = Neighbours(known.leader[row, GAP], known.leader[row, LEADER_V], known.followers[row])
+    copy_pairs(known.others[row], others)
+    j, accel = known.j[row], _accel(p, wish)
+    # The tree's own changes may cost others something; what the route needs waits for a gap.
+    side, most = (to_side, math.inf) if to_side != 0 else (needed_side(local, state), 0.0)
+    if side != 0 and may_change(local, p, c, state, others, side, accel, time, most):
+        j += change_price(c, state)
+        state = begin_change(local, p, state, side)
+    else:
+        side = 0
+    ply = simulate(local, p, c, q, state, others, near, Action(accel, side, NO_SPEED), k * q.ply)
+    j += ply.safety + ply.comfort + ply.passability + ply.other
+    if ply.end == LOST:
+        j += ply.loss
+    elif ply.end == ALIVE and k + 1 == q.look_ahead + q.rollout:
+        j += terminal(local, c, ply.state, ply.near.gap, ply.near.leader_v, q.horizon)
+        j += unfinished(local, p, c, ply.state, q.horizon)
+    then, kept = new_row(known.used, known.then)
+    if kept:
+        known.then[row, choice(wish, to_side)] = then
+    keep_state(known.where, known.motion, then, ply.state)
+    known.followers[then] = ply.near.followers
+    known.leader[then, GAP], known.leader[then, LEADER_V] = ply.near.gap, ply.near.leader_v
+    copy_pairs(others, known.others[then])
+    known.side[then], known.end[then], known.j[then] = side, ply.end, j
+    return then
 
 
 @kernel

@@ -17,10 +17,14 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.numerics.kernel import inlined, kernel
 from sumo_mcts.planners.actions import ACCEL, SIDE, copy_line, no_actions, put_action
+from sumo_mcts.planners.continued import Continued, nothing_continued
 from sumo_mcts.planners.ply import NONE
 from sumo_mcts.scene import COMFORT, OTHER, PASSABILITY, SAFETY
 
 GAP, LEADER_V = range(2)  # columns of Tree.leader
+WISHES = 4  # of a rollout for its acceleration (see search.py)
+# rows of Continued for each node: 3.1 were taken for each pass; without room plies are driven again
+KEPT = 4
 
 
 class Tree(NamedTuple):
@@ -51,6 +55,7 @@ class Tree(NamedTuple):
     plan: Floats  # [A, levels, 3] for each root action the best sequence (see actions.py)
     line: Floats  # [levels, 3] scratch
     used: Indices  # [1] nodes in use
+    continued: Continued  # by rollouts
 
 
 def new_tree(size: int, actions: int, plies: int, others: Floats) -> Tree:
@@ -80,6 +85,7 @@ def new_tree(size: int, actions: int, plies: int, others: Floats) -> Tree:
         plan=no_actions(actions, plies),
         line=no_actions(plies),
         used=np.zeros(1, np.int64),
+        continued=nothing_continued(size, KEPT * size, WISHES, len(others)),
     )
 
 

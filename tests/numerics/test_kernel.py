@@ -508,7 +508,10 @@ NEEDED = {
     "ply": "_driven_again copy_pairs for_steps needed_side replay simulate",
     "caps": "fill_caps",
     "route": "_fill_poses lane_pose",
-    "search": "_continuation _expand _plant _rollout _select search",
+    "continued": "choice new_row",
+    "search": """
+        _accel _beginning _continuation _drive_on _expand _plant _rollout _select _wish search
+    """,
     "tree": "_action_of _trace_back back_up is_known near_of spent store",
 }
 

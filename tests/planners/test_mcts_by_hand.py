@@ -28,6 +28,7 @@ from sumo_mcts.planners.actions import (
 from sumo_mcts.planners.base import Situation
 from sumo_mcts.planners.budget import Timekeeper
 from sumo_mcts.planners.candidates import Candidate, follow_line
+from sumo_mcts.planners.continued import NOT_DRIVEN
 from sumo_mcts.planners.mcts import MctsPlanner, in_steps, mcts_params
 from sumo_mcts.planners.ply import ALIVE, LOST, SearchParams, change_price, search_params
 from sumo_mcts.scene import Plan, RootChild
@@ -183,6 +184,7 @@ def test_only_who_follows_pushes_on_in_a_lane_of_oncoming_traffic(
     q, line = Q._replace(look_ahead=1, rollout=2), np.zeros((3, 3))
     plain(search._rollout)(made, local, TASK.ego, C, q, 0, line, np.random.default_rng(1))
     assert asked[2] == accel
+    made.continued.begin[0] = NOT_DRIVEN
     monkeypatch.setattr(search, "is_against", lambda *_: 0.0)
     plain(search._rollout)(made, local, TASK.ego, C, q, 0, line, np.random.default_rng(1))
     assert asked[5] == FOLLOW
@@ -205,6 +207,7 @@ def test_a_rollout_moves_the_agents_that_react_from_where_its_node_has_them(
     monkeypatch.setattr(search, "simulate", simulated)
     q, line = Q._replace(look_ahead=1, rollout=1), np.zeros((3, 3))
     for _ in range(2):
+        made.continued.begin[1] = NOT_DRIVEN
         plain(search._rollout)(made, local, TASK.ego, C, q, 1, line, np.random.default_rng(1))
     assert asked[0] == asked[len(asked) // 2] == [5.0, 6.0]
     assert made.others[1].tolist() == [[5.0, 6.0]]

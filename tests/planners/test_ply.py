@@ -20,6 +20,7 @@ from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import HOME
 from sumo_mcts.planners import ply, search, tree
 from sumo_mcts.planners.actions import FOLLOW, NO_SPEED, Action, Lines, lasting
+from sumo_mcts.planners.continued import NOT_DRIVEN
 from sumo_mcts.planners.ply import ALIVE, ARRIVED, IMPOSSIBLE, LOST, NONE, Driven, SearchParams
 from sumo_mcts.scene import GREEN, LOSS, OTHER, PASSABILITY, SAFETY
 
@@ -498,6 +499,7 @@ def test_what_a_rollout_does(
         ([ALIVE, ARRIVED], 120.0 + change),
     ):
         asked.clear()
+        made.continued.begin[1] = NOT_DRIVEN
         assert rollout(made, local, p, C, Q, 1, line, rng) == pytest.approx(j)
         assert [accel for accel, _, _ in asked] == accels[: len(ends)]
         assert [s for _, s, _ in asked] == [
