@@ -26,6 +26,7 @@ from sumo_mcts.model.local_map import (
     ON_FOOT,
     POLITE,
     REACTS,
+    SLOT,
     LocalMap,
     S,
     State,
@@ -180,6 +181,16 @@ def test_who_follows_leads_nobody_out_of_sight() -> None:
     assert road.meet(t=4).near.gap == 195.0
 
 
+def test_who_is_late_leads_from_where_it_is_even_if_it_once_followed() -> None:
+    """By the forecast it is at 310 m, but it was held up at 300 m, and drives 3 m/s."""
+    road, late = Road(1, 300.0), np.array([[0.0, 3.0]])
+    road.local.agent[5, 0, S] = 310.0
+    road.local.trait[0, [BIT, SLOT]] = 0.0
+    for followers in (0, 1):
+        near = meet(road.local, road.p, BARE, road.state, late, followers, 5).near
+        assert (near.gap, near.leader_v) == (pytest.approx(195.0), 3.0)
+
+
 @pytest.mark.parametrize(("lane", "s"), [(1, 60.0), (2, 60.0)])
 def test_a_follower_is_new_where_the_ego_moves_in_front_of_it(lane: int, s: float) -> None:
     """40 m behind at 10 m/s, as fast as the ego: it costs nothing, and is remembered by its bit."""
@@ -254,9 +265,27 @@ def free(road: Road, most: float = math.inf, side: int = 1) -> bool:
 def test_a_place_is_free_that_leaves_room(s: float, v: float, is_free: bool) -> None:
     road = Road(2, s, v)
     assert free(road) == is_free
+    late = road.change(1e-9), NO_OTHERS, 10**6  # beyond the forecast
+    assert place_is_free(road.local, road.p, C, *late) == is_free
     assert free(road, side=-1)  # on the other side nobody is
     road.local.trait[0, REACTS] = 0.0
     assert free(road)  # who does not react is found by its box
+
+
+@pytest.mark.parametrize(
+    ("s", "v", "is_free"),
+    [(111.4, 4.0, False), (111.6, 4.0, True), (107.1, 7.0, True), (106.9, 7.0, False), (105.6, 14.0, True)],
+)  # fmt: skip
+def test_on_a_lane_further_on_nobody_may_be_slower_than_comfort_can_follow(
+    s: float, v: float, is_free: bool
+) -> None:
+    """6 m/s slower: 36 / 6 = 6 m, and half a metre; 3 m/s slower: 1.5 m. It is 5 m long."""
+    road = Road(2, s, v)
+    ahead = road.local.ahead.copy()
+    ahead[2, 0] = 0.0  # lane 0 lies on the way of lane 2 now
+    road.local = road.local._replace(ahead=ahead)
+    road.local.agent[:, 0, NODE] = 0.0
+    assert free(road) == is_free
 
 
 def test_a_place_may_cost_no_more_than_is_said() -> None:

@@ -11,6 +11,7 @@ from helpers_model import (
     ego_lanes,
     lanes_east,
     local_of,
+    plain,
     scene_of,
     situation_of,
     task_of,
@@ -20,9 +21,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_mcts.model.interaction import place_is_free
-from sumo_mcts.model.local_map import CLOCK, SLOT, SPEED, LocalMap, S, State, V
+from sumo_mcts.model.local_map import (
+    CLOCK,
+    DRIVEN,
+    GONE,
+    KERB,
+    NODE,
+    OWED,
+    PAST,
+    SLOT,
+    SPEED,
+    LocalMap,
+    S,
+    State,
+    V,
+)
 from sumo_mcts.model.motion import begin_change
-from sumo_mcts.model.reactions import HELPS, IMPOSED, react, seen, undisturbed
+from sumo_mcts.model.reactions import (
+    HELPS,
+    IMPOSED,
+    _gap_across,
+    react,
+    seen,
+    undisturbed,
+)
 from sumo_mcts.numerics.geometry import COS, SIN, X, Y
 from sumo_mcts.numerics.krauss import DECEL, STANDSTILL, USUAL_S, safe_gap, safe_speed
 from sumo_mcts.planners import base
@@ -202,6 +224,15 @@ def test_room_is_made_in_comfort() -> None:
         v = now
 
 
+def test_room_is_made_as_fast_as_comfort_allows() -> None:
+    """7 m are too few for 12 m/s behind 10 m/s: 0.6 m/s less after 0.2 s; 40 m are enough."""
+    for s, v in ((290.0, 12.0 - 3.0 * DT), (255.0, 12.0)):
+        task, local, state = asking(10.0, Agent("near", "a_2", s, 12.0))
+        others = undisturbed(local)
+        assert react(local, task.ego, state._replace(s=302.0), others, 1, DT) == 0.0
+        assert others[0, SPEED] == pytest.approx(v)
+
+
 @pytest.mark.parametrize(
     ("v", "agent"),
     [
@@ -287,3 +318,42 @@ def test_who_starts_does_as_forecast_where_no_ego_is_in_its_way() -> None:
     assert eastmost(task, local, state, 0.0, 48) == pytest.approx(
         [float(x) + LENGTH / 2 for x in local.agent[1:49, 0, X]]
     )
+
+
+def test_who_starts_looks_twice_as_far_as_it_needs_to_stop() -> None:
+    """Standing 5 m, at 3 m/s 2 (2.5 + 3 + 9 / 9) = 13 m; and no further than its forecast goes."""
+    across = plain(_gap_across)
+    task, local, state = starting(97.0, 10.0)
+    others = undisturbed(local)
+    gap = across(local, task.ego, state, others, 0)
+    assert 3.0 < gap < 5.0
+    k = int(np.argmax(local.agent[:, 0, DRIVEN] >= gap))  # the first time at which they meet
+    assert local.agent[k, 0, DRIVEN] == gap
+    for gone, found in ((k, math.inf), (k + 1, gap)):
+        agent = local.agent.copy()
+        agent[gone:, 0, NODE] = GONE
+        assert across(local._replace(agent=agent), task.ego, state, others, 0) == found
+    task, local, state = starting(97.0 - (13.0 - gap), 10.0)  # it drives by 0.02 k^2 m
+    for v, near in ((0.0, False), (2.8, False), (3.3, True), (9.0, True)):
+        others[0, SPEED] = v
+        found = across(local, task.ego, state, others, 0)
+        assert math.isfinite(found) == near and (not near or abs(found - 13.0) < 0.6)
+
+
+@pytest.mark.parametrize(
+    ("kerb", "clock", "v"), [(9.0, 1.5, 3.0), (4.0, 1.5, 3.0), (2.5, 1.0, 0.0)]
+)
+def test_who_may_wait_at_a_kerb_walks_up_to_it(kerb: float, clock: float, v: float) -> None:
+    """Its forecast has it 2 m further at each time, 0.2 s apart, and 3 m/s fast; half of that is
+    driven in 0.1 s. The ego, 10 m/s fast, is about to pass."""
+    task, local, state = view(10.0, Agent("walks", "a_0", 280.0, 3.0))
+    agent, trait = local.agent.copy(), local.trait.copy()
+    agent[:, 0, DRIVEN], agent[:, 0, V] = 2.0 * np.arange(len(agent)), 3.0
+    trait[0, [SLOT, OWED]] = 0.0
+    row = np.array([[state.node, 280.0, 305.0, 0, 20.0, 0.0, 0.0, 0.0]])
+    row[0, [KERB, PAST]] = kerb, 1.0
+    others = np.array([[0.0, 3.0]])
+    others[0, CLOCK] = 1.0
+    local = local._replace(agent=agent, trait=trait, obligation=row)
+    assert react(local, task.ego, state, others, 9, 0.5 * DT) == 0.0
+    assert (others[0, CLOCK], others[0, SPEED]) == (pytest.approx(clock), v)

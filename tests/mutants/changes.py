@@ -21,7 +21,9 @@ EXCHANGED: dict[type[ast.operator], type[ast.operator]] = {
 # The other one of two functions; each of their arguments may also stand alone.
 TWINS = {"min": "max", "max": "min"}
 WITHOUT_MEANING = (ast.Raise, ast.Assert, ast.JoinedStr)  # texts, and what only guards
-FITTED = ("WEIGHTS",)  # numbers that `sumo-mcts drivers --fit` finds: data, not rules
+# Numbers that are data, not rules: those that `sumo-mcts drivers --fit` finds, and those frozen in
+# the reference problem, by which it is named.
+DATA = ("WEIGHTS", "_COST", "_WAITING", "VERSIONS")
 
 
 class Mutant(NamedTuple):
@@ -130,7 +132,7 @@ def _statements(function: Any) -> Iterator[_Place]:
     of_module = isinstance(function, ast.Module)
     for k, statement in enumerate(function.body):
         if of_module and (
-            not isinstance(statement, ast.Assign | ast.AnnAssign) or _name(statement) in FITTED
+            not isinstance(statement, ast.Assign | ast.AnnAssign) or _name(statement) in DATA
         ):
             continue
         yield from _below(function, "body", k, statement)

@@ -11,6 +11,7 @@ from helpers_model import (
     PHYSICS,
     lanes_east,
     local_of,
+    plain,
     road_with_light,
     scenario,
     scene_of,
@@ -24,15 +25,19 @@ from sumo_mcts.model.local_map import (
     AGENT,
     DRIVEN,
     ENTERS,
+    GONE,
     IN_WAY,
     MERGES,
+    NODE,
     OWN_NODE,
     LocalMap,
     State,
     V,
 )
 from sumo_mcts.model.motion import advance, begin_change, follow_accel
-from sumo_mcts.model.route import LIMIT, STOP_LINE
+from sumo_mcts.model.route import LIMIT, NEXT, STOP_LINE
+from sumo_mcts.numerics.geometry import COS, SIN
+from sumo_mcts.planners import baselines
 from sumo_mcts.planners.base import Task
 from sumo_mcts.planners.baselines import (
     ConstantPlanner,
@@ -111,6 +116,9 @@ def test_the_speed_of_the_take_over_is_held_and_a_metre_a_second_at_least() -> N
     assert held(mind, 12.0).tolist() == [7.0] * 10
     assert held(constant(), 0.2).tolist() == [1.0] * 10
     assert held(constant("planner.period_s=0.1"), 3.0).tolist() == [3.0] * 2
+    hasty = constant()
+    hasty._period = 0.01  # s, less than a step: two steps are the least
+    assert held(hasty, 3.0).tolist() == [3.0] * 2
     other = constant()
     assert other.memory().numbers.tolist() == [-1.0]
     other.recall(mind.memory())
@@ -154,6 +162,22 @@ def test_constant_changes_to_the_lane_of_its_route_at_once(
     none = np.full_like(task.route.left, -1)
     mind._task = task._replace(route=task.route._replace(left=none, right=none))
     assert mind.plan(situation).command.lane_change == 0  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("side", [-1, 0, 1])
+def test_it_changes_to_any_lane_that_lies_on_the_side_that_it_needs(side: int) -> None:
+    """Even to node 0; on the other side lies none."""
+    mind = constant()
+    ego = ego_at(LANES, "a_1", 100.0)
+    situation = situation_of(mind._task, scene_of(ego, LANES))
+    route = mind._task.route
+    nodes = {k: np.full_like(route.left, 0 if side == k else -1) for k in (1, -1)}
+    for more in (1, 2):
+        changes = np.full_like(route.changes, more * side)
+        those = route._replace(changes=changes, left=nodes[1], right=nodes[-1])
+        mind._task = mind._task._replace(route=those)
+        made = mind.plan(situation)
+        assert isinstance(made.command, Follow) and made.command.lane_change == side
 
 
 def test_each_key_of_the_driver_reaches_it() -> None:
@@ -214,6 +238,7 @@ def test_on_roads_in_any_direction_the_next_body_ahead_leads(
     assert led(name, 40.0, Agent("x", name, 34.0, 4.0), ways=ways, road=CROSSING)[0] == math.inf
     nearer = Agent("y", name, 52.5, 6.0)
     assert led(name, 40.0, ahead, nearer, ways=ways, road=CROSSING) == (8.0, 6.0)
+    assert led(name, 40.0, Agent("x", name, 39.0, 4.0), ways=ways, road=CROSSING)[0] == math.inf
     # overlapping already, its middle ahead
     assert led(name, 40.0, Agent("x", name, 41.0, 4.0), ways=ways, road=CROSSING) == (0.0, 4.0)
 
@@ -269,7 +294,7 @@ def test_the_first_place_at_which_boxes_overlap_is_where_it_would_touch() -> Non
         other = Agent("x", "", x=x, y=y, heading=turned, v=6.0)
         task, local, state = seen(LANES, "a_1", 100.0, 10.0, other)
         later = local.agent.copy()
-        later[1:, 0, V] = 1.0
+        later[1:, 0, [V, COS, SIN]] = 1.0, 0.0, 1.0
         body = affinity.rotate(box(x - 2.5, y - 0.9, x + 2.5, y + 0.9), turned, use_radians=True)
         places = [
             k
@@ -283,7 +308,133 @@ def test_the_first_place_at_which_boxes_overlap_is_where_it_would_touch() -> Non
     assert 4 < met < 12
 
 
+@pytest.mark.parametrize(("name", "ways"), [("si_0", ("si", "no")), ("wi_0", ("wi", "eo"))])
+def test_who_stands_across_is_as_long_as_it_is_wide(name: str, ways: tuple[str, ...]) -> None:
+    """6 m wide and 1 m long, turned by a right angle: its side is 3 m before its middle."""
+    place = {"x": 1.6, "y": -40.0} if name == "si_0" else {"x": -40.0, "y": -1.6}
+    heading = 0.0 if name == "si_0" else math.pi / 2
+    across = Agent("x", "", v=0.0, heading=heading, length=1.0, width=6.0, **place)
+    usual = Agent("x", "", v=0.0, heading=heading, length=6.0, width=6.0, **place)
+    gaps = [led(name, 40.0, each, ways=ways, road=CROSSING)[0] for each in (across, usual)]
+    assert gaps[0] == gaps[1] < math.inf
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.7, math.pi / 2, 2.5, math.pi, -2.2, -math.pi / 2])
+def test_the_way_is_followed_round_a_corner_in_any_direction(turned: float) -> None:
+    """50 m, and then to the left. Who stands 30 m behind the corner is there whatever the heading
+    of it all, and so is who stands before it; who would be straight ahead, or behind, is not."""
+    c, s = math.cos(turned), math.sin(turned)
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        return c * x - s * y, s * x + c * y
+
+    road = build([
+        Lane("p", 0, (at(0, 0), at(50, 0)), ("q_0",)), Lane("q", 0, (at(50, 0), at(50, 90))),
+    ])  # fmt: skip
+    for place, heading, gap in (
+        ((50.0, 27.5), math.pi / 2, 55.0), ((42.5, 0.0), 0.0, 20.0), ((90.0, 0.0), 0.0, math.inf),
+        ((15.0, 0.0), 0.0, math.inf),
+    ):  # fmt: skip
+        x, y = at(*place)
+        other = Agent("x", "", x=x, y=y, v=3.0, heading=heading + turned)
+        found, v = led("p_0", 20.0, other, ways=("p", "q"), road=road, reach=80.0)
+        assert found == gap or abs(found - gap) <= 1.0
+        assert v == pytest.approx(3.0 if gap < math.inf else 0.0)
+
+
+def test_who_has_gone_leads_nobody_and_all_are_looked_at_as_they_are_now(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    task, local, state = seen(LANES, "a_1", 100.0, 10.0, Agent("x", "a_1", 130.5, 4.0))
+    found, asked = plain(leader_on_path), []
+    for name in ("on_other_level", "boxes_meet"):
+        function = getattr(baselines, name)
+
+        def noted(*those: Any, name: str = name, function: Any = function) -> bool:
+            asked.append((name, *(those[3:] if name == "on_other_level" else those[6:])))
+            return bool(function(*those))
+
+        monkeypatch.setattr(baselines, name, noted)
+    assert found(local, task.ego, state, 60.0) == (26.0, 4.0)
+    assert set(asked) == {
+        ("on_other_level", 5.0, 0, 0),
+        ("boxes_meet", 0, 0),
+    }  # length; time, agent
+    agent = local.agent.copy()
+    agent[0, 0, NODE] = GONE
+    assert found(local._replace(agent=agent), task.ego, state, 60.0) == (math.inf, 0.0)
+
+
+# --- what it plans ---
+
+
+def decided(side: int, *agents: Agent, **state: float) -> Follow:
+    """The driver in the middle of three lanes that a route of 900 m before led to, where it wants
+    to change to one side."""
+    road = from_far()
+    ego = ego_at(road, "a_1", 100.0, 9.0, route=edges(road, "u", "v", "w", "a"))
+    task = task_of(road, ego)
+    mind = make_idm({}, scenario())
+    mind.start(task, 1)
+    situation = situation_of(task, scene_of(ego, road, *agents))
+    situation = situation._replace(state=situation.state._replace(**state))
+    local = local_of(task, scene_of(ego, road, *agents))[0]
+    urgency = np.zeros_like(local.urgency)
+    urgency[situation.state.node - local.first] = side
+    asked: list[tuple[State, float]] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(baselines, "local_of", lambda *_: local._replace(urgency=urgency))
+        patch.setattr(
+            baselines, "leader_on_path", lambda *those: asked.append(those[2:]) or (math.inf, 0.0)
+        )
+        made = mind.plan(situation)
+    [(at, reach)] = asked
+    assert reach == 6.0 * 9.0 + 20.0  # m: six seconds at 9 m/s, and 20 m
+    if not state and isinstance(made.command, Follow):  # a change counts from its beginning on
+        assert (at.progress > 0.0 and at.other >= 0) == (made.command.lane_change != 0)
+    assert (made.children, made.chosen, made.iterations, made.known) == ((), -1, 0, 0)
+    assert local.first > 0 and isinstance(made.command, Follow) and made.plan is not None
+    assert made.plan.time == pytest.approx(0.1 * np.arange(1, len(made.plan.v) + 1))
+    assert (made.plan.v == made.command.speeds).all()
+    return made.command
+
+
+@pytest.mark.parametrize("side", [-1, 0, 1])
+def test_it_changes_to_the_lane_that_it_needs_where_it_can(
+    side: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert decided(side).lane_change == side
+    assert decided(side, progress=0.3).lane_change == 0  # it is changing already
+    beside = {1: "a_2", -1: "a_0"}.get(side, "a_1")
+    assert decided(side, Agent("x", beside, 101.0, 9.0)).lane_change == 0
+    monkeypatch.setattr(baselines, "can_change", lambda *_: False)
+    assert decided(side).lane_change == 0
+    # a change that is under way may be given up, but this driver does not
+    monkeypatch.setattr(baselines, "can_change", lambda *_: True)
+    monkeypatch.setattr(baselines, "place_is_free", lambda *_: True)
+    assert decided(side, progress=0.3).lane_change == 0
+
+
+@pytest.mark.parametrize(("hard", "changes"), [(2.05, False), (1.95, True)])
+def test_it_changes_where_the_one_behind_brakes_no_harder_than_it_may(
+    hard: float, changes: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(baselines, "accel_behind", lambda *_: -hard)
+    assert make_idm({}, scenario())._params.cut_in_decel == 2.0
+    assert decided(1).lane_change == (1 if changes else 0)
+
+
 # --- for whom it waits ---
+
+
+def later(local: LocalMap, state: State) -> tuple[LocalMap, State]:
+    """The same where the route began two lanes earlier."""
+    before = np.zeros((2, local.node.shape[1]))
+    node, owed = np.concatenate([before, local.node]), local.obligation.copy()
+    node[2:, NEXT] += 2.0
+    owed[:, OWN_NODE] += 2.0
+    local = local._replace(first=local.first + 2, node=node, obligation=owed)
+    return local, state._replace(node=state.node + 2)
 
 
 def closed(v: float, to_line: float, enters: float, gap: float, **what: float) -> list[int]:
@@ -301,9 +452,12 @@ def closed(v: float, to_line: float, enters: float, gap: float, **what: float) -
     table[:, STOP_LINE] = 0.0
     local = local._replace(agent=steady, obligation=owed, closed=open_lines, node=table)
     found = with_yield_lines(local, state, gap)
+    further = with_yield_lines(*later(local, state), gap)
+    assert np.array_equal(further.closed, found.closed)
+    assert np.array_equal(further.node[2:, STOP_LINE], found.node[:, STOP_LINE])
     rows = np.flatnonzero(found.closed.any(axis=1))
     for row in rows:
-        assert found.closed[row].all() and found.node[row + local.first, STOP_LINE] == 1.0
+        assert (found.closed[row] == 1).all() and found.node[row + local.first, STOP_LINE] == 1.0
     assert not local.closed.any() and found.node[:, STOP_LINE].sum() == len(rows)
     return [int(task.route.lane[k + local.first]) for k in rows]
 
@@ -375,6 +529,11 @@ def test_the_nearest_behind_in_the_lane_of_the_change_is_asked(
     task, local, state = seen(road, "a_1", 100.0, 9.0, *others[2:], ways=ways)
     changed = begin_change(local, task.ego, state, 1)
     assert accel_behind(local, task.ego, changed) == math.inf
+    beside = Agent("beside", "a_2", 99.5, 8.0)
+    task, local, state = seen(road, "a_1", 100.0, 9.0, beside, ways=ways)
+    changed = begin_change(local, task.ego, state, 1)
+    expected = follow_accel(task.ego, 8.0, local.limit, -4.5, 9.0)
+    assert accel_behind(local, task.ego, changed) == pytest.approx(expected)
 
 
 # --- following ---

@@ -12,7 +12,15 @@ from sumo_mcts.model.interaction import Neighbours
 from sumo_mcts.model.local_map import State
 from sumo_mcts.planners.ply import ALIVE, LOST
 from sumo_mcts.planners.reference import problem_of, root_lines
-from sumo_mcts.planners.reference_labels import Labels, _slot, copy_label, merge, rank, write_label
+from sumo_mcts.planners.reference_labels import (
+    Labels,
+    _mixed,
+    _slot,
+    copy_label,
+    merge,
+    rank,
+    write_label,
+)
 from sumo_mcts.planners.reference_solver import (
     FREE,
     LOSING,
@@ -99,6 +107,20 @@ def test_followers_and_those_that_react_make_a_cell_too() -> None:
     assert [merged(table, CELL, found, k) for k in range(2)] == [1, 1]
 
 
+@pytest.mark.parametrize(
+    ("late", "faster", "same"), [(0.0, 3.0, True), (0.0, 6.0, False), (0.6, 0.0, False)]
+)
+def test_times_and_speeds_of_those_that_react_have_cells_of_their_own(
+    late: float, faster: float, same: bool
+) -> None:
+    """Of half a forecast time, and here of 5 m/s."""
+    found, cell = labels((STATE, 2.0), (STATE, 1.0)), np.array([0.25, 0.25, 0.5, 0.05, 0.5, 5.0])
+    found.others[1, 0] += late, faster
+    table = np.zeros(64, np.int64)
+    assert merged(table, cell, found, 0) == 1
+    assert merged(table, cell, found, 1) == (1 if same else 2)
+
+
 def test_the_best_of_each_kind_come_first() -> None:
     """Kinds are 5 m and 1 m/s wide, on a lane; what else a state has does not matter."""
     kinds = [10.1, 11.0, 30.0, 12.0, 31.0, 10.3]
@@ -108,6 +130,21 @@ def test_the_best_of_each_kind_come_first() -> None:
     ranked(np.zeros(32, np.int64), KIND, found, np.array([5, 4, 3, 2, 1, 0]))
     assert found.rank[:6].tolist() == [3, 2, 1, 1, 0, 0]
     assert len(set(found.key[:6])) == 2
+
+
+def test_each_half_of_a_key_tells_numbers_and_their_order_apart() -> None:
+    """And stays below 2^31 for all that it has seen, so that no product overflows."""
+    rng, halves = np.random.default_rng(5), (set(), set())  # type: ignore[var-annotated]
+    rows = [rng.permutation([-7, -1, 0, 1, 2, 40]) for _ in range(100)]
+    different = {tuple(row.tolist()) for row in rows}
+    for row in different:
+        low = high = 0
+        for number in row:
+            low, high = plain(_mixed)(low, high, number)
+            assert 0 <= low < 2**31 and 0 <= high < 2**31
+        halves[0].add(low)
+        halves[1].add(high)
+    assert [len(half) for half in halves] == [len(different)] * 2
 
 
 def test_keys_that_would_share_a_place_in_the_table_get_their_own() -> None:
@@ -175,6 +212,10 @@ def test_no_speed_is_lost_more_slowly_than_the_bound_says(v: float, accel: float
     )
     missing = 15.0 - 4.0 - 2.0  # m/s below the limit at the end, to be picked up with 2.6 m/s2
     assert more == pytest.approx(c.progress * missing * missing / (2.0 * 2.6 * 15.0))
+    twice = c._replace(progress=2.0 * c.progress)
+    for each in (local, short):
+        found = [plain(_at_least)(each, w, Rest(15.0, 1.0), 4.0, 20, 0.1) for w in (c, twice)]
+        assert found[1] == pytest.approx(2.0 * found[0]) and found[0] > 0.0
 
 
 @pytest.mark.parametrize(("length", "limit"), [(900.0, 15.0), (150.0, math.inf)])
