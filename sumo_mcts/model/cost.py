@@ -252,7 +252,9 @@ def contact_cost(c: CostParams, state: State, time: float, horizon: float) -> fl
 
 
 @kernel
-def after_contact(local: LocalMap, c: CostParams, state: State, time: float, horizon: float) -> float:
+def after_contact(
+    local: LocalMap, c: CostParams, state: State, time: float, horizon: float
+) -> float:
     """The cost of the time after a contact `time` s from now: the ego stands there from then on.
 
     So no contact is cheaper than to wait in the same place, however long that takes.

@@ -28,12 +28,16 @@ from sumo_mcts.model.local_map import (
 )
 from sumo_mcts.model.motion import EgoParams
 from sumo_mcts.model.route import HOME, REACH, STATION
-from sumo_mcts.scene import GREEN
+from sumo_mcts.scene import GREEN, RED
 
 C = cost_params(scenario())
 comfort, passability = plain(cost.step_comfort), plain(cost.step_passability)
 terminal, behind = plain(cost.terminal), plain(cost.behind)
 contact = plain(cost.contact_cost)
+
+
+def after_contact(c: CostParams, state: State, time: float, local: LocalMap) -> float:
+    return float(plain(cost.after_contact)(local, c, state, time, 8.0))
 
 
 def view(*agents: Agent, v: float = 10.0, lanes: int = 1) -> tuple[EgoParams, LocalMap, State]:
@@ -169,6 +173,35 @@ def test_contact_costs_less_the_later_and_more_the_faster(
     assert contact(C, state._replace(v=v), time, 8.0) == pytest.approx(loss)
     twice = C._replace(speed_at_contact=2.0)
     assert contact(twice, state._replace(v=v), time, 8.0) == pytest.approx(loss + v)
+
+
+@pytest.mark.parametrize("moment", [0.0, 3.0, 8.0, 9.0])
+def test_after_a_contact_the_ego_stands_there(moment: float) -> None:
+    """A second for each one that is left of 8, then 15^2 / (2 * 2.6 * 15) s to reach the limit and
+    8 s behind what it touches; its speed at the contact is worth nothing."""
+    _, local, state = view()
+    expected = max(8.0 - moment, 0.0) + 2.8846 + 8.0
+    for v in (0.0, 12.0):
+        assert after_contact(C, state._replace(v=v), moment, local) == pytest.approx(
+            expected, abs=1e-4
+        )
+    assert after_contact(C._replace(after_contact=0.5), state, moment, local) == pytest.approx(
+        0.5 * expected, abs=1e-4
+    )
+    assert after_contact(without("after_contact"), state, moment, local) == 0.0
+
+
+@pytest.mark.parametrize("s", [100.0, 150.0, 190.0])
+def test_no_contact_is_cheaper_than_to_wait_in_its_place(s: float) -> None:
+    """Before a light that stays red: standing until the horizon costs at most as much."""
+    road = road_with_light()
+    ego = ego_at(road, "a_0", s, 0.0, route=(0, 2))
+    task = task_of(road, ego)
+    local, state = local_of(task, scene_of(ego, road, signals=lights(RED)))
+    waits = 8.0 + terminal(local, C, state, math.inf, 0.0, 8.0)
+    for moment in (0.0, 4.0, 7.9):
+        touches = moment + contact(C, state, moment, 8.0)
+        assert touches + after_contact(C, state, moment, local) >= waits + 30.0 - 1e-9
 
 
 # --- the horizon ---

@@ -137,6 +137,17 @@ def test_a_contact_ends_the_ply_with_its_loss(
     assert found.safety == pytest.approx(3.0 * time)
 
 
+def test_after_a_contact_standing_there_is_part_of_passability(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """0.2 s at 10 of 15 m/s, then 7.8 s at a stand, 2.8846 s to pick up and 8 s behind it."""
+    Met(monkeypatch, contact=1)
+    assert run().passability == pytest.approx(0.2 / 3.0 + 7.8 + 2.8846 + 8.0, abs=1e-4)
+    Met(monkeypatch, contact=1)
+    found = run(c=C._replace(after_contact=0.0))
+    assert found.passability == pytest.approx(0.2 / 3.0)
+
+
 def test_a_red_line_costs_a_contact_and_red(monkeypatch: pytest.MonkeyPatch) -> None:
     """12 m/s, 5 m before the line: crossed in the fifth step, which begins after 0.4 s."""
     Met(monkeypatch)
