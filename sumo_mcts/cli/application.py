@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import typer
 
+from sumo_mcts import __version__
 from sumo_mcts.process import ending
 
 app = typer.Typer(
@@ -18,6 +19,21 @@ app = typer.Typer(
     help="Monte-Carlo tree search drives an ego vehicle through SUMO traffic.",
 )  # fmt: skip
 _Function = TypeVar("_Function", bound=Callable[..., None])
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"sumo-mcts {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(
+        False, "--version", callback=_print_version, is_eager=True, help="Print the version."
+    ),
+) -> None:
+    """Options of the command line as a whole; each does its work when it is read."""
 
 
 def command(*, for_sumo: bool = False) -> Callable[[_Function], _Function]:

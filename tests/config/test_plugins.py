@@ -180,9 +180,9 @@ def test_names_are_loaded_when_they_are_used() -> None:
         "import sys, sumo_mcts; assert not {'numpy', 'numba', 'pydantic', 'libsumo'} & "
         "set(sys.modules); print(sorted(sumo_mcts.__all__))"
     )
-    assert (
-        python(TOP, "-c", program).strip()
-        == "['Controller', 'load_scenario', 'run_batch', 'run_episode']"
+    assert python(TOP, "-c", program).strip() == (
+        "['BatchError', 'ConfigError', 'Controller', '__version__', 'load_scenario', "
+        "'run_batch', 'run_episode']"
     )
     assert sumo_mcts.run_episode is run_episode and sumo_mcts.load_scenario is load_scenario
     assert set(sumo_mcts.__all__) <= set(dir(sumo_mcts))
